@@ -1,0 +1,95 @@
+"""The errors of the library; each keeps the evidence it speaks of."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spatial_pin.kinematics.motion import Motion
+    from spatial_pin.kinematics.state import State
+
+
+class SpatialPinError(Exception):
+    """Base of every error this library raises about a mechanism."""
+
+
+class MechanismFileError(SpatialPinError):
+    """A mechanism file cannot be used; the message names file, key and remedy."""
+
+
+class UnknownNameError(SpatialPinError, LookupError):
+    """A link, frame, joint, coordinate or driver of that name does not exist.
+
+    Attributes:
+        name: the name asked for.
+        valid: the names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str], where: str = "") -> None:
+        self.name = name
+        self.valid = sorted(valid)
+        super().__init__(f"{where}no {kind} {name!r}; {suggestion(name, self.valid)}")
+
+
+class AssemblyError(SpatialPinError):
+    """No closed configuration was found.
+
+    Attributes:
+        closure_error: the least closure error reached [-, see `Mechanism.characteristic_length`].
+        worst_closure: name of the closure that stays open the most.
+        state: the State of that best attempt; its loops are open.
+    """
+
+    def __init__(
+        self, message: str, *, closure_error: float, worst_closure: str, state: State | None = None
+    ) -> None:
+        super().__init__(message)
+        self.closure_error = closure_error
+        self.worst_closure = worst_closure
+        self.state = state
+
+
+class LimitError(SpatialPinError):
+    """The driver cannot reach a value.
+
+    Attributes:
+        limit: the driver value of the limit position (dead centre) [rad or m].
+        motion: what was reached before it.
+    """
+
+    def __init__(self, message: str, *, limit: float, motion: Motion | None = None) -> None:
+        super().__init__(message)
+        self.limit = limit
+        self.motion = motion
+
+
+class SingularError(SpatialPinError):
+    """The rates, or the branch to follow, are not determined at a configuration.
+
+    Attributes:
+        state: the configuration, when there is one.
+        motion: what was reached before it, when a sweep came upon it.
+    """
+
+    def __init__(
+        self, message: str, *, state: State | None = None, motion: Motion | None = None
+    ) -> None:
+        super().__init__(message)
+        self.state = state
+        self.motion = motion
+
+
+class ClosureTypeError(SpatialPinError):
+    """A closure has no form of the kind that was asked for."""
+
+
+def suggestion(name: str, valid: Iterable[str]) -> str:
+    """Return "did you mean 'x'?" for the nearest valid name, else the list of names."""
+    names = list(valid)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"there are: {shown or 'none'}"

@@ -1,0 +1,364 @@
+"""All closure equations of a mechanism, compiled to flat arrays and evaluated together.
+
+With G the joint placements stacked as rows (columns of R, then p, of each joint), every vector
+that a row is made of is linear in G: A, B, X = C_A G, C_B G, C_X G. Row i is then
+
+    value      r  = A . B - c
+    Jacobian   J  = sign * (W J6),  W = (f B, X x B)
+    bias       r'' at zero joint acceleration = A'' . B + 2 A' . B' + A . B''
+
+where W is the wrench of the row at the world origin, J6 Pinocchio's world joint Jacobian and sign
+is +1 (-1) for the freedoms that move body 2 (body 1) only. Bodies' rates enter through
+G' = H^T G and G'' = (H^T H^T + H'^T) G with H the 4 x 4 matrix of the body twist. Pinocchio's
+`computeJointJacobiansTimeVariation` is not used: in 4.1 it is wrong for joints whose motion
+subspace varies (universal, composite).
+
+A screw row adds -k * angle, the angle of two directions, from two auxiliary dot rows.
+A coupling row is linear in the joint coordinates. A passive row is the absolute spin of a body
+about a line fixed in it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import pinocchio as pin
+import scipy.sparse
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.rows import Row
+
+Array = NDArray[np.float64]
+
+DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
+
+
+class RowLabel(NamedTuple):
+    """Which equation of which closure a row is."""
+
+    closure: str
+    index: int
+
+
+class _Vectors:
+    """Coefficient rows on G of one block (A, B or X), grown row by row."""
+
+    def __init__(self, n_joints: int) -> None:
+        self.n = n_joints
+        self.rows: list[Array] = []
+
+    def add(self, *terms: tuple[float, int, Array, float]) -> None:
+        """Add the sum of factor * (R_joint local + flag p_joint)."""
+        row = np.zeros(4 * self.n)
+        for factor, joint, local, flag in terms:
+            row[4 * joint : 4 * joint + 4] += factor * np.array([*local, flag])
+        self.rows.append(row)
+
+
+class Constraints:
+    """The compiled closure equations of a mechanism.
+
+    Attributes:
+        labels: closure and equation of each of the `n_rows` closure rows.
+        n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
+        n_angles: number of screw closures, whose relative angles count turns.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.scale = 1.0 / mechanism.characteristic_length
+        n = mechanism.model.njoints
+        self._a, self._b, self._x = _Vectors(n), _Vectors(n), _Vectors(n)
+        self._constants: list[float] = []
+        self._factors: list[float] = []
+        self._signs: list[Array] = []
+        labels: list[RowLabel] = []
+        screws: list[tuple[int, Row, Closure]] = []
+        for closure in mechanism.closures:
+            for k, row in enumerate(closure.rows):
+                if row.pitch is not None:
+                    screws.append((len(labels), row, closure))
+                self._add_row(row, closure)
+                labels.append(RowLabel(closure.name, k))
+        self.n_products = len(labels)
+        self.screws = [self._add_screw(at, row, closure) for at, row, closure in screws]
+        self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
+        labels += [RowLabel(c.name, 0) for c in self.couplings]
+        self.passive_at = len(self._constants)
+        spin = [self._add_passive(p.body, p.axis) for p in mechanism.passives]
+        self.labels = tuple(labels)
+        self.n_rows = len(labels)
+        self.n_passive = len(spin)
+        self.n_angles = len(self.screws)
+        self.c_ab = _matrix([*self._a.rows, *self._b.rows], n)
+        self.c_abx = _matrix([*self._a.rows, *self._b.rows, *self._x.rows], n)
+        self.constants = np.array(self._constants)
+        self.factors = np.array(self._factors).reshape(-1, 1)
+        self.signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
+        self.spin_bias = np.array(spin).reshape(self.n_passive, 6 * n)
+
+    def _frames(self, closure: Closure) -> tuple[tuple[int, Any], tuple[int, Any]]:
+        first, second = (self.mechanism.frame_on_joint(f) for f in closure.frames)
+        return first, second
+
+    def _add_row(self, row: Row, closure: Closure) -> None:
+        (i1, m1), (i2, m2) = self._frames(closure)
+        p1, p2 = m1.translation, m2.translation
+        d = ((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
+        sign = self._support(i2) - self._support(i1)
+        if row.u is None:  # distance: (d . d - L²) / 2L
+            half = self.scale / (2.0 * row.offset)
+            self._a.add(*d)
+            self._b.add(*((half * f, *rest) for f, *rest in d))  # type: ignore[misc]
+            self._x.add((2.0, i2, p2, 1.0))
+            self._finish(0.5 * row.offset * self.scale, 2.0, sign)
+        elif row.w is None:  # point or screw: u . d
+            self._a.add(*d)
+            self._b.add((self.scale, i1, m1.rotation @ row.u, 0.0))
+            self._x.add((1.0, i2, p2, 1.0))
+            self._finish(0.0, 1.0, sign)
+        else:
+            self._add_dot(i1, m1.rotation @ row.u, i2, m2.rotation @ row.w, row.offset, sign)
+
+    def _add_dot(
+        self, i1: int, u: Array, i2: int, w: Array, cosine: float, sign: Array
+    ) -> None:
+        self._a.add((1.0, i2, w, 0.0))
+        self._b.add((1.0, i1, u, 0.0))
+        self._x.add((1.0, i2, w, 0.0))
+        self._finish(cosine, 0.0, sign)
+
+    def _add_screw(self, at: int, row: Row, closure: Closure) -> tuple[int, int, float]:
+        """Add the dot rows of sine and cosine; return (screw row, sine row, pitch)."""
+        (i1, m1), (i2, m2) = self._frames(closure)
+        sign = self._support(i2) - self._support(i1)
+        assert row.angle_from is not None and row.angle_of is not None and row.pitch is not None
+        sine = len(self._constants)
+        for u in row.angle_from[::-1]:  # y gives the sine, x the cosine
+            self._add_dot(i1, m1.rotation @ u, i2, m2.rotation @ row.angle_of, 0.0, sign)
+        return at, sine, row.pitch * self.scale
+
+    def _add_passive(self, body: str, axis: tuple[str, str]) -> Array:
+        """Add the spin row; return its bias row on the stacked local body accelerations."""
+        joint, _ = self.mechanism.frame_on_joint(body)
+        a, b = (point_on_body(self.mechanism, joint, name) for name in axis)
+        direction = (b - a) / np.linalg.norm(b - a)
+        self._a.add()
+        self._b.add((1.0, joint, direction, 0.0))
+        self._x.add()
+        self._finish(0.0, 0.0, self._support(joint))
+        bias = np.zeros(6 * self.mechanism.model.njoints)
+        bias[6 * joint + 3 : 6 * joint + 6] = direction
+        return bias
+
+    def _finish(self, constant: float, factor: float, sign: Array) -> None:
+        self._constants.append(constant)
+        self._factors.append(factor)
+        self._signs.append(sign)
+
+    def _support(self, joint: int) -> Array:
+        """(nv,) 1 for the freedoms that move the body of `joint`."""
+        model = self.mechanism.model
+        mask = np.zeros(model.nv)
+        for i in model.supports[joint]:
+            mask[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
+        return mask
+
+
+def _matrix(rows: list[Array], n_joints: int) -> Any:
+    dense = np.array(rows).reshape(len(rows), 4 * n_joints)
+    return dense if dense.size <= DENSE_LIMIT else scipy.sparse.csr_array(dense)
+
+
+_COMPILED: WeakKeyDictionary[Mechanism, Constraints] = WeakKeyDictionary()
+
+
+def constraints_of(mechanism: Mechanism) -> Constraints:
+    """Return the compiled constraints of a mechanism, made once."""
+    if mechanism not in _COMPILED:
+        _COMPILED[mechanism] = Constraints(mechanism)
+    return _COMPILED[mechanism]
+
+
+# columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
+_TWIST_MATRIX = np.zeros((6, 4, 4))
+for _i in range(3):
+    _TWIST_MATRIX[_i, 3, _i] = 1.0
+    _TWIST_MATRIX[3 + _i, :3, :3] = pin.skew(np.eye(3)[_i]).T
+_TWIST_MATRIX = _TWIST_MATRIX.reshape(6, 16)
+# a @ _CYCLES = (a, a_yzx, a_zxy): the cross product from three multiplications
+_CYCLES = np.hstack([np.eye(3), np.eye(3)[:, [1, 2, 0]], np.eye(3)[:, [2, 0, 1]]])
+
+
+class Evaluation:
+    """Closure value, Jacobian and bias at one configuration at a time.
+
+    Owns a `pin.Data` whose memory is read through views made once.
+
+    Attributes:
+        residual: (n_rows,) closure rows [-]; lengths divided by the characteristic length.
+        jacobian: (n_rows + n_passive, nv) derivative of the rows; the last ones are spin rates.
+        angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
+            one in `turns`.
+        turns: (n_angles,) the angles to which `angles` stays nearest.
+    """
+
+    def __init__(self, constraints: Constraints) -> None:
+        self.constraints = c = constraints
+        self.mechanism = c.mechanism
+        self.model = model = c.mechanism.model
+        self.data = model.createData()
+        n, nv = model.njoints, model.nv
+        self._n_all = r = len(c.constants)
+        self.residual = np.zeros(c.n_rows)
+        self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
+        self.angles = np.zeros(c.n_angles)
+        self.turns = np.zeros(c.n_angles)
+        self._values = np.zeros(r)
+        self._wrenches = np.zeros((r, 6))
+        self._products = np.zeros((r, nv))
+        self._cross = np.zeros((r, 3))
+        self._zero = np.zeros(nv)
+        self._joint_jacobian = self.data.J
+        rotation = self.data.oMi[0].rotation
+        step = self._stride(self.data.oMi)
+        self._placements = as_strided(rotation.T, (n, 4, 3), (step, 24, 8))
+        if step == 96:
+            self._g = as_strided(rotation.T, (4 * n, 3), (24, 8))
+        self._contiguous = step == 96
+        self._twists = as_strided(self.data.v[0].linear, (n, 6), (48, 8))
+        self._accelerations = as_strided(self.data.a[0].linear, (n, 6), (48, 8))
+        self._plain = not (c.screws or c.couplings or c.n_passive)
+        self._moments = self._wrenches[:, 3:]
+        self._forces = self._wrenches[:, :3]
+
+    def _stride(self, placements: Any) -> int:
+        if len(placements) < 2:
+            return 96
+        first, second = (placements[i].translation.__array_interface__["data"][0] for i in (0, 1))
+        return int(second - first)
+
+    def update(self, q: Array) -> None:
+        """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
+        c, r = self.constraints, self._n_all
+        pin.computeJointJacobians(self.model, self.data, q)
+        if not r:
+            if c.couplings:
+                self._couple(q)
+            return
+        g = self._g if self._contiguous else self._placements.reshape(-1, 3)
+        vectors = (c.c_abx @ g) @ _CYCLES
+        self._vectors = vectors
+        b, x = vectors[r : 2 * r], vectors[2 * r :]
+        values = np.vecdot(vectors[:r, :3], b[:, :3], out=self._values)
+        values -= c.constants
+        np.multiply(b[:, :3], c.factors, out=self._forces)
+        moments = np.multiply(x[:, 3:6], b[:, 6:], out=self._moments)
+        moments -= np.multiply(x[:, 6:], b[:, 3:6], out=self._cross)
+        if c.n_passive:
+            moments[c.passive_at :] = b[c.passive_at :, :3]
+        products = np.matmul(self._wrenches, self._joint_jacobian, out=self._products)
+        if self._plain:
+            np.multiply(products, c.signs, out=self.jacobian)
+            self.residual[:] = values
+            return
+        products *= c.signs
+        p = c.n_products
+        self.jacobian[:p] = products[:p]
+        self.residual[:p] = values[:p]
+        for k, (at, sine, pitch) in enumerate(c.screws):
+            self._screw(k, at, sine, pitch)
+        if c.couplings:
+            self._couple(q)
+        self.jacobian[c.n_rows :] = products[c.passive_at :]
+
+    def _screw(self, k: int, at: int, sine: int, pitch: float) -> None:
+        s, c = self._values[sine], self._values[sine + 1]
+        angle = math.atan2(s, c)
+        angle += 2.0 * math.pi * round((self.turns[k] - angle) / (2.0 * math.pi))
+        self.angles[k] = angle
+        slope = (c * self._products[sine] - s * self._products[sine + 1]) / (s * s + c * c)
+        self.residual[at] -= pitch * angle
+        self.jacobian[at] -= pitch * slope
+
+    def _couple(self, q: Array) -> None:
+        """Coupling rows: coordinate b - ratio * coordinate a - offset, scaled by b's unit."""
+        c = self.constraints
+        for k, closure in enumerate(c.couplings, start=c.n_products):
+            a, b = (self.mechanism.coordinate(name) for name in closure.joints)
+            scale = 1.0 if b.unit == "rad" else c.scale
+            self.residual[k] = scale * (q[b.q] - closure.ratio * q[a.q] - closure.offset)
+            self.jacobian[k, a.v] = -scale * closure.ratio
+            self.jacobian[k, b.v] = scale
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return (n_rows + n_passive,) second derivatives of the rows at zero joint acceleration.
+
+        Call after `update` at the same q.
+        """
+        c, r = self.constraints, self._n_all
+        pin.forwardKinematics(self.model, self.data, q, v, self._zero)
+        out = np.zeros(c.n_rows + c.n_passive)
+        if not r:
+            return out
+        h1 = (self._twists @ _TWIST_MATRIX).reshape(-1, 4, 4)
+        h = np.empty((2, *h1.shape))
+        h[0] = h1
+        np.matmul(h1, h1, out=h[1])
+        h[1] += (self._accelerations @ _TWIST_MATRIX).reshape(-1, 4, 4)
+        g = (h @ self._placements).reshape(2, -1, 3)
+        v1, v2 = c.c_ab @ g[0], c.c_ab @ g[1]
+        a, b = self._vectors[:r, :3], self._vectors[r : 2 * r, :3]
+        bias = np.vecdot(v1[:r], v1[r:])
+        bias *= 2.0
+        bias += np.vecdot(v2[:r], b)
+        bias += np.vecdot(a, v2[r:])
+        out[: c.n_products] = bias[: c.n_products]
+        for at, sine, pitch in c.screws:
+            out[at] -= pitch * self._angle_bias(sine, bias, v1, r)
+        if c.n_passive:
+            out[c.n_rows :] = c.spin_bias @ self._accelerations.reshape(-1)
+        return out
+
+    def _angle_bias(self, sine: int, bias: Array, v1: Array, r: int) -> float:
+        """Second derivative of atan2(s, c) at zero joint acceleration."""
+        a, b = self._vectors[:r, :3], self._vectors[r : 2 * r, :3]
+        rows = slice(sine, sine + 2)
+        s, c = self._values[rows]
+        ds, dc = np.vecdot(v1[:r][rows], b[rows]) + np.vecdot(a[rows], v1[r:][rows])
+        dds, ddc = bias[rows]
+        n = s * s + c * c
+        return float((c * dds - s * ddc) / n - 2.0 * (c * ds - s * dc) * (c * dc + s * ds) / n**2)
+
+    @property
+    def closure_error(self) -> float:
+        """Largest absolute closure row at the last configuration [-]."""
+        return float(np.abs(self.residual).max()) if self.residual.size else 0.0
+
+    def worst_closure(self) -> str:
+        """Return the name of the closure with the largest row; empty when there is none."""
+        if not self.residual.size:
+            return ""
+        return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
+
+    def mirrored(self) -> str:
+        """Return the name of a closure whose axes point opposite ways, else an empty string."""
+        for closure in self.mechanism.closures:
+            if closure.type == COUPLING or not closure.pair.aligned:
+                continue
+            (i1, m1), (i2, m2) = self.constraints._frames(closure)
+            oM = self.data.oMi
+            geometry = closure.geometry
+            assert geometry is not None
+            axes1 = oM[i1].rotation @ m1.rotation @ geometry.axes1
+            axes2 = oM[i2].rotation @ m2.rotation @ geometry.axes2
+            cosines = np.vecdot(axes1.T, axes2.T)
+            if np.any(cosines[2:] < 0) or (closure.pair.aligned == "xyz" and np.any(cosines < 0)):
+                return closure.name
+        return ""

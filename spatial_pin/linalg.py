@@ -1,0 +1,91 @@
+"""Rank, null space, minimum-norm solution, condition: the only factorisations in the library."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+Array = NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-10  # singular values below this fraction of the largest count as zero
+
+
+class Decomposition(NamedTuple):
+    """Singular value decomposition with the rank it implies.
+
+    Attributes:
+        u: (m, k) left singular vectors, k = min(m, n).
+        s: (k,) singular values, descending.
+        vt: (n, n) right singular vectors in rows.
+        rank: number of singular values above the tolerance.
+    """
+
+    u: Array
+    s: Array
+    vt: Array
+    rank: int
+
+    @property
+    def null_space(self) -> Array:
+        """(n - rank, n) orthonormal rows that span the null space."""
+        return self.vt[self.rank :]
+
+    def minimum_norm(self, b: Array) -> Array:
+        """Return the least-squares solution of least norm for the right-hand side `b` (m,)."""
+        r = self.rank
+        return self.vt[:r].T @ ((self.u[:, :r].T @ b) / self.s[:r])
+
+
+def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
+    """Decompose `a` (m, n); columns and rows are expected to be scaled alike."""
+    m, n = a.shape
+    if m == 0:
+        return Decomposition(np.empty((0, 0)), np.empty(0), np.eye(n), 0)
+    if m < n:  # pad, so that vt spans the null space too at the cost of the economic form
+        a = np.vstack([a, np.zeros((n - m, n))])
+    u, s, vt = np.linalg.svd(a, full_matrices=False)
+    rank = int(np.count_nonzero(s > tolerance * s[0])) if s.size and s[0] > 0 else 0
+    return Decomposition(u[:m, :], s, vt, rank)
+
+
+def rank(a: Array, tolerance: float = RANK_TOLERANCE) -> int:
+    """Return the numerical rank of `a`."""
+    return decompose(a, tolerance).rank
+
+
+def null_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
+    """Return orthonormal rows spanning {x: a x = 0}."""
+    return decompose(a, tolerance).null_space
+
+
+def condition(a: Array) -> float:
+    """Return the ratio of the largest to the smallest singular value (inf when singular)."""
+    s = np.linalg.svd(a, compute_uv=False)
+    return float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
+
+
+def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
+    """Return the sorted indices of a maximal well-conditioned set of independent rows of `a`.
+
+    Column-pivoted QR of the transpose [GolubVanLoan, 5.4].
+    """
+    if not a.size:
+        return np.empty(0, dtype=np.intp)
+    qr, pivots, _, _, _ = lapack.dgeqp3(a.T)
+    d = np.abs(np.diagonal(qr))
+    r = int(np.count_nonzero(d > tolerance * d[0])) if d.size and d[0] > 0 else 0
+    return np.sort(pivots[:r] - 1)
+
+
+def determinant_sign(lu: Array, pivots: NDArray[np.int32]) -> int:
+    """Return the sign (-1, 0, 1) of the determinant from LAPACK's LU factors."""
+    sign = 1
+    for i, (d, p) in enumerate(zip(lu.diagonal().tolist(), pivots.tolist(), strict=True)):
+        if d == 0.0:
+            return 0
+        if (d < 0.0) != (p != i):
+            sign = -sign
+    return sign

@@ -1,0 +1,200 @@
+"""Coordinates of joints against Pinocchio's configuration and velocity vectors.
+
+Joints whose velocity is the derivative of their coordinates are read straight from q, v, a. The
+orientation of spherical and floating joints is a rotation vector phi from the URDF zero pose, with
+body angular velocity omega = Jr(phi) phi' and Jr(phi) = 1 - B [phi] + C [phi]^2,
+B = (1 - cos t)/t^2, C = (t - sin t)/t^3, t = |phi| [Chirikjian2011, 10.86].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import UnknownNameError
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+
+Array = NDArray[np.float64]
+
+
+class CoordinateRates(NamedTuple):
+    """Value, rate and acceleration of one coordinate: floats of a State, (N,) of a Motion."""
+
+    value: Any
+    rate: Any
+    acceleration: Any
+
+
+def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
+    """Return `values` as float64 of that shape.
+
+    Raises:
+        ValueError: NaN, infinite, or another shape.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{what} has shape {array.shape}; {shape} is needed")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{what} has a value that is NaN or infinite")
+    return array
+
+
+def finite_number(value: Any, what: str) -> float:
+    """Return `value` as a finite float.
+
+    Raises:
+        ValueError: NaN, infinite, or no number.
+    """
+    if isinstance(value, str | bytes) or isinstance(value, bool):
+        raise ValueError(f"{what} must be a number, not {value!r}")
+    return float(finite_array(value, (), what))
+
+
+def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:
+    """Return the named coordinate values of a guess keyed by joint, coordinate or driver.
+
+    Raises:
+        UnknownNameError: a key names nothing of the mechanism.
+        ValueError: a value is no finite number, or a joint has another number of coordinates.
+    """
+    values: dict[str, float] = {}
+    by_joint: dict[str, list[Coordinate]] = {}
+    for c in mechanism.coordinate_table.values():
+        by_joint.setdefault(c.joint, []).append(c)
+    for key, value in guess.items():
+        if key in by_joint:
+            coordinates = by_joint[key]
+            shape = () if len(coordinates) == 1 else (len(coordinates),)
+            if isinstance(value, str | bool):
+                raise ValueError(f"{key!r} must be a number, not {value!r}")
+            numbers = np.atleast_1d(finite_array(value, shape, f"{key!r}"))
+            values.update({c.name: float(x) for c, x in zip(coordinates, numbers, strict=True)})
+        elif key in mechanism.coordinate_table or key in mechanism.drivers:
+            name = mechanism.driven_coordinate(key).name
+            values[name] = finite_number(value, f"{key!r}")
+        else:
+            raise UnknownNameError("joint, coordinate or driver", key,
+                                   [*by_joint, *mechanism.coordinate_table, *mechanism.drivers])
+    return values
+
+
+def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> Array:
+    """Return a copy of `q` (nq,) with the named coordinates set."""
+    q = np.array(q, dtype=np.float64)
+    vectors: dict[str, Array] = {}
+    for name, value in values.items():
+        c = mechanism.coordinate_table[name]
+        if c.q >= 0:
+            q[c.q] = value
+        else:
+            vector = vectors.setdefault(c.joint, joint_vector(mechanism, q, c.joint))
+            vector[c.index] = value
+    for joint, vector in vectors.items():
+        i = mechanism.joint_id(joint)
+        at = mechanism.model.idx_qs[i]
+        if vector.size == 6:
+            q[at : at + 3], at = vector[:3], at + 3
+        q[at : at + 4] = pin.Quaternion(pin.exp3(vector[-3:])).coeffs()
+    return q
+
+
+def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
+    """Return the coordinates of one joint as a vector (rotation vector of length up to pi)."""
+    i = mechanism.joint_id(joint)
+    at, n = mechanism.model.idx_qs[i], mechanism.model.nqs[i]
+    if PAIRS[mechanism.pairs[i - 1]].is_linear:
+        return q[at : at + n].copy()
+    phi = pin.log3(pin.Quaternion(q[at + n - 4 : at + n]).matrix())
+    return np.concatenate([q[at : at + n - 4], phi])
+
+
+def coordinate_rates(
+    mechanism: Mechanism, name: str, q: Array, v: Array, a: Array
+) -> CoordinateRates:
+    """Return value, rate and acceleration of a coordinate over rows q (N, nq), v, a (N, nv).
+
+    Rotation vectors are continued from row to row, past pi and past whole turns.
+    """
+    c = mechanism.coordinate(name)
+    if c.q >= 0:
+        return CoordinateRates(q[:, c.q].copy(), v[:, c.v].copy(), a[:, c.v].copy())
+    i = mechanism.joint_id(c.joint)
+    at, n, iv = mechanism.model.idx_qs[i], mechanism.model.nqs[i], mechanism.model.idx_vs[i]
+    quaternions = q[:, at + n - 4 : at + n]
+    if n == 7 and c.index < 3:
+        return _floating_translation(c.index, q[:, at : at + 3], quaternions,
+                                     v[:, iv : iv + 6], a[:, iv : iv + 6])
+    k = c.index % 3
+    w = slice(iv + 3, iv + 6) if n == 7 else slice(iv, iv + 3)
+    phi = continued_rotation_vectors(quaternions)
+    rate, acceleration = rotation_vector_rates(phi, v[:, w], a[:, w])
+    return CoordinateRates(phi[:, k], rate[:, k], acceleration[:, k])
+
+
+def _floating_translation(
+    k: int, x: Array, quaternions: Array, v: Array, a: Array
+) -> CoordinateRates:
+    from scipy.spatial.transform import Rotation
+
+    rotation = Rotation.from_quat(quaternions)
+    rate = rotation.apply(v[:, :3])
+    acceleration = rotation.apply(a[:, :3] + np.cross(v[:, 3:], v[:, :3]))
+    return CoordinateRates(x[:, k].copy(), rate[:, k], acceleration[:, k])
+
+
+def continued_rotation_vectors(quaternions: Array) -> Array:
+    """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
+    from scipy.spatial.transform import Rotation
+
+    phi = Rotation.from_quat(quaternions).as_rotvec()
+    for i in range(1, len(phi)):
+        angle = float(np.linalg.norm(phi[i]))
+        if angle > 1e-12:
+            axis = phi[i] / angle
+            turns = np.round((axis @ phi[i - 1] - angle) / (2.0 * np.pi))
+            phi[i] += 2.0 * np.pi * turns * axis
+    return phi
+
+
+def rotation_vector_rates(phi: Array, omega: Array, alpha: Array) -> tuple[Array, Array]:
+    """Return phi', phi'' (N, 3) from body angular velocity and acceleration (N, 3)."""
+    t2 = np.sum(phi * phi, axis=1)
+    b, c, db, dc = _jacobian_functions(t2)
+    eye = np.eye(3)
+    skew = np.cross(eye[None], phi[:, None])  # skew @ x = phi × x
+    jacobian = eye - b[:, None, None] * skew + c[:, None, None] * (skew @ skew)
+    rate = np.linalg.solve(jacobian, omega[..., None])[..., 0]
+    dt = 2.0 * np.sum(phi * rate, axis=1)
+    u = np.cross(phi, rate)
+    uu = np.cross(phi, u)
+    bias = (
+        -(db * dt)[:, None] * u + (dc * dt)[:, None] * uu + c[:, None] * np.cross(rate, u)
+    )
+    acceleration = np.linalg.solve(jacobian, (alpha - bias)[..., None])[..., 0]
+    return rate, acceleration
+
+
+def _jacobian_functions(t2: Array) -> tuple[Array, Array, Array, Array]:
+    """Return B, C and their derivatives with respect to t^2, by series where t is small."""
+    small = t2 < 1e-2
+    s = np.where(small, 1.0, t2)
+    t = np.sqrt(s)
+    sin, cos = np.sin(t), np.cos(t)
+    b, c = (1.0 - cos) / s, (t - sin) / (s * t)
+    db = (t * sin - 2.0 * (1.0 - cos)) / (2.0 * s * s)
+    dc = (3.0 * sin - t * (2.0 + cos)) / (2.0 * s * s * t)
+    k = np.arange(8)
+    sign = (-1.0) ** k
+    powers = np.where(small, t2, 0.0)[:, None] ** k
+    fb = sign / np.array([2, 24, 720, 40320, 3628800, 479001600, 87178291200, 20922789888000.0])
+    fc = fb / (2 * k + 3)
+    slopes = lambda f: powers[:, :-1] @ (f[1:] * k[1:])  # noqa: E731
+    return (
+        np.where(small, powers @ fb, b), np.where(small, powers @ fc, c),
+        np.where(small, slopes(fb), db), np.where(small, slopes(fc), dc),
+    )

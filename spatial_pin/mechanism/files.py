@@ -1,0 +1,307 @@
+"""Mechanism files: TOML beside a URDF, checked key by key; and `load`, the one door."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion
+from spatial_pin.mechanism.configuration import joint_values
+from spatial_pin.mechanism.mechanism import (
+    Closure,
+    Driver,
+    Mechanism,
+    Passive,
+    Spring,
+    check_mechanism,
+)
+from spatial_pin.mechanism.pairs import (
+    CLOSURE_TYPES,
+    COUPLING,
+    JOINT_TYPES,
+    PAIRS,
+    Pair,
+    PairGeometry,
+    axes_from_z,
+)
+from spatial_pin.mechanism.urdf import JointRefinement, Tree, read_tree
+
+_REQUIRED: Any = object()
+
+
+def library_folder() -> Path:
+    """Return the folder of the mechanisms that come with the library."""
+    package = Path(__file__).resolve().parent.parent
+    shipped = package / "urdf"
+    return shipped if shipped.is_dir() else package.parent / "urdf"
+
+
+def list_mechanisms() -> list[str]:
+    """Return the names of the mechanisms that come with the library, sorted."""
+    return sorted(path.stem for path in library_folder().glob("*.toml"))
+
+
+def load(source: str | Path, **parameters: float) -> Mechanism:
+    """Load a mechanism.
+
+    Args:
+        source: name of a library mechanism (`list_mechanisms`), or path of a `.toml` mechanism
+            file, or of a `.urdf` or `.urdf.xacro` open tree (which alone has no closures).
+        **parameters: values of the xacro arguments of its tree [SI, rad].
+
+    Returns:
+        The mechanism; its loops are not yet closed, see `assemble`.
+
+    Raises:
+        MechanismFileError: a file cannot be used; says which key, joint or closure, and why.
+        ValueError: a parameter is NaN or infinite.
+    """
+    path = _find(source)
+    if path.suffix == ".toml":
+        return _load_toml(path, parameters)
+    tree = read_tree(path, parameters)
+    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
+    return _build(name, tree, {}, path, parameters)
+
+
+def _find(source: str | Path) -> Path:
+    path = Path(source)
+    if path.suffix in (".toml", ".urdf", ".xacro"):
+        if not path.is_file():
+            raise MechanismFileError(f"{path}: no such file")
+        return path
+    shipped = library_folder() / f"{source}.toml"
+    if path.name == str(source) and shipped.is_file():
+        return shipped
+    raise MechanismFileError(
+        f"no mechanism {str(source)!r}: neither a file (.toml, .urdf, .xacro) nor in the library; "
+        f"{suggestion(str(source), list_mechanisms())}"
+    )
+
+
+def _load_toml(path: Path, parameters: Mapping[str, float]) -> Mechanism:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise MechanismFileError(f"{path}: not valid TOML: {error}") from error
+    top = _Table(content, str(path))
+    name = top.text("name")
+    refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
+    tree = read_tree(path.parent / top.text("tree"), parameters, refinements)
+    if "gravity" in top:
+        tree.model.gravity.linear = top.vector("gravity")
+    parts = {
+        "title": top.text("title", ""),
+        "source": top.text("source", ""),
+        "closures": tuple(_closure(table) for table in top.array("closures")),
+        "drivers": {key: Driver(key, t.closed_text("joint"))
+                    for key, t in top.tables("drivers").items()},
+        "springs": tuple(_spring(table) for table in top.array("springs")),
+        "passives": tuple(_passive(key, t) for key, t in top.tables("passive").items()),
+        "guess": top.table("guess").values(),
+    }
+    top.close()
+    return _build(name, tree, parts, path, parameters)
+
+
+def _build(
+    name: str, tree: Tree, parts: dict[str, Any], path: Path, parameters: Mapping[str, float]
+) -> Mechanism:
+    mimics = tuple(
+        Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
+        for joint, source, ratio, offset in tree.mimics
+    )
+    parts["closures"] = (*parts.get("closures", ()), *mimics)
+    mechanism = Mechanism(
+        name=name, model=tree.model, visual_model=tree.visual_model,
+        collision_model=tree.collision_model, pairs=tree.pairs, inertias=tree.inertias,
+        parameters=dict(parameters), path=path, urdf=tree.urdf, **parts,
+    )
+    check_mechanism(mechanism, str(path))
+    _check_guess(mechanism, str(path))
+    return mechanism
+
+
+def _check_guess(mechanism: Mechanism, where: str) -> None:
+    try:
+        joint_values(mechanism, mechanism.guess)
+    except (SpatialPinError, ValueError) as error:
+        raise MechanismFileError(f"{where}: guess: {error}") from error
+
+
+# ---------------------------------------------------------------- tables
+
+
+def _refinement(table: _Table) -> JointRefinement:
+    kind = table.choice("type", JOINT_TYPES)
+    pair = PAIRS[kind]
+    refinement = JointRefinement(
+        kind,
+        axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
+        axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
+        lead=table.number("lead") if pair.uses_lead else 0.0,
+    )
+    table.close()
+    return refinement
+
+
+def _closure(table: _Table) -> Closure:
+    name = table.text("name")
+    table.where += f" ({name!r})"
+    kind = table.choice("type", CLOSURE_TYPES)
+    if kind == COUPLING:
+        closure = Closure(name, kind, joints=table.two_names("joints"),
+                          ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))
+        if closure.ratio == 0.0:
+            table.fail("ratio", "is zero; lock the joint instead")
+    else:
+        closure = Closure(name, kind, frames=table.two_names("frames"),
+                          geometry=_geometry(table, PAIRS[kind]))
+    table.close()
+    return closure
+
+
+def _geometry(table: _Table, pair: Pair) -> PairGeometry:
+    first = table.axis("axis") if pair.uses_axis and "axis" in table else np.array(pair.axis)
+    second = first
+    if pair.uses_axis2:
+        default = np.array([0.0, 1.0, 0.0]) if pair.axis[0] else first
+        second = table.axis("axis2") if "axis2" in table else default
+    length = table.number("length") if pair.uses_length else 0.0
+    if pair.uses_length and length <= 0.0:
+        table.fail("length", f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
+    lead = table.number("lead") if pair.uses_lead else 0.0
+    if not pair.uses_axis:
+        return PairGeometry(np.eye(3), np.eye(3), length, lead)
+    return PairGeometry(axes_from_z(first), axes_from_z(second), length, lead)
+
+
+def _spring(table: _Table) -> Spring:
+    name = table.text("name")
+    if ("joint" in table) == ("frames" in table):
+        table.fail("frames", "or joint: a spring needs exactly one of the two")
+    about_joint = "joint" in table
+    spring = Spring(
+        name,
+        frames=() if about_joint else table.two_names("frames"),
+        joint=table.text("joint") if about_joint else None,
+        stiffness=table.number("stiffness", 0.0, least=0.0),
+        damping=table.number("damping", 0.0, least=0.0),
+        free_length=table.number("free_length", 0.0, least=0.0) if not about_joint else 0.0,
+        free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
+    )
+    table.close()
+    return spring
+
+
+def _passive(name: str, table: _Table) -> Passive:
+    passive = Passive(name, table.text("body"), table.two_names("axis"))
+    table.close()
+    return passive
+
+
+class _Table:
+    """A TOML table that is read key by key; every complaint names file, table and key."""
+
+    def __init__(self, content: Any, where: str) -> None:
+        if not isinstance(content, dict):
+            raise MechanismFileError(f"{where}: must be a table of key = value lines")
+        self.content, self.where = content, where
+        self.known: list[str] = []
+
+    def __contains__(self, key: str) -> bool:
+        self.known.append(key)
+        return key in self.content
+
+    def fail(self, key: str, complaint: str) -> NoReturn:
+        """Raise the error for one key."""
+        raise MechanismFileError(f"{self.where}: {key} {complaint}")
+
+    def get(self, key: str, default: Any = _REQUIRED) -> Any:
+        self.known.append(key)
+        if key not in self.content and default is _REQUIRED:
+            unknown = [k for k in self.content if k not in self.known]
+            near = [k for k in unknown if suggestion(k, [key]).startswith("did you mean")]
+            hint = f" (there is an unknown key {near[0]!r})" if near else ""
+            self.fail(key, f"is missing{hint}")
+        return self.content.get(key, default)
+
+    def text(self, key: str, default: Any = _REQUIRED) -> str:
+        value = self.get(key, default)
+        if not isinstance(value, str) or (default is _REQUIRED and not value):
+            self.fail(key, f"must be text, not {value!r}")
+        return value
+
+    def choice(self, key: str, valid: tuple[str, ...]) -> str:
+        value = self.text(key)
+        if value not in valid:
+            self.fail(key, f"is {value!r}; {suggestion(value, valid)}")
+        return value
+
+    def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
+        value = self.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.fail(key, f"must be a number, not {value!r}")
+        if not math.isfinite(value) or value < least:
+            self.fail(key, f"is {value}; it must be finite" +
+                      (f" and at least {least:g}" if least > -math.inf else ""))
+        return float(value)
+
+    def vector(self, key: str) -> NDArray[np.float64]:
+        value = self.get(key)
+        numbers = isinstance(value, list) and len(value) == 3 and all(
+            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+            for x in value
+        )
+        if not numbers:
+            self.fail(key, f"must be three finite numbers, not {value!r}")
+        return np.array(value, dtype=float)
+
+    def axis(self, key: str) -> NDArray[np.float64]:
+        """A direction; written with a few digits it is normalised, else refused."""
+        value = self.vector(key)
+        norm = float(np.linalg.norm(value))
+        if abs(norm - 1.0) > 1e-3:
+            self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
+        return value / norm
+
+    def two_names(self, key: str) -> tuple[str, str]:
+        value = self.get(key)
+        if not (isinstance(value, list) and len(value) == 2
+                and all(isinstance(x, str) for x in value)):
+            self.fail(key, f"must be a list of two names, not {value!r}")
+        return value[0], value[1]
+
+    def closed_text(self, key: str) -> str:
+        """The one key of a table that has no other."""
+        value = self.text(key)
+        self.close()
+        return value
+
+    def table(self, key: str) -> _Table:
+        return _Table(self.get(key, {}), f"{self.where}: {key}")
+
+    def tables(self, key: str) -> dict[str, _Table]:
+        inner = self.table(key)
+        return {k: _Table(v, f"{inner.where}.{k}") for k, v in inner.content.items()}
+
+    def array(self, key: str) -> list[_Table]:
+        value = self.get(key, [])
+        if not isinstance(value, list):
+            self.fail(key, f"must be written as [[{key}]]")
+        return [_Table(v, f"{self.where}: {key}[{i}]") for i, v in enumerate(value)]
+
+    def values(self) -> dict[str, Any]:
+        return dict(self.content)
+
+    def close(self) -> None:
+        """Refuse keys that nothing has asked for."""
+        for key in self.content:
+            if key not in self.known:
+                self.fail(key, f"is not a key of this table; {suggestion(key, self.known)}")

@@ -1,0 +1,378 @@
+"""What a mechanism is: an open tree, the closures of its loops, drivers, and names for all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import ClosureTypeError, MechanismFileError, UnknownNameError
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
+from spatial_pin.mechanism.rows import Row
+
+Array = NDArray[np.float64]
+
+
+class Coordinate(NamedTuple):
+    """One joint coordinate.
+
+    Attributes:
+        name: joint name, or joint name, dot, suffix of the pair.
+        joint: name of the joint.
+        unit: "rad" or "m".
+        q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
+        v: index in the velocity.
+        index: place among the joint's coordinates.
+    """
+
+    name: str
+    joint: str
+    unit: str
+    q: int
+    v: int
+    index: int
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """One loop closure.
+
+    Attributes:
+        name, type: as in the mechanism file.
+        frames: names of the two frames it joins (empty for a coupling).
+        geometry: the pair's axes, length and lead (None for a coupling).
+        joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
+    """
+
+    name: str
+    type: str
+    frames: tuple[str, ...] = ()
+    geometry: PairGeometry | None = None
+    joints: tuple[str, ...] = ()
+    ratio: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def pair(self) -> Pair:
+        """The pair it realises; a coupling has none."""
+        return PAIRS[self.type]
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """Its scalar equations on the relative placement (none for a coupling)."""
+        if self.geometry is None or self.pair.rows is None:
+            return ()
+        return self.pair.rows(self.geometry)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of scalar equations."""
+        return 1 if self.type == COUPLING else len(self.rows)
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A coordinate that is prescribed.
+
+    Attributes:
+        name: the driver's name.
+        joint: the joint, or coordinate (`joint.slide`), it drives.
+    """
+
+    name: str
+    joint: str
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring and damper between two frames, or about a joint (SI units)."""
+
+    name: str
+    frames: tuple[str, ...] = ()
+    joint: str | None = None
+    stiffness: float = 0.0
+    damping: float = 0.0
+    free_length: float = 0.0
+    free_angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Passive:
+    """A passive spin that is resolved: `body` has no absolute spin about the line `axis`."""
+
+    name: str
+    body: str
+    axis: tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A spatial mechanism: Pinocchio model of its open tree plus loop closures.
+
+    Made by `spatial_pin.load`. `model` is a plain `pin.Model`: use it with any Pinocchio call.
+
+    Attributes:
+        name, title, source: what the file says of it.
+        model: the open tree.
+        visual_model, collision_model: its geometry.
+        pairs: pair name of every joint, in the order of `model.joints[1:]`.
+        closures: the loop closures, in the file's order.
+        drivers: the prescribed coordinates, by name.
+        springs, passives: as in the file.
+        guess: rough configuration, by joint.
+        inertias: own inertia of every link that has one, in the link's frame.
+        parameters: xacro parameters it was loaded with.
+        path: the file it came from.
+        urdf: the expanded URDF text.
+    """
+
+    name: str
+    model: pin.Model
+    visual_model: pin.GeometryModel
+    collision_model: pin.GeometryModel
+    pairs: tuple[str, ...]
+    closures: tuple[Closure, ...] = ()
+    drivers: Mapping[str, Driver] = field(default_factory=dict)
+    springs: tuple[Spring, ...] = ()
+    passives: tuple[Passive, ...] = ()
+    guess: Mapping[str, Any] = field(default_factory=dict)
+    inertias: Mapping[str, pin.Inertia] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    title: str = ""
+    source: str = ""
+    path: Path | None = None
+    urdf: str = ""
+
+    # ------------------------------------------------------------ coordinates
+
+    @cached_property
+    def coordinate_table(self) -> dict[str, Coordinate]:
+        """Every coordinate by name, in the order of the velocity vector."""
+        table: dict[str, Coordinate] = {}
+        for i, pair_name in enumerate(self.pairs, start=1):
+            pair, joint = PAIRS[pair_name], self.model.names[i]
+            for k, (suffix, unit) in enumerate(pair.coordinates):
+                name = f"{joint}.{suffix}" if suffix else joint
+                q = self.model.idx_qs[i] + k if pair.is_linear else -1
+                table[name] = Coordinate(name, joint, unit, q, self.model.idx_vs[i] + k, k)
+        return table
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of all joint coordinates, in the order of the velocity vector."""
+        return tuple(self.coordinate_table)
+
+    def coordinate(self, name: str) -> Coordinate:
+        """Return the coordinate of that name; a driver's name stands for its coordinate.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        if name in self.coordinate_table:
+            return self.coordinate_table[name]
+        if name in self.drivers:
+            return self.coordinate_table[self.drivers[name].joint]
+        raise UnknownNameError(
+            "coordinate or driver", name, [*self.coordinate_table, *self.drivers],
+            f"mechanism {self.name!r}: ",
+        )
+
+    def driven_coordinate(self, name: str) -> Coordinate:
+        """Return the coordinate of that name, which can be prescribed.
+
+        Raises:
+            UnknownNameError: there is none.
+            MechanismFileError: it is a component of a rotation vector.
+        """
+        coordinate = self.coordinate(name)
+        if coordinate.q < 0:
+            raise MechanismFileError(
+                f"mechanism {self.name!r}: {coordinate.name!r} is a component of a "
+                f"{self.pair_of(coordinate.joint)} joint and cannot be prescribed by itself; "
+                "model the joint as a chain of revolute joints to drive it"
+            )
+        return coordinate
+
+    def pair_of(self, joint: str) -> str:
+        """Return the pair name of a joint of the tree."""
+        return self.pairs[self.joint_id(joint) - 1]
+
+    def joint_id(self, joint: str) -> int:
+        """Return Pinocchio's index of a joint.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        if not self.model.existJointName(joint) or joint == "universe":
+            raise UnknownNameError("joint", joint, list(self.model.names)[1:],
+                                   f"mechanism {self.name!r}: ")
+        return int(self.model.getJointId(joint))
+
+    # ------------------------------------------------------------ frames
+
+    @cached_property
+    def frame_ids(self) -> dict[str, int]:
+        """Pinocchio's frame index by name; a link goes before a joint of the same name."""
+        ranks = {pin.FrameType.BODY: 0, pin.FrameType.JOINT: 1}
+        order = sorted(range(1, self.model.nframes),
+                       key=lambda i: -ranks.get(self.model.frames[i].type, 2))
+        return {self.model.frames[i].name: i for i in order}
+
+    def frame_id(self, name: str) -> int:
+        """Return Pinocchio's index of a link, frame or joint.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        try:
+            return self.frame_ids[name]
+        except KeyError:
+            raise UnknownNameError("link, frame or joint", name, self.frame_ids,
+                                   f"mechanism {self.name!r}: ") from None
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links, the root first."""
+        return tuple(f.name for f in self.model.frames if f.type == pin.FrameType.BODY)
+
+    def frame_on_joint(self, name: str) -> tuple[int, pin.SE3]:
+        """Return (joint index, placement in that joint's frame) of a link, frame or joint."""
+        frame = self.model.frames[self.frame_id(name)]
+        return int(frame.parentJoint), frame.placement
+
+    # ------------------------------------------------------------ numbers
+
+    @cached_property
+    def neutral(self) -> Array:
+        """(nq,) the configuration in which every joint stands at its URDF zero."""
+        q = pin.neutral(self.model)
+        q.flags.writeable = False
+        return q
+
+    @cached_property
+    def characteristic_length(self) -> float:
+        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, self.neutral)
+        points = np.array([m.translation for m in data.oMf])
+        span = max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
+        return span if span > 0.0 else 1.0
+
+    @cached_property
+    def velocity_scale(self) -> Array:
+        """(nv,) size of one unit of motion: 1 for angles, the characteristic length for slides."""
+        units = [c.unit for c in self.coordinate_table.values()]
+        return np.array([1.0 if u == "rad" else self.characteristic_length for u in units])
+
+    def constraint_models(self) -> list[pin.RigidConstraintModel]:
+        """Return the closures in Pinocchio's native form (3-D point or 6-D weld).
+
+        Raises:
+            ClosureTypeError: a closure is of a type that Pinocchio does not have.
+        """
+        models = []
+        for closure in self.closures:
+            native = None if closure.type == COUPLING else closure.pair.native
+            if native is None:
+                raise ClosureTypeError(
+                    f"mechanism {self.name!r}: closure {closure.name!r} is {closure.type}; "
+                    "Pinocchio's native closures are spherical (3-D) and weld (6-D) only"
+                )
+            (i1, m1), (i2, m2) = (self.frame_on_joint(f) for f in closure.frames)
+            model = pin.RigidConstraintModel(
+                native, self.model, i1, m1, i2, m2, pin.ReferenceFrame.LOCAL
+            )
+            model.name = closure.name
+            models.append(model)
+        return models
+
+    def __repr__(self) -> str:
+        return (
+            f"Mechanism({self.name!r}: {self.model.njoints - 1} joints, "
+            f"{len(self.coordinates)} coordinates, {len(self.closures)} closures, "
+            f"drivers {list(self.drivers)})"
+        )
+
+
+def check_mechanism(mechanism: Mechanism, where: str) -> None:
+    """Refuse names that do not exist and closures that cannot be.
+
+    Raises:
+        MechanismFileError: with `where` (the file) and the key at fault.
+    """
+    _check_unique([c.name for c in mechanism.closures], f"{where}: closures")
+    _check_unique([s.name for s in mechanism.springs], f"{where}: springs")
+    for closure in mechanism.closures:
+        _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
+    for driver in mechanism.drivers.values():
+        _named(mechanism.driven_coordinate, driver.joint, f"{where}: drivers.{driver.name}.joint: ")
+    for spring in mechanism.springs:
+        for name in spring.frames:
+            _named(mechanism.frame_id, name, f"{where}: spring {spring.name!r}: ")
+        if spring.joint is not None:
+            _named(mechanism.driven_coordinate, spring.joint,
+                   f"{where}: spring {spring.name!r}: ")
+    for passive in mechanism.passives:
+        _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
+
+
+def _check_unique(names: Iterable[str], where: str) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise MechanismFileError(f"{where}: two are named {name!r}")
+        seen.add(name)
+
+
+def _named(lookup: Any, name: str, where: str) -> Any:
+    try:
+        return lookup(name)
+    except (UnknownNameError, MechanismFileError) as error:
+        raise MechanismFileError(f"{where}{error}") from error
+
+
+def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
+    if closure.type == COUPLING:
+        for name in closure.joints:
+            _named(mechanism.driven_coordinate, name, f"{where}: joints: ")
+        if closure.joints[0] == closure.joints[1]:
+            raise MechanismFileError(f"{where}: couples {closure.joints[0]!r} with itself")
+        return
+    ids = [_named(mechanism.frame_on_joint, name, f"{where}: frames: ")[0]
+           for name in closure.frames]
+    if closure.frames[0] == closure.frames[1]:
+        raise MechanismFileError(f"{where}: joins frame {closure.frames[0]!r} with itself")
+    if ids[0] == ids[1]:
+        raise MechanismFileError(
+            f"{where}: frames {closure.frames[0]!r} and {closure.frames[1]!r} are fixed to the "
+            "same body; a closure joins two bodies that can move against each other"
+        )
+
+
+def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
+    body = _named(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
+    if body == 0:
+        raise MechanismFileError(f"{where}.body: {passive.body!r} is fixed to the ground")
+    points = [point_on_body(mechanism, body, name, f"{where}.axis: ") for name in passive.axis]
+    if np.linalg.norm(points[1] - points[0]) < 1e-12 * mechanism.characteristic_length:
+        raise MechanismFileError(
+            f"{where}.axis: {passive.axis[0]!r} and {passive.axis[1]!r} are the same point"
+        )
+
+
+def point_on_body(mechanism: Mechanism, body: int, name: str, where: str = "") -> Array:
+    """Return the point `name` (a frame, or the centre of a joint) in the axes of joint `body`."""
+    frame = _named(mechanism.frame_id, name, where)
+    joint, placement = mechanism.frame_on_joint(name)
+    if joint == body:
+        return placement.translation.copy()
+    on_parent = mechanism.model.frames[frame].type == pin.FrameType.JOINT
+    if on_parent and mechanism.model.parents[joint] == body:
+        return mechanism.model.jointPlacements[joint].translation.copy()
+    raise MechanismFileError(f"{where}{name!r} is not a point of that body")

@@ -1,0 +1,191 @@
+"""Pairs: what each is as a tree joint and as a loop closure.
+
+To add a pair, add one entry to `PAIRS`:
+
+1. `freedom`: relative freedoms it leaves between its two bodies.
+2. `rows`: a function of `PairGeometry` that returns its closure equations, 6 - freedom of them,
+   independent wherever they hold.
+3. `joint`: a function (axis, axis2, lead) to a Pinocchio joint model, None where the pair only
+   closes loops, with `coordinates` (suffix, unit) in the order of its velocity vector.
+4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product rows have
+   mirror roots, and assembly refuses them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.mechanism.rows import Row, distance, dot, point, screw
+
+Vector = NDArray[np.float64]
+
+X, Y, Z = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class PairGeometry:
+    """What a pair needs to know of its two frames.
+
+    Attributes:
+        axes1: (3, 3) the pair's x, y, z in columns, in the axes of frame 1; z is the pair's axis.
+        axes2: (3, 3) the same in the axes of frame 2.
+        length: distance between the origins [m] (distance).
+        lead: translation per turn [m] (screw).
+    """
+
+    axes1: Vector
+    axes2: Vector
+    length: float = 0.0
+    lead: float = 0.0
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One entry of `PAIRS`; see the module's docstring."""
+
+    freedom: int
+    rows: Callable[[PairGeometry], tuple[Row, ...]] | None
+    joint: Callable[[Vector, Vector, float], pin.JointModel] | None = None
+    coordinates: tuple[tuple[str, str], ...] = ()
+    aligned: str = ""
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    uses_axis: bool = True
+    uses_axis2: bool = False
+    uses_lead: bool = False
+    uses_length: bool = False
+    native: pin.ContactType | None = None
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the velocity vector is the time derivative of the coordinates."""
+        return not any(suffix in ("z", "rz") for suffix, _ in self.coordinates)
+
+
+def axes_from_z(axis: Vector) -> Vector:
+    """Return the rotation (3, 3) that takes z to the unit vector `axis` by the shortest way."""
+    if axis[2] <= -1.0 + 1e-15:
+        return np.diag([1.0, -1.0, -1.0])
+    return pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
+
+
+def revolute_joint(axis: Vector, *_: object) -> pin.JointModel:
+    """Return the cheapest one-coordinate revolute joint about the unit vector `axis`."""
+    for e, model in zip((X, Y, Z), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+                        strict=True):
+        if np.array_equal(axis, e):
+            return model()
+    return pin.JointModelRevoluteUnaligned(axis)
+
+
+def prismatic_joint(axis: Vector, *_: object) -> pin.JointModel:
+    """Return the cheapest prismatic joint along the unit vector `axis`."""
+    for e, model in zip((X, Y, Z), (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
+                        strict=True):
+        if np.array_equal(axis, e):
+            return model()
+    return pin.JointModelPrismaticUnaligned(axis)
+
+
+def _composite(*joints: pin.JointModel) -> pin.JointModel:
+    composite = pin.JointModelComposite()
+    for joint in joints:
+        composite.addJoint(joint)
+    return composite
+
+
+def _screw_joint(axis: Vector, _: Vector, lead: float) -> pin.JointModel:
+    return pin.JointModelHelicalUnaligned(axis, lead / (2.0 * np.pi))
+
+
+def _cylindrical_joint(axis: Vector, *_: object) -> pin.JointModel:
+    return _composite(revolute_joint(axis), prismatic_joint(axis))
+
+
+def _planar_joint(axis: Vector, *_: object) -> pin.JointModel:
+    x, y, z = axes_from_z(axis).T
+    return _composite(prismatic_joint(x), prismatic_joint(y), revolute_joint(z))
+
+
+def _universal_joint(axis: Vector, axis2: Vector, _: float) -> pin.JointModel:
+    return pin.JointModelUniversal(axis, axis2)
+
+
+def _coincident(g: PairGeometry) -> tuple[Row, ...]:
+    return tuple(point(u) for u in g.axes1.T)
+
+
+def _on_line(g: PairGeometry) -> tuple[Row, ...]:
+    return point(g.axes1[:, 0]), point(g.axes1[:, 1])
+
+
+def _on_plane(g: PairGeometry) -> tuple[Row, ...]:
+    return (point(g.axes1[:, 2]),)
+
+
+def _parallel(g: PairGeometry) -> tuple[Row, ...]:
+    z2 = g.axes2[:, 2]
+    return dot(g.axes1[:, 0], z2), dot(g.axes1[:, 1], z2)
+
+
+def _same_orientation(g: PairGeometry) -> tuple[Row, ...]:
+    (x1, y1, z1), (x2, y2, z2) = g.axes1.T, g.axes2.T
+    return dot(x1, y2), dot(y1, z2), dot(z1, x2)
+
+
+def _perpendicular(g: PairGeometry) -> tuple[Row, ...]:
+    return (dot(g.axes1[:, 2], g.axes2[:, 2]),)
+
+
+def _distance(g: PairGeometry) -> tuple[Row, ...]:
+    return (distance(g.length),)
+
+
+def _screw(g: PairGeometry) -> tuple[Row, ...]:
+    return (screw(g.axes1, g.axes2, g.lead / (2.0 * np.pi)),)
+
+
+def _stack(*parts: Callable[[PairGeometry], tuple[Row, ...]]
+           ) -> Callable[[PairGeometry], tuple[Row, ...]]:
+    return lambda g: tuple(row for part in parts for row in part(g))
+
+
+_TRANSLATIONS = (("x", "m"), ("y", "m"), ("z", "m"))
+_ROTATION_VECTOR = (("x", "rad"), ("y", "rad"), ("z", "rad"))
+
+_WELD = Pair(0, _stack(_coincident, _same_orientation), aligned="xyz", uses_axis=False,
+             native=pin.ContactType.CONTACT_6D)
+
+PAIRS: dict[str, Pair] = {
+    "revolute": Pair(1, _stack(_coincident, _parallel), revolute_joint, (("", "rad"),), "z"),
+    "prismatic": Pair(1, _stack(_on_line, _same_orientation), prismatic_joint, (("", "m"),), "xyz"),
+    "screw": Pair(1, _stack(_on_line, _parallel, _screw), _screw_joint, (("", "rad"),), "z",
+                  uses_lead=True),
+    "cylindrical": Pair(2, _stack(_on_line, _parallel), _cylindrical_joint,
+                        (("angle", "rad"), ("slide", "m")), "z"),
+    "universal": Pair(2, _stack(_coincident, _perpendicular), _universal_joint,
+                      (("first", "rad"), ("second", "rad")), axis=(1.0, 0.0, 0.0),
+                      uses_axis2=True),
+    "spherical": Pair(3, _coincident, lambda *_: pin.JointModelSpherical(), _ROTATION_VECTOR,
+                      uses_axis=False, native=pin.ContactType.CONTACT_3D),
+    "planar": Pair(3, _stack(_on_plane, _parallel), _planar_joint,
+                   (("x", "m"), ("y", "m"), ("angle", "rad")), "z"),
+    "floating": Pair(6, None, lambda *_: pin.JointModelFreeFlyer(),
+                     (*_TRANSLATIONS, ("rx", "rad"), ("ry", "rad"), ("rz", "rad")),
+                     uses_axis=False),
+    "fixed": _WELD,
+    "weld": _WELD,
+    "distance": Pair(5, _distance, uses_axis=False, uses_length=True),
+    "point_on_line": Pair(4, _on_line),
+    "point_on_plane": Pair(5, _on_plane),
+    "parallel": Pair(4, _parallel, aligned="z"),
+    "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
+}
+
+COUPLING = "coupling"  # the one closure in joint coordinates: q_b = ratio * q_a + offset
+JOINT_TYPES = tuple(name for name, pair in PAIRS.items() if pair.joint or name == "fixed")
+CLOSURE_TYPES = (*(name for name, pair in PAIRS.items() if pair.rows), COUPLING)

@@ -1,0 +1,470 @@
+"""URDF and xacro to a Pinocchio model whose joints are the pairs that URDF cannot name.
+
+Pinocchio's own reader builds the model; what it accepts silently (a link with two parents, mass
+below zero, NaN) is refused before, and afterwards the model is rebuilt joint by joint, same
+numbering, with the refined joints in place. Angles of `continuous` joints become one coordinate,
+so that they count turns.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
+
+CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
+    "floating": JOINT_TYPES,
+    "planar": ("planar", "revolute", "prismatic", "fixed"),
+    "continuous": ("revolute", "fixed"),
+    "revolute": ("revolute", "fixed"),
+    "prismatic": ("prismatic", "fixed"),
+    "fixed": ("fixed",),
+}
+PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
+
+
+@dataclass(frozen=True, eq=False)
+class JointRefinement:
+    """The pair that a mechanism file gives to a URDF joint.
+
+    Attributes:
+        type: a name of `PAIRS`.
+        axis: (3,) unit vector in the joint frame, None for the default.
+        axis2: (3,) unit vector, second pin of a universal joint.
+        lead: translation per turn of a screw [m].
+    """
+
+    type: str
+    axis: NDArray[np.float64] | None = None
+    axis2: NDArray[np.float64] | None = None
+    lead: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """The open tree of a mechanism.
+
+    Attributes:
+        model: Pinocchio model with the refined joints.
+        visual_model, collision_model: geometry, same joint numbering.
+        pairs: pair name of every joint of the model, in the order of `model.joints[1:]`.
+        inertias: inertia of every link that has one, in the link's frame.
+        mimics: (mimicking joint, mimicked joint, multiplier, offset).
+        urdf: the expanded URDF text.
+    """
+
+    model: pin.Model
+    visual_model: pin.GeometryModel
+    collision_model: pin.GeometryModel
+    pairs: tuple[str, ...]
+    inertias: dict[str, pin.Inertia]
+    mimics: tuple[tuple[str, str, float, float], ...]
+    urdf: str
+
+
+def expand(path: Path, parameters: Mapping[str, float]) -> str:
+    """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in."""
+    if not path.is_file():
+        raise MechanismFileError(f"{path}: no such file")
+    if path.suffix != ".xacro":
+        if parameters:
+            raise MechanismFileError(
+                f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
+            )
+        return path.read_text(encoding="utf-8")
+    valid = xacro_arguments(path)
+    for name, value in parameters.items():
+        if name not in valid:
+            raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"parameter {name!r} is {value}; a finite number is needed")
+    import xacro
+
+    mappings = {name: _xacro_text(value) for name, value in parameters.items()}
+    try:
+        return str(xacro.process_file(str(path), mappings=mappings).toxml())
+    except Exception as error:  # xacro raises a family of its own and what `${...}` raised
+        raise MechanismFileError(f"{path}: xacro cannot expand it: {error}") from error
+
+
+def _xacro_text(value: object) -> str:
+    return repr(float(value)) if isinstance(value, int | float | np.number) else str(value)
+
+
+def xacro_arguments(path: Path) -> dict[str, str]:
+    """Return the names and default values of the arguments that a xacro file declares."""
+    root = _parse(path.read_text(encoding="utf-8"), path)
+    return {
+        element.get("name", ""): element.get("default", "")
+        for element in root.iter("{http://www.ros.org/wiki/xacro}arg")
+    }
+
+
+def read_tree(
+    path: Path,
+    parameters: Mapping[str, float] | None = None,
+    refinements: Mapping[str, JointRefinement] | None = None,
+) -> Tree:
+    """Build the open tree of a URDF or xacro file.
+
+    Raises:
+        MechanismFileError: the file cannot be read, is not a tree, or has impossible numbers.
+    """
+    refinements = refinements or {}
+    urdf = expand(path, parameters or {})
+    robot = _parse(urdf, path)
+    _check_structure(robot, path)
+    inertias = _check_links(robot, path)
+    pairs = _joint_pairs(robot, refinements, path)
+    _resolve_meshes(robot, path)
+    text = ET.tostring(robot, encoding="unicode")
+    try:
+        model = pin.buildModelFromXML(text)
+        geometry = [
+            pin.buildGeomFromUrdfString(model, text, kind)
+            for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
+        ]
+    except Exception as error:
+        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {error}") from error
+    elements = {joint.get("name", ""): joint for joint in robot.iter("joint")}
+    rebuilt = _rebuild(model, pairs, elements, refinements, path)
+    order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
+    return Tree(rebuilt, *geometry, order, inertias, _mimics(robot, path), urdf)
+
+
+def _parse(text: str, path: Path) -> ET.Element:
+    try:
+        return ET.fromstring(text)
+    except ET.ParseError as error:
+        raise MechanismFileError(f"{path}: not well-formed XML: {error}") from error
+
+
+# ---------------------------------------------------------------- structure
+
+
+def _check_structure(robot: ET.Element, path: Path) -> None:
+    """Refuse what is not a tree: URDF readers drop and duplicate joints without a word."""
+    if robot.tag != "robot":
+        raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
+    links = _names(robot.findall("link"), "link", path)
+    if not links:
+        raise MechanismFileError(f"{path}: no <link>")
+    joints = robot.findall("joint")
+    _names(joints, "joint", path)
+    parent_joint: dict[str, ET.Element] = {}
+    for joint in joints:
+        for role in ("parent", "child"):
+            link = _end(joint, role)
+            if link not in links:
+                raise MechanismFileError(
+                    f"{path}: joint {joint.get('name')!r}: {role} link {link!r} does not exist; "
+                    f"{suggestion(link, links)}"
+                )
+        child = _end(joint, "child")
+        if child in parent_joint:
+            first = parent_joint[child]
+            raise MechanismFileError(
+                f"{path}: link {child!r} has two parents: joint {first.get('name')!r} from "
+                f"{_end(first, 'parent')!r} and joint {joint.get('name')!r} from "
+                f"{_end(joint, 'parent')!r}. URDF holds trees only: cut the loop at one of the two "
+                f"joints: delete it here, put an empty link on a fixed joint at its place on either "
+                f"side, and write a [[closures]] entry with those two frames in a .toml file"
+            )
+        parent_joint[child] = joint
+    roots = [link for link in links if link not in parent_joint]
+    if len(roots) != 1:
+        found = f"{len(roots)} root links ({', '.join(roots)})" if roots else "no root link"
+        raise MechanismFileError(f"{path}: {found}; a tree has exactly one link without a parent")
+    _check_connected(roots[0], links, parent_joint, path)
+
+
+def _check_connected(
+    root: str, links: Iterable[str], parent_joint: Mapping[str, ET.Element], path: Path
+) -> None:
+    for link in links:
+        seen = {link}
+        at = link
+        while at != root:
+            at = _end(parent_joint[at], "parent")
+            if at in seen:
+                raise MechanismFileError(f"{path}: the links {sorted(seen)} hang in a cycle")
+            seen.add(at)
+
+
+def _names(elements: list[ET.Element], kind: str, path: Path) -> list[str]:
+    names: list[str] = []
+    for element in elements:
+        name = element.get("name", "")
+        if not name or name in names:
+            what = f"two {kind}s are named {name!r}" if name else f"a <{kind}> has no name"
+            raise MechanismFileError(f"{path}: {what}")
+        names.append(name)
+    return names
+
+
+def _end(joint: ET.Element, role: str) -> str:
+    element = joint.find(role)
+    return element.get("link", "") if element is not None else ""
+
+
+# ---------------------------------------------------------------- numbers
+
+
+def _numbers(element: ET.Element, attribute: str, count: int, where: str) -> NDArray[np.float64]:
+    text = element.get(attribute, "")
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if values.size != count or not np.all(np.isfinite(values)):
+        wanted = "one finite number" if count == 1 else f"{count} finite numbers"
+        raise MechanismFileError(
+            f"{where}: <{element.tag} {attribute}={text!r}> needs {wanted}"
+        )
+    return values
+
+
+def _placement(element: ET.Element | None, where: str) -> pin.SE3:
+    if element is None:
+        return pin.SE3.Identity()
+    xyz = _numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
+    rpy = _numbers(element, "rpy", 3, where) if "rpy" in element.attrib else np.zeros(3)
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def _check_links(robot: ET.Element, path: Path) -> dict[str, pin.Inertia]:
+    inertias = {}
+    for link in robot.findall("link"):
+        where = f"{path}: link {link.get('name')!r}"
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            _placement(shape.find("origin"), where)
+        inertial = link.find("inertial")
+        if inertial is not None:
+            inertias[link.get("name", "")] = _inertia(inertial, where)
+    for joint in robot.findall("joint"):
+        where = f"{path}: joint {joint.get('name')!r}"
+        _placement(joint.find("origin"), where)
+        for tag, attributes in (("limit", ("lower", "upper", "effort", "velocity")),
+                                ("dynamics", ("damping", "friction"))):
+            element = joint.find(tag)
+            for attribute in attributes if element is not None else ():
+                if attribute in element.attrib and not _is_number(element.get(attribute, "")):
+                    raise MechanismFileError(
+                        f"{where}: <{tag} {attribute}={element.get(attribute)!r}> is not a number"
+                    )
+    return inertias
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return not math.isnan(float(text))
+    except ValueError:
+        return False
+
+
+def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
+    placement = _placement(inertial.find("origin"), where)
+    mass_element, matrix_element = inertial.find("mass"), inertial.find("inertia")
+    if mass_element is None or matrix_element is None:
+        raise MechanismFileError(f"{where}: <inertial> needs <mass> and <inertia>")
+    mass = float(_numbers(mass_element, "value", 1, where)[0])
+    if mass < 0.0:
+        raise MechanismFileError(f"{where}: mass {mass} kg is negative")
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (float(_numbers(matrix_element, k, 1, where)[0]) for k in keys)
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    a, b, c = np.linalg.eigvalsh(matrix)
+    if a < -1e-12 * c or a + b < c * (1.0 - 1e-9):
+        warnings.warn(
+            f"{where}: no body has the principal moments of inertia {a:.4g}, {b:.4g}, {c:.4g} "
+            "kg·m² (each must be positive and at most the sum of the other two)",
+            stacklevel=2,
+        )
+    rotation = placement.rotation
+    return pin.Inertia(mass, placement.translation, rotation @ matrix @ rotation.T)
+
+
+# ---------------------------------------------------------------- meshes
+
+
+def _resolve_meshes(robot: ET.Element, path: Path) -> None:
+    """Make mesh paths absolute; report and leave out the ones that are not there."""
+    for link in robot.findall("link"):
+        for tag in ("visual", "collision"):
+            for shape in link.findall(tag):
+                mesh = shape.find("geometry/mesh")
+                if mesh is None:
+                    continue
+                name = mesh.get("filename", "")
+                file = _mesh_file(name, path.parent)
+                if file is None:
+                    warnings.warn(
+                        f"{path}: link {link.get('name')!r}: mesh {name!r} not found, left out",
+                        stacklevel=2,
+                    )
+                    link.remove(shape)
+                else:
+                    mesh.set("filename", str(file))
+
+
+def _mesh_file(name: str, folder: Path) -> Path | None:
+    if name.startswith("package://"):
+        package, _, rest = name.removeprefix("package://").partition("/")
+        roots = [p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+        candidates = [Path(r) / package / rest for r in roots]
+        candidates += [parent / package / rest for parent in (folder, *folder.parents)]
+        candidates += [p / rest for p in (folder, *folder.parents) if p.name == package]
+    else:
+        candidates = [folder / name.removeprefix("file://")]
+    return next((file.resolve() for file in candidates if file.is_file()), None)
+
+
+# ---------------------------------------------------------------- joints
+
+
+def _joint_pairs(
+    robot: ET.Element, refinements: Mapping[str, JointRefinement], path: Path
+) -> dict[str, str]:
+    """Return the pair of every joint; refinements URDF can express are written into `robot`."""
+    joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    for name in refinements:
+        if name not in joints:
+            raise MechanismFileError(
+                f"{path}: joints.{name}: the URDF has no such joint; {suggestion(name, joints)}"
+            )
+    pairs = {}
+    for name, joint in joints.items():
+        kind = joint.get("type", "")
+        if kind not in CONTAINED_PAIRS:
+            raise MechanismFileError(
+                f"{path}: joint {name!r}: URDF has no joint type {kind!r}; "
+                f"{suggestion(kind, CONTAINED_PAIRS)} (write type=\"floating\" and name the pair "
+                "in the .toml file for spherical, universal, cylindrical and screw)"
+            )
+        refined = refinements.get(name)
+        if refined and refined.type not in CONTAINED_PAIRS[kind]:
+            raise MechanismFileError(
+                f"{path}: joint {name!r} is {kind} in the URDF, which does not contain a "
+                f"{refined.type} pair; make it \"floating\" there"
+            )
+        pairs[name] = refined.type if refined else PAIR_OF_URDF_TYPE.get(kind, kind)
+        if pairs[name] == "fixed":
+            joint.set("type", "fixed")
+    return pairs
+
+
+def _rebuild(
+    model: pin.Model,
+    pairs: Mapping[str, str],
+    elements: Mapping[str, ET.Element],
+    refinements: Mapping[str, JointRefinement],
+    path: Path,
+) -> pin.Model:
+    """Return a copy of `model` with every joint replaced by the model of its pair."""
+    new = pin.Model()
+    new.name, new.gravity = model.name, model.gravity
+    for i in range(1, model.njoints):
+        name = model.names[i]
+        pair = PAIRS[pairs[name]]
+        where = f"{path}: joint {name!r}"
+        axis, axis2 = joint_axes(pair, elements[name], refinements.get(name), where)
+        lead = refinements[name].lead if name in refinements else 0.0
+        assert pair.joint is not None
+        joint = pair.joint(axis, axis2, lead)
+        same = elements[name].get("type") in ("revolute", "prismatic") and joint.nq == 1
+        limits = _copied_limits(model, i) if same else _read_limits(elements[name], joint.nq, joint.nv)
+        new.addJoint(model.parents[i], joint, model.jointPlacements[i], name, *limits)
+    for i in range(model.njoints):
+        new.inertias[i] = model.inertias[i]
+    for frame in list(model.frames)[1:]:
+        new.addFrame(frame, False)
+    return new
+
+
+def joint_axes(
+    pair: Pair, element: ET.Element, refined: JointRefinement | None, where: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the unit axes of a tree joint: the mechanism file's, else the URDF's, else default."""
+    tag = element.find("axis")
+    if refined is not None and refined.axis is not None:
+        axis = refined.axis
+    elif tag is not None and pair.uses_axis:
+        axis = _numbers(tag, "xyz", 3, where)
+        if np.linalg.norm(axis) < 1e-12:
+            raise MechanismFileError(f"{where}: <axis> is zero")
+    elif pair.uses_axis and element.get("type") != "floating":
+        axis = np.array([1.0, 0.0, 0.0])  # URDF's default
+    else:
+        axis = np.array(pair.axis)
+    axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
+    axis = axis / np.linalg.norm(axis)
+    if pair.uses_axis2:
+        axis2 = axis2 / np.linalg.norm(axis2)
+        if abs(axis @ axis2) > 1e-9:
+            raise MechanismFileError(
+                f"{where}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
+            )
+    return axis, axis2
+
+
+def _copied_limits(model: pin.Model, i: int) -> tuple[NDArray[np.float64], ...]:
+    """Return the bounds of joint `i` in the order that `pin.Model.addJoint` takes them."""
+    q = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+    v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+    return (
+        model.lowerEffortLimit[v], model.upperEffortLimit[v],
+        model.lowerVelocityLimit[v], model.upperVelocityLimit[v],
+        model.lowerPositionLimit[q], model.upperPositionLimit[q],
+        model.positionLimitMargin[q],
+        model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v], model.damping[v],
+    )
+
+
+def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[NDArray[np.float64], ...]:
+    """Return the bounds that the URDF element states for a joint that Pinocchio read otherwise.
+
+    One scalar of the URDF holds for every coordinate of the pair, except the position limits of
+    a pair with several coordinates and those of a continuous joint, which are none.
+    """
+    limit, dynamics = element.find("limit"), element.find("dynamics")
+
+    def scalar(source: ET.Element | None, key: str, default: float) -> float:
+        return float(source.get(key, default)) if source is not None else default
+
+    def filled(count: int, value: float) -> NDArray[np.float64]:
+        return np.full(count, value)
+
+    effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)
+    bounded = nq == 1 and element.get("type") != "continuous"
+    lower = scalar(limit, "lower", -math.inf) if bounded else -math.inf
+    upper = scalar(limit, "upper", math.inf) if bounded else math.inf
+    friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)
+    return (
+        filled(nv, -effort), filled(nv, effort), filled(nv, -velocity), filled(nv, velocity),
+        filled(nq, lower), filled(nq, upper), np.zeros(nq),
+        filled(nv, -friction), filled(nv, friction), filled(nv, damping),
+    )
+
+
+def _mimics(robot: ET.Element, path: Path) -> tuple[tuple[str, str, float, float], ...]:
+    mimics = []
+    for joint in robot.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        where = f"{path}: joint {joint.get('name')!r}"
+        ratio = _numbers(mimic, "multiplier", 1, where)[0] if "multiplier" in mimic.attrib else 1.0
+        offset = _numbers(mimic, "offset", 1, where)[0] if "offset" in mimic.attrib else 0.0
+        mimics.append((joint.get("name", ""), mimic.get("joint", ""), float(ratio), float(offset)))
+    return tuple(mimics)
