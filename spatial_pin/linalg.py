@@ -61,6 +61,15 @@ def null_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
     return decompose(a, tolerance).null_space
 
 
+def aligned(rows: Array, reference: Array) -> Array:
+    """Return orthonormal `rows` (k, n) turned among themselves to be nearest to `reference`.
+
+    Orthogonal Procrustes problem [GolubVanLoan, 6.4.1].
+    """
+    u, _, vt = np.linalg.svd(reference @ rows.T)
+    return u @ vt @ rows
+
+
 def condition(a: Array) -> float:
     """Return the ratio of the largest to the smallest singular value (inf when singular)."""
     s = np.linalg.svd(a, compute_uv=False)
@@ -89,3 +98,11 @@ def determinant_sign(lu: Array, pivots: NDArray[np.int32]) -> int:
         if (d < 0.0) != (p != i):
             sign = -sign
     return sign
+
+
+def determinant_sign_of(a: Array) -> int:
+    """Return the sign (-1, 0, 1) of the determinant of `a` (n, n)."""
+    if not len(a):
+        return 1
+    lu, pivots, _ = lapack.dgetrf(a)
+    return determinant_sign(lu, pivots)

@@ -27,9 +27,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 import scipy.sparse
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from spatial_pin.kinematics.views import accelerations, placements, twists
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.rows import Row
@@ -226,23 +226,12 @@ class Evaluation:
         self._cross = np.zeros((r, 3))
         self._zero = np.zeros(nv)
         self._joint_jacobian = self.data.J
-        rotation = self.data.oMi[0].rotation
-        step = self._stride(self.data.oMi)
-        self._placements = as_strided(rotation.T, (n, 4, 3), (step, 24, 8))
-        if step == 96:
-            self._g = as_strided(rotation.T, (4 * n, 3), (24, 8))
-        self._contiguous = step == 96
-        self._twists = as_strided(self.data.v[0].linear, (n, 6), (48, 8))
-        self._accelerations = as_strided(self.data.a[0].linear, (n, 6), (48, 8))
+        self._placements = placements(self.data)
+        self._g = self._placements.reshape(4 * n, 3)
+        self._twists, self._accelerations = twists(self.data), accelerations(self.data)
         self._plain = not (c.screws or c.couplings or c.n_passive)
         self._moments = self._wrenches[:, 3:]
         self._forces = self._wrenches[:, :3]
-
-    def _stride(self, placements: Any) -> int:
-        if len(placements) < 2:
-            return 96
-        first, second = (placements[i].translation.__array_interface__["data"][0] for i in (0, 1))
-        return int(second - first)
 
     def update(self, q: Array) -> None:
         """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
@@ -252,8 +241,7 @@ class Evaluation:
             if c.couplings:
                 self._couple(q)
             return
-        g = self._g if self._contiguous else self._placements.reshape(-1, 3)
-        vectors = (c.c_abx @ g) @ _CYCLES
+        vectors = (c.c_abx @ self._g) @ _CYCLES
         self._vectors = vectors
         b, x = vectors[r : 2 * r], vectors[2 * r :]
         values = np.vecdot(vectors[:r, :3], b[:, :3], out=self._values)

@@ -26,7 +26,7 @@ class Reading(NamedTuple):
     Attributes:
         name: what it is.
         values: its value in every row, shape (N,), in `unit`.
-        unit: "°", "mm", "m" or "s".
+        unit: "°", " mm", " m" or " s", as it follows the number.
         digits: decimals shown.
     """
 
@@ -105,11 +105,11 @@ def _readings(motion: Motion) -> tuple[Reading, ...]:
         if motion.driver_unit == "rad":
             found.append(Reading(motion.driver_name, np.rad2deg(values), "°", 1))
         elif np.max(np.abs(values)) < 1.0:
-            found.append(Reading(motion.driver_name, 1e3 * values, "mm", 2))
+            found.append(Reading(motion.driver_name, 1e3 * values, " mm", 2))
         else:
-            found.append(Reading(motion.driver_name, values, "m", 3))
+            found.append(Reading(motion.driver_name, values, " m", 3))
     if motion.time is not None:
-        found.append(Reading("time", np.asarray(motion.time, float), "s", 3))
+        found.append(Reading("time", np.asarray(motion.time, float), " s", 3))
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 FIELD_OF_VIEW = 35.0  # vertical [deg]
 ASPECT = 4 / 3  # width by height that the picture is made to fit
-MARGIN = 1.12  # room round the picture, for what is written over it
+MARGIN = 1.15  # room round the picture, for what is written over it
 FLATTEST = 0.4  # least component of the viewing direction, by the largest
 ROWS_LOOKED_AT = 121
 
@@ -80,23 +80,35 @@ def direction(extent: Array) -> Array:
     return v / np.linalg.norm(v)
 
 
-def distance(points: Array, v: Array) -> float:
-    """Return how far along the unit vector v (3,) a camera sees all points (K, 3)."""
-    across = np.cross([0.0, 0.0, 1.0], v)
-    across /= np.linalg.norm(across)
-    up = np.cross(v, across)
-    slope = math.tan(math.radians(FIELD_OF_VIEW) / 2)
-    spread = np.maximum(np.abs(points @ up), np.abs(points @ across) / ASPECT)
-    return float(np.max(points @ v + MARGIN * spread / slope))
+def _axes_of_view(v: Array) -> Array:
+    """Return right and up of the picture seen along the unit vector v (3,), shape (2, 3)."""
+    right = np.cross([0.0, 0.0, 1.0], v)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(v, right)])
+
+
+def _step_back(points: Array, v: Array) -> tuple[float, Array]:
+    """Return from how far along v a camera sees all points (K, 3), and the picture's middle (3,).
+
+    The middle is that of what the picture holds, in the plane through the origin normal to v.
+    """
+    axes = _axes_of_view(v)
+    picture, depth = points @ axes.T, points @ v
+    half = math.tan(math.radians(FIELD_OF_VIEW) / 2) * np.array([ASPECT, 1.0]) / MARGIN
+    away = float(np.max(depth[:, None] + np.abs(picture) / half))
+    seen = picture / (away - depth)[:, None]
+    return away, away * (seen.min(axis=0) + seen.max(axis=0)) / 2 @ axes
 
 
 def frame(points: Array) -> Framing:
-    """Return the view that holds the points (K, 3) [m]."""
+    """Return the view that holds the points (K, 3) [m], in the middle of the picture."""
     if len(points) == 0 or np.ptp(points, axis=0).max() == 0:
         points = np.concatenate([points, [[-1, -1, -1], [1, 1, 1]]])
     lower, upper = points.min(axis=0), points.max(axis=0)
-    centre = (lower + upper) / 2
-    radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
     v = direction(upper - lower)
-    camera = distance((points - centre) / radius, v) * v
-    return Framing(centre, radius, float(lower[2]), camera, nice(radius / 5))
+    centre = (lower + upper) / 2
+    for _ in range(5):
+        centre = centre + _step_back(points - centre, v)[1]
+    radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
+    away = _step_back(points - centre, v)[0]
+    return Framing(centre, radius, float(lower[2]), away / radius * v, nice(radius / 7))

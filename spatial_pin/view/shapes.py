@@ -7,7 +7,6 @@ To add a shape: a function from the coal shape, and the size [m] of the scene it
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import coal
@@ -15,7 +14,6 @@ import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from pinocchio.visualize.meshcat_visualizer import loadMesh, loadOctree
 
 Array = NDArray[np.float64]
 
@@ -74,15 +72,32 @@ def _triangle(shape: Any, size: float) -> Solid:
     return Solid(mg.TriangularMeshGeometry(corners, [[0, 1, 2]]), faceted=True)
 
 
-def _mesh(shape: Any, size: float) -> Solid:
+def _convex(shape: Any, size: float) -> Solid | None:
+    return _triangles(shape.points(), shape.polygons, shape.num_polygons)
+
+
+def _mesh(shape: Any, size: float) -> Solid | None:
+    return _triangles(shape.vertices(), shape.tri_indices, shape.num_tris)
+
+
+def _triangles(points: Array, corners: Callable[[int], Any], n: int) -> Solid | None:
+    faces = [[t[0], t[1], t[2]] for t in map(corners, range(n))]
+    return Solid(mg.TriangularMeshGeometry(points, faces), faceted=True) if faces else None
+
+
+def _height_field(shape: Any, size: float) -> Solid:
+    from pinocchio.visualize.meshcat_visualizer import loadMesh
+
     return Solid(loadMesh(shape), faceted=True)
 
 
 def _octree(shape: Any, size: float) -> Solid:
+    from pinocchio.visualize.meshcat_visualizer import loadOctree
+
     return Solid(loadOctree(shape), faceted=True)
 
 
-SOLIDS: dict[type, Callable[[Any, float], Solid]] = {
+SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
     coal.Box: _box,
     coal.Sphere: _sphere,
     coal.Ellipsoid: _ellipsoid,
@@ -92,19 +107,12 @@ SOLIDS: dict[type, Callable[[Any, float], Solid]] = {
     coal.Plane: _plane,
     coal.Halfspace: _plane,
     coal.TriangleP: _triangle,
-    coal.Convex: _mesh,
+    coal.Convex: _convex,
     coal.BVHModelBase: _mesh,
-    coal.HeightFieldAABB: _mesh,
-    coal.HeightFieldOBBRSS: _mesh,
+    coal.HeightFieldAABB: _height_field,
+    coal.HeightFieldOBBRSS: _height_field,
     coal.OcTree: _octree,
 }
-
-FILES: dict[str, Callable[[str], Any]] = {
-    ".stl": mg.StlMeshGeometry.from_file,
-    ".obj": mg.ObjMeshGeometry.from_file,
-    ".dae": mg.DaeMeshGeometry.from_file,
-}
-
 
 def revolve(profile: Array, segments: int = 48) -> Any:
     """Return the surface that a profile sweeps about z.
@@ -134,7 +142,4 @@ def solid(visual: pin.GeometryObject, size: float) -> Solid | None:
     for kind, make in SOLIDS.items():
         if isinstance(visual.geometry, kind):
             return make(visual.geometry, size)
-    read = FILES.get(Path(visual.meshPath).suffix.lower())
-    if read is None:
-        return None
-    return Solid(read(visual.meshPath), np.diag([*visual.meshScale, 1.0]))
+    return None

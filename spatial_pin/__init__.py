@@ -1,0 +1,57 @@
+"""Spatial mechanisms with closed loops on Pinocchio."""
+
+from typing import Any
+
+from spatial_pin.errors import (
+    AssemblyError,
+    ClosureTypeError,
+    LimitError,
+    MechanismFileError,
+    SingularError,
+    SpatialPinError,
+)
+from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.jacobians import closure_jacobian, jacobian
+from spatial_pin.kinematics.motion import FrameMotion, Motion
+from spatial_pin.kinematics.rates import solve_rates
+from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.mechanism.files import list_mechanisms, load
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.settings import Accuracy
+
+__version__ = "0.1.0"
+
+_SEEN_ON_USE = ("show", "export_html", "plot")  # they load meshcat and matplotlib
+
+__all__ = [
+    "Accuracy",
+    "AssemblyError",
+    "ClosureTypeError",
+    "FrameMotion",
+    "LimitError",
+    "Mechanism",
+    "MechanismFileError",
+    "Motion",
+    "SingularError",
+    "SpatialPinError",
+    "State",
+    "assemble",
+    "closure_jacobian",
+    "export_html",
+    "jacobian",
+    "list_mechanisms",
+    "load",
+    "plot",
+    "show",
+    "solve_rates",
+    "sweep",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _SEEN_ON_USE:
+        from spatial_pin import view
+
+        return getattr(view, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

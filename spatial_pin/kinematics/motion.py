@@ -1,0 +1,293 @@
+"""A Motion: a mechanism's configurations, rates and events, one row per step."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kinematics.state import State, center_of_mass
+from spatial_pin.kinematics.views import accelerations, placements, twists
+from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
+from spatial_pin.mechanism.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+class Event(NamedTuple):
+    """Something met on the way.
+
+    Attributes:
+        kind: "limit", "singular", "branch point" or "lost".
+        value: driver value of it [rad or m].
+        row: number of rows of the motion before it.
+        text: the same as a sentence.
+    """
+
+    kind: str
+    value: float
+    row: int
+    text: str
+
+
+class FrameMotion(NamedTuple):
+    """Motion of a frame or of a link's centre of mass, world axes, N rows.
+
+    Attributes:
+        position: (N, 3) [m].
+        rotation: (N, 3, 3).
+        velocity: (N, 3) [m/s].
+        acceleration: (N, 3) second derivative of the position [m/s²].
+        angular_velocity: (N, 3) [rad/s].
+        angular_acceleration: (N, 3) [rad/s²].
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+
+
+class Output(NamedTuple):
+    """A quantity of a motion, ready to plot.
+
+    Attributes:
+        values: (N,) or (N, 3).
+        label: what it is.
+        unit: its SI unit, "1" when it has none.
+    """
+
+    values: Array
+    label: str
+    unit: str
+
+
+COORDINATE_OUTPUTS = ("rate", "acceleration", "ratio")
+FRAME_UNITS = {
+    "position": "m", "velocity": "m/s", "acceleration": "m/s²",
+    "angular_velocity": "rad/s", "angular_acceleration": "rad/s²",
+}
+
+
+class _Bodies(NamedTuple):
+    """Joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
+
+    placements: Array
+    twists: Array
+    accelerations: Array
+
+
+@dataclass(eq=False)
+class Motion:
+    """A motion of a mechanism, one row per step.
+
+    Attributes:
+        mechanism: the mechanism.
+        driver: (N,) driver values [rad or m].
+        driver_name: the driver, or coordinate, that was swept.
+        time: (N,) [s], or None where rows are no history in time.
+        q: (N, nq) configurations; v, a: (N, nv) joint velocities and accelerations.
+        closure_error: (N,) largest closure row of each row [-].
+        driver_speed: (N,) [rad/s or m/s].
+        events: limits and singular configurations met.
+    """
+
+    mechanism: Mechanism
+    driver: Array
+    driver_name: str
+    time: Array | None
+    q: Array
+    v: Array
+    a: Array
+    closure_error: Array
+    driver_speed: Array
+    events: list[Event] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def driver_unit(self) -> str:
+        """Unit of the driver, "rad" or "m"."""
+        return self.mechanism.coordinate(self.driver_name).unit
+
+    def coordinate(self, name: str) -> CoordinateRates:
+        """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
+
+        Raises:
+            UnknownNameError: there is no such coordinate, one-freedom joint or driver.
+        """
+        return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
+
+    def state(self, row: int) -> State:
+        """Return one row as a State (its screw closures count turns from this row on)."""
+        return State(self.mechanism, self.q[row], self.v[row], self.a[row],
+                     closure_error=self.closure_error[row])
+
+    @cached_property
+    def _bodies(self) -> _Bodies:
+        model = self.mechanism.model
+        data = model.createData()
+        views = placements(data), twists(data), accelerations(data)
+        bodies = _Bodies(*(np.empty((len(self), *view.shape)) for view in views))
+        for k in range(len(self)):
+            pin.forwardKinematics(model, data, self.q[k], self.v[k], self.a[k])
+            for rows, view in zip(bodies, views, strict=True):
+                rows[k] = view
+        return bodies
+
+    def _at(self, joint: int, offset: pin.SE3) -> FrameMotion:
+        """Motion of the frame at `offset` from a joint frame."""
+        b = self._bodies
+        r = b.placements[:, joint, :3].transpose(0, 2, 1)
+        v, w = b.twists[:, joint, :3], b.twists[:, joint, 3:]
+        a, e = b.accelerations[:, joint, :3], b.accelerations[:, joint, 3:]
+        p = offset.translation
+        turning = np.cross(w, p)
+        local = np.stack([
+            np.broadcast_to(p, v.shape),
+            v + turning,
+            a + np.cross(w, v) + np.cross(e, p) + np.cross(w, turning),
+            w,
+            e,
+        ], axis=-1)
+        x, dx, ddx, omega, epsilon = np.moveaxis(r @ local, -1, 0)
+        x = x + b.placements[:, joint, 3]
+        return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)
+
+    def frame(self, name: str) -> FrameMotion:
+        """Return the motion of the origin of a link, frame or joint.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        return self._at(*self.mechanism.frame_on_joint(name))
+
+    def com(self, name: str) -> FrameMotion:
+        """Return the motion of a link's own centre of mass.
+
+        Raises:
+            UnknownNameError: there is no such link.
+            SpatialPinError: it has no mass.
+        """
+        offset = pin.SE3(np.eye(3), center_of_mass(self.mechanism, name))
+        joint, placement = self.mechanism.frame_on_joint(name)
+        return self._at(joint, placement * offset)
+
+    def output(self, spec: str) -> Output:
+        """Return a quantity by its name.
+
+        `NAME` or `NAME.rate`, `.acceleration`, `.ratio` (to the driver's speed) of a coordinate;
+        `NAME.position`, `.velocity`, `.acceleration`, `.angular_velocity`,
+        `.angular_acceleration` of a link, frame or joint; `NAME.com.position`, `.velocity`,
+        `.acceleration` of a link's centre of mass.
+
+        Raises:
+            UnknownNameError: it names nothing of this motion.
+        """
+        mechanism = self.mechanism
+        if spec in mechanism.coordinate_table or spec in mechanism.drivers:
+            return Output(self.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
+        name, _, kind = spec.rpartition(".")
+        if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
+                                           or name in mechanism.drivers):
+            return self._coordinate_output(name, kind)
+        if kind in FRAME_UNITS and name:
+            body = name.removesuffix(".com")
+            moving = self.com(body) if name.endswith(".com") else self.frame(name)
+            return Output(getattr(moving, kind), f"{name} {kind.replace('_', ' ')}",
+                          FRAME_UNITS[kind])
+        valid = [*mechanism.coordinate_table, *mechanism.drivers,
+                 *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
+                 *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
+        raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+    def _coordinate_output(self, name: str, kind: str) -> Output:
+        _, rate, acceleration = self.coordinate(name)
+        unit = self.mechanism.coordinate(name).unit
+        if kind == "rate":
+            return Output(rate, f"{name} rate", f"{unit}/s")
+        if kind == "acceleration":
+            return Output(acceleration, f"{name} acceleration", f"{unit}/s²")
+        if np.any(self.driver_speed == 0.0):
+            raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
+        unit = "1" if unit == self.driver_unit else f"{unit}/{self.driver_unit}"
+        return Output(rate / self.driver_speed, f"{name} / {self.driver_name} speed ratio", unit)
+
+    def columns(self) -> dict[str, Array]:
+        """Return the motion as named columns: time, driver, all coordinates, closure error."""
+        table: dict[str, Array] = {}
+        if self.time is not None:
+            table["time [s]"] = self.time
+        table[f"{self.driver_name} [{self.driver_unit}]"] = self.driver
+        for name in self.mechanism.coordinates:
+            unit = self.mechanism.coordinate(name).unit
+            value, rate, acceleration = self.coordinate(name)
+            table[f"{name} [{unit}]"] = value
+            table[f"{name} rate [{unit}/s]"] = rate
+            table[f"{name} acceleration [{unit}/s²]"] = acceleration
+        table["closure error [-]"] = self.closure_error
+        return table
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write `columns` with all digits; returns the path."""
+        table = self.columns()
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(table)
+            writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
+        return Path(path)
+
+    def save(self, path: str | Path) -> Path:
+        """Write all arrays to an .npz file that `Motion.load` reads; returns the path."""
+        path = Path(path)
+        path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+        np.savez_compressed(
+            path, driver=self.driver, driver_name=self.driver_name,
+            time=self.time if self.time is not None else np.empty(0),
+            q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
+            driver_speed=self.driver_speed, mechanism=self.mechanism.name,
+            coordinates=np.array(self.mechanism.coordinates),
+            event_kind=np.array([e.kind for e in self.events], dtype=str),
+            event_value=np.array([e.value for e in self.events], dtype=float),
+            event_row=np.array([e.row for e in self.events], dtype=int),
+            event_text=np.array([e.text for e in self.events], dtype=str),
+        )
+        return path
+
+    @classmethod
+    def load(cls, path: str | Path, mechanism: Mechanism) -> Motion:
+        """Read a motion of `mechanism` that `save` wrote.
+
+        Raises:
+            SpatialPinError: it is the motion of a mechanism with other coordinates.
+        """
+        with np.load(path) as file:
+            content = {key: file[key] for key in file.files}
+        if content["coordinates"].tolist() != list(mechanism.coordinates):
+            raise SpatialPinError(
+                f"{path}: a motion of mechanism {str(content['mechanism'])!r} with coordinates "
+                f"{', '.join(content['coordinates'].tolist())}; {mechanism.name!r} has others"
+            )
+        events = zip(content["event_kind"].tolist(), content["event_value"].tolist(),
+                     content["event_row"].tolist(), content["event_text"].tolist(), strict=True)
+        return cls(
+            mechanism, content["driver"], str(content["driver_name"]),
+            content["time"] if content["time"].size else None,
+            content["q"], content["v"], content["a"], content["closure_error"],
+            content["driver_speed"], [Event(*e) for e in events],
+        )
+
+    def __repr__(self) -> str:
+        worst = float(self.closure_error.max(initial=0.0))
+        return (f"Motion({self.mechanism.name!r}: {len(self)} rows over {self.driver_name}, "
+                f"closure error at most {worst:.1e}, {len(self.events)} events)")

@@ -1,0 +1,260 @@
+"""Closing loops: damped least motion far from closure, and the square system near it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.constraints import Evaluation
+from spatial_pin.linalg import aligned, decompose, determinant_sign, independent_rows
+from spatial_pin.mechanism.mechanism import Coordinate
+
+Array = NDArray[np.float64]
+
+MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
+PIVOT_TOLERANCE = 1e-11  # smallest over largest pivot of a regular square system
+
+
+def close(
+    evaluation: Evaluation,
+    q: Array,
+    free: NDArray[np.bool_],
+    tolerance: float,
+    iterations: int = 60,
+) -> tuple[Array, float]:
+    """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
+
+    Levenberg-Marquardt on the configuration manifold with damping proportional to the residual
+    (quadratic near a solution even when rows are redundant [YamashitaFukushima2001]), then
+    undamped minimum-norm steps down to round-off.
+
+    Returns:
+        The configuration and its closure error, small or not; `evaluation` is left there.
+    """
+    model, scale = evaluation.model, evaluation.mechanism.velocity_scale[free]
+    n = evaluation.constraints.n_rows
+    step = np.zeros(model.nv)
+    damping = 1e-2
+    evaluation.update(q)
+    error = float(np.linalg.norm(evaluation.residual))
+    for _ in range(iterations):
+        if error <= tolerance:
+            break
+        svd = decompose(evaluation.jacobian[:n, free] * scale)
+        r = svd.rank
+        weights = svd.u[:, :r].T @ evaluation.residual
+        improved = False
+        for _ in range(12):
+            s = svd.s[:r]
+            x = -svd.vt[:r].T @ (s * weights / (s * s + damping * error))
+            x *= min(1.0, MAX_STEP / max(float(np.abs(x).max(initial=0.0)), 1e-300))
+            step[free] = scale * x
+            trial = pin.integrate(model, q, step)
+            evaluation.update(trial)
+            trial_error = float(np.linalg.norm(evaluation.residual))
+            if trial_error < error:
+                improved = trial_error < 0.9999 * error
+                q, error = trial, trial_error
+                damping = max(damping * 0.1, 1e-12)
+                break
+            damping = max(damping * 8.0, 1e-6)
+        if not improved:
+            break
+    return _polish(evaluation, q, free, scale)
+
+
+def _polish(
+    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], scale: Array
+) -> tuple[Array, float]:
+    """Undamped minimum-norm Newton steps while they make the closure error smaller."""
+    n = evaluation.constraints.n_rows
+    evaluation.update(q)
+    error = evaluation.closure_error
+    step = np.zeros(evaluation.model.nv)
+    for _ in range(6):
+        if error == 0.0 or not n:
+            break
+        svd = decompose(evaluation.jacobian[:n, free] * scale)
+        step[free] = -scale * svd.minimum_norm(evaluation.residual)
+        trial = pin.integrate(evaluation.model, q, step)
+        evaluation.update(trial)
+        if not evaluation.closure_error < 0.5 * error:
+            if evaluation.closure_error < error:
+                return trial, evaluation.closure_error
+            break
+        q, error = trial, evaluation.closure_error
+    evaluation.update(q)
+    return q, error
+
+
+class SquareSystem:
+    """The square linear system of a mechanism whose freedoms are all driven or passive.
+
+    Its rows are independent closure rows, resolved passive freedoms, drivers, and for each
+    passive freedom that is not resolved a row that asks for the least motion.
+
+    Attributes:
+        evaluation: the closure equations at the current configuration.
+        driven: the prescribed coordinates.
+        rows: indices of the independent closure rows.
+        sign: sign of the determinant at the last factorisation.
+        passive: (k, nv) unresolved passive freedoms at the last `refresh`, orthonormal rows.
+    """
+
+    def __init__(self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array) -> None:
+        self.evaluation = evaluation
+        self.driven = tuple(driven)
+        self._scale = evaluation.mechanism.velocity_scale
+        nv = evaluation.model.nv
+        self._drive = np.zeros((len(self.driven), nv))
+        for row, coordinate in zip(self._drive, self.driven, strict=True):
+            row[coordinate.v] = 1.0
+        self.matrix = np.zeros((nv, nv))
+        self.select(q)
+
+    def select(self, q: Array) -> None:
+        """Choose the independent rows at q.
+
+        Raises:
+            SingularError: the drivers are not independent there, or a freedom is not driven.
+        """
+        evaluation, scale = self.evaluation, self._scale
+        evaluation.update(q)
+        n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.driven)
+        self.rows = independent_rows(evaluation.jacobian[:n] * scale)
+        r = len(self.rows)
+        regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:],
+                             self._drive / self._scale]) * scale
+        svd = decompose(regular)
+        if svd.rank < r + p + d:
+            raise SingularError(self._dependence(regular[: r + p]))
+        self.passive = svd.null_space / scale
+        if len(self.passive):
+            self._check_passive(svd.null_space * scale)
+        self._whole = r == n and not len(self.passive)
+        self._closure = slice(0, r)
+        self._spin = slice(r, r + p)
+        self._drivers = slice(r + p, r + p + d)
+        self._fill = slice(r + p + d, None)
+        self.matrix[self._drivers] = self._drive
+        self.matrix[self._fill] = self.passive
+        if self._whole:  # let the evaluation write its Jacobian straight into the matrix
+            evaluation.jacobian = self.matrix[: r + p]
+        elif evaluation.jacobian.base is not None:
+            evaluation.jacobian = np.zeros((n + p, evaluation.model.nv))
+        self._rhs = np.zeros(len(self.matrix))
+        evaluation.update(q)
+        self.factor()
+
+    def _dependence(self, closures: Array) -> str:
+        names = ", ".join(repr(c.name) for c in self.driven)
+        where = f"mechanism {self.evaluation.mechanism.name!r}: "
+        freedom = closures.shape[1] - decompose(closures).rank
+        if freedom < len(self.driven):
+            return (f"{where}{len(self.driven)} coordinates are prescribed ({names}) but the "
+                    f"closed mechanism has {freedom} freedoms there; prescribe fewer")
+        return (f"{where}singular configuration: the prescribed {names} cannot move independently "
+                "of each other or of the closed loops there (a limit position, or a resolved "
+                "passive freedom that is not free)")
+
+    def _check_passive(self, null_space: Array) -> None:
+        """Refuse freedoms that are not the spin of one link: somebody must drive them."""
+        mechanism = self.evaluation.mechanism
+        passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space))
+        if passive == len(null_space):
+            return
+        moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
+        names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: {len(null_space) - passive} of its freedoms are not "
+            f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
+        )
+
+    def factor(self) -> bool:
+        """Factor the matrix at the evaluation's configuration; False when it is singular."""
+        k = self.matrix
+        if not self._whole:
+            jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
+            k[self._closure] = jacobian[self.rows]
+            k[self._spin] = jacobian[n:]
+            k[self._fill] = self.passive
+        # the transpose is Fortran-ordered already: no copy beyond LAPACK's own
+        self._lu, self._pivots, info = lapack.dgetrf(k.T)
+        return info == 0
+
+    def refresh_passive(self) -> None:
+        """Recompute the unresolved passive freedoms, oriented as before."""
+        if not len(self.passive):
+            return
+        n = self.evaluation.constraints.n_rows
+        jacobian = self.evaluation.jacobian
+        regular = np.vstack([jacobian[self.rows], jacobian[n:], self._drive / self._scale])
+        null_space = decompose(regular * self._scale).null_space
+        if len(null_space) == len(self.passive):
+            self.passive = aligned(null_space, self.passive * self._scale) / self._scale
+
+    @property
+    def sign(self) -> int:
+        """Sign of the determinant at the last factorisation, 0 when it is numerically singular."""
+        pivots = np.abs(self._lu.diagonal())
+        if not pivots.size:
+            return 1
+        if not pivots.min() > PIVOT_TOLERANCE * pivots.max():
+            return 0
+        return determinant_sign(self._lu, self._pivots)
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve the factored system for (nv,) or (nv, k) right-hand sides."""
+        return lapack.dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
+
+    def correction(self) -> Array:
+        """Return the Newton correction (nv,) that closes the loops, drivers held."""
+        rhs = self._rhs
+        residual = self.evaluation.residual
+        np.negative(residual if self._whole else residual[self.rows], out=rhs[self._closure])
+        return lapack.dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
+
+    def driver_rates(self) -> Array:
+        """Return (nv, n_drivers): joint velocities per unit speed of each driver."""
+        rhs = np.zeros((len(self.matrix), len(self.driven)))
+        rhs[self._drivers] = np.eye(len(self.driven))
+        return self.solve(rhs)
+
+    def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
+        """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
+        n = self.evaluation.constraints.n_rows
+        bias = self.evaluation.bias(q, v)
+        rhs = np.zeros(len(self.matrix))
+        np.negative(bias[:n] if self._whole else bias[self.rows], out=rhs[self._closure])
+        np.negative(bias[n:], out=rhs[self._spin])
+        rhs[self._drivers] = drive
+        return self.solve(rhs)
+
+
+def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[str, Array]]:
+    """Return (joint name, (k, nv) velocities) for the motions that move one body only.
+
+    Args:
+        evaluation: at the configuration in question.
+        null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
+    """
+    model, c = evaluation.model, evaluation.constraints
+    twists = np.array([
+        (evaluation.data.J * c._support(i)) @ null_space.T for i in range(1, model.njoints)
+    ])  # (bodies, 6, k)
+    size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
+    twists = twists * size[:, None]
+    largest = np.abs(twists).max(initial=0.0)
+    found = []
+    for i in range(1, model.njoints):
+        others = np.delete(twists, i - 1, axis=0).reshape(-1, len(null_space))
+        alone = decompose(np.vstack([others, np.zeros((1, len(null_space)))]) / largest)
+        still = int(np.count_nonzero(alone.s > 1e-8)) if len(others) else 0
+        if still < len(null_space):
+            found.append((model.names[i], alone.vt[still:] @ null_space))
+    return found

@@ -1,0 +1,103 @@
+"""Velocities and accelerations of a closed mechanism at given driver rates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.newton import PIVOT_TOLERANCE, SquareSystem
+from spatial_pin.kinematics.state import State
+from spatial_pin.mechanism.configuration import finite_number
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+
+
+def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+    """Return the coordinates that are prescribed when `names` are.
+
+    The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
+    """
+    wanted = [mechanism.driven_coordinate(name) for name in names]
+    drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
+    chosen = drivers if all(c in drivers for c in wanted) else wanted
+    return list(dict.fromkeys(chosen))
+
+
+def square_system(state: State, names: Iterable[str]) -> SquareSystem:
+    """Return the factored square system of a closed state with `names` prescribed.
+
+    Raises:
+        SingularError: the rates are not determined there.
+    """
+    mechanism = state.mechanism
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.turns[:] = state.angles
+    try:
+        system = SquareSystem(evaluation, driven_coordinates(mechanism, names), state.q)
+    except SingularError as error:
+        raise SingularError(str(error), state=state) from None
+    if system.sign == 0:
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: singular configuration at {state}: its smallest pivot "
+            f"is below {PIVOT_TOLERANCE:g} of the largest", state=state,
+        )
+    return system
+
+
+def solve_rates(
+    mechanism: Mechanism,
+    state: State,
+    speeds: Mapping[str, float] | None = None,
+    accelerations: Mapping[str, float] | None = None,
+) -> State:
+    """Solve velocities and accelerations of all joints of a closed state.
+
+    Passive freedoms follow the mechanism file (no spin about the named line); those that it does
+    not resolve take the joint rates of least norm.
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration, from `assemble`.
+        speeds: speed of each driver or coordinate [rad/s, m/s]; drivers left out stand still.
+        accelerations: likewise [rad/s², m/s²].
+
+    Returns:
+        The State with v and a.
+
+    Raises:
+        SingularError: the drivers do not determine the rates there; says which and why.
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite.
+    """
+    speeds, accelerations = speeds or {}, accelerations or {}
+    v_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"speed of {k!r}")
+            for k, x in speeds.items()}
+    a_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"acceleration of {k!r}")
+            for k, x in accelerations.items()}
+    system = square_system(state, [*speeds, *accelerations])
+    drive_v = np.array([v_of.get(c.name, 0.0) for c in system.driven])
+    drive_a = np.array([a_of.get(c.name, 0.0) for c in system.driven])
+    v = system.driver_rates() @ drive_v
+    a = system.acceleration(state.q, v, drive_a)
+    check_rates(system, v, state)
+    return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles)
+
+
+def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
+    """Refuse velocities that open a loop, as happens where redundant rows become independent.
+
+    Raises:
+        SingularError: names the closure that would open.
+    """
+    evaluation = system.evaluation
+    n = evaluation.constraints.n_rows
+    opening = np.abs(evaluation.jacobian[:n] @ v)
+    largest = np.abs(v / state.mechanism.velocity_scale).max(initial=0.0)
+    if n and opening.max() > 1e-7 * max(largest, 1e-300):
+        worst = evaluation.constraints.labels[int(opening.argmax())].closure
+        raise SingularError(
+            f"mechanism {state.mechanism.name!r}: the prescribed rates would open closure "
+            f"{worst!r}: they are inconsistent with the loops at {state}", state=state,
+        )

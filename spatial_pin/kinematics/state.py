@@ -1,0 +1,156 @@
+"""A State: one configuration of a mechanism with fresh kinematics and a known closure error."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
+from spatial_pin.mechanism.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class PointRates(NamedTuple):
+    """Position, velocity and acceleration of a point, world axes.
+
+    Attributes:
+        position: (3,) [m].
+        velocity: (3,) [m/s].
+        acceleration: (3,) [m/s²].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+class State:
+    """One configuration of a mechanism, its velocity and acceleration. Read-only.
+
+    Made by `assemble` and `solve_rates`, which close the loops; holding one means that the
+    closure error is known.
+
+    Attributes:
+        mechanism: the mechanism.
+        q: (nq,) configuration as Pinocchio orders it.
+        v, a: (nv,) joint velocities and accelerations.
+        closure_error: largest closure row [-]; lengths relative to the characteristic length,
+            angles in rad.
+        angles: relative angle of every screw closure [rad], counting turns.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        q: Array,
+        v: Array | None = None,
+        a: Array | None = None,
+        *,
+        closure_error: float,
+        angles: Array | None = None,
+    ) -> None:
+        nv = mechanism.model.nv
+        self.mechanism = mechanism
+        self.q = _frozen(q)
+        self.v = _frozen(np.zeros(nv) if v is None else v)
+        self.a = _frozen(np.zeros(nv) if a is None else a)
+        self.closure_error = float(closure_error)
+        self.angles = _frozen(np.empty(0) if angles is None else angles)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Pinocchio data with joint and frame kinematics at (q, v, a)."""
+        data = self.mechanism.model.createData()
+        pin.forwardKinematics(self.mechanism.model, data, self.q, self.v, self.a)
+        pin.updateFramePlacements(self.mechanism.model, data)
+        return data
+
+    def coordinate(self, name: str) -> CoordinateRates:
+        """Return (value, rate, acceleration) of a joint coordinate [rad or m, per s, per s²].
+
+        Args:
+            name: a coordinate, a one-freedom joint, or a driver.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None], self.a[None])
+        return CoordinateRates(*(float(x[0]) for x in rows))
+
+    def placement(self, name: str) -> pin.SE3:
+        """Return the placement of a link, frame or joint in the world [m]."""
+        return self.data.oMf[self.mechanism.frame_id(name)].copy()
+
+    def velocity(self, name: str) -> pin.Motion:
+        """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s]."""
+        return pin.getFrameVelocity(
+            self.mechanism.model, self.data, self.mechanism.frame_id(name), WORLD_AXES
+        )
+
+    def acceleration(self, name: str) -> pin.Motion:
+        """Return the classical acceleration of a frame's origin and the angular acceleration.
+
+        World axes [m/s², rad/s²]; the linear part is the second derivative of the position.
+        """
+        return pin.getFrameClassicalAcceleration(
+            self.mechanism.model, self.data, self.mechanism.frame_id(name), WORLD_AXES
+        )
+
+    def angular_velocity(self, name: str) -> Array:
+        """Return the angular velocity of a link or frame, world axes (3,) [rad/s]."""
+        return self.velocity(name).angular.copy()
+
+    def angular_acceleration(self, name: str) -> Array:
+        """Return the angular acceleration of a link or frame, world axes (3,) [rad/s²]."""
+        return self.acceleration(name).angular.copy()
+
+    def com(self, name: str) -> PointRates:
+        """Return position, velocity and acceleration of a link's own centre of mass.
+
+        Raises:
+            SpatialPinError: the link has no mass.
+        """
+        offset = self.placement(name).rotation @ center_of_mass(self.mechanism, name)
+        twist, accel = self.velocity(name), self.acceleration(name)
+        w = twist.angular
+        turning = np.cross(w, offset)
+        return PointRates(
+            self.placement(name).translation + offset,
+            twist.linear + turning,
+            accel.linear + np.cross(accel.angular, offset) + np.cross(w, turning),
+        )
+
+    def __repr__(self) -> str:
+        drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
+        return f"State({self.mechanism.name!r}: {drivers}; closure error {self.closure_error:.1e})"
+
+
+def center_of_mass(mechanism: Mechanism, link: str) -> Array:
+    """Return the centre of mass of a link in its own frame (3,) [m].
+
+    Raises:
+        UnknownNameError: there is no such link, frame or joint.
+        SpatialPinError: it has no mass.
+    """
+    mechanism.frame_id(link)
+    inertia = mechanism.inertias.get(link)
+    if inertia is None or inertia.mass <= 0.0:
+        massive = [name for name, i in mechanism.inertias.items() if i.mass > 0.0]
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {link!r} has no mass, hence no centre of mass; "
+            f"links with mass: {', '.join(massive) or 'none'}"
+        )
+    return inertia.lever.copy()
+
+
+def _frozen(array: Array) -> Array:
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy

@@ -1,0 +1,37 @@
+"""NumPy views on the memory of a `pin.Data`: an access to an SE3 costs more than the kinematics.
+
+The arrays are valid as long as the data lives; keep it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def placements(data: pin.Data) -> Array:
+    """Return a view (njoints, 4, 3) on the joint placements: three columns of R, then p."""
+    return as_strided(data.oMi[0].rotation.T, (len(data.oMi), 4, 3), (_stride(data.oMi), 24, 8))
+
+
+def twists(data: pin.Data) -> Array:
+    """Return a view (njoints, 6) on the joint twists, local axes, linear first."""
+    return as_strided(data.v[0].linear, (len(data.v), 6), (48, 8))
+
+
+def accelerations(data: pin.Data) -> Array:
+    """Return a view (njoints, 6) on the spatial joint accelerations, local axes, linear first."""
+    return as_strided(data.a[0].linear, (len(data.a), 6), (48, 8))
+
+
+def _stride(items: Any) -> int:
+    if len(items) < 2:
+        return 96
+    first, second = (items[i].translation.__array_interface__["data"][0] for i in (0, 1))
+    return int(second - first)

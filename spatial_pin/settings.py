@@ -1,0 +1,49 @@
+"""Accuracy settings: one small frozen object, used wherever speed is traded for accuracy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How exactly loops are closed and motions are followed.
+
+    Attributes:
+        order: order of the Taylor predictor of a followed motion, 0 to 3 (the third derivative
+            is a difference of two accelerations).
+        corrections: number of Newton corrections at each step; None corrects until `tolerance`.
+        tolerance: closure residual to reach [-], relative to the characteristic length.
+    """
+
+    order: int = 3
+    corrections: int | None = None
+    tolerance: float = 1e-13
+
+    def __post_init__(self) -> None:
+        if self.order not in (0, 1, 2, 3):
+            raise ValueError(f"order is {self.order}; the predictor has orders 0 to 3")
+        if self.corrections is not None and self.corrections < 0:
+            raise ValueError(f"corrections is {self.corrections}; it cannot be negative")
+        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
+            raise ValueError(f"tolerance is {self.tolerance}; it must be positive")
+
+    @classmethod
+    def named(cls, level: str) -> Accuracy:
+        """Return the settings of a level: "draft", "engineering" or "reference".
+
+        Raises:
+            ValueError: there is no such level.
+        """
+        try:
+            return LEVELS[level]
+        except KeyError:
+            raise ValueError(f"no accuracy level {level!r}; there are {sorted(LEVELS)}") from None
+
+
+LEVELS = {
+    "draft": Accuracy(tolerance=1e-8),
+    "engineering": Accuracy(),
+    "reference": Accuracy(tolerance=1e-15),
+}

@@ -1,0 +1,101 @@
+"""A picture of a motion or state, taken by a browser without a window."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.view.film import film
+from spatial_pin.view.html import export_html
+
+if TYPE_CHECKING:
+    from spatial_pin.kinematics.motion import Motion
+    from spatial_pin.kinematics.state import State
+
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+)
+OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",  # the page is our own and refuses the network
+    "--no-first-run",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--hide-scrollbars",
+    "--virtual-time-budget=5000",
+)
+PATIENCE = 90.0  # longest a browser may take [s]
+
+
+def find_browser() -> str | None:
+    """Return the program of a Chromium or Chrome on this machine, or None."""
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def photograph(page: Path, fragment: str, path: Path, size: tuple[int, int]) -> None:
+    """Write a picture of a page.
+
+    Args:
+        page: the page.
+        fragment: what to tell it, see page.html: "t=1.5&bare".
+        path: PNG file to write.
+        size: width and height [pixels].
+
+    Raises:
+        SpatialPinError: there is no browser, or it made no picture.
+    """
+    browser = find_browser()
+    if browser is None:
+        raise SpatialPinError("a picture needs Chromium or Chrome, and none was found on the PATH")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        shot = Path(profile) / "shot.png"
+        command = [browser, *OPTIONS, f"--user-data-dir={profile}", f"--screenshot={shot}"]
+        command += [f"--window-size={size[0]},{size[1]}", f"{page.resolve().as_uri()}#{fragment}"]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=PATIENCE, text=True)
+        except subprocess.TimeoutExpired as error:
+            raise SpatialPinError(f"{browser} took more than {PATIENCE:g} s") from error
+        if not shot.is_file():
+            raise SpatialPinError(f"{browser} made no picture:\n{done.stderr[-2000:]}")
+        shutil.copyfile(shot, path)
+
+
+def screenshot(
+    motion_or_state: Motion | State,
+    path: str | Path,
+    *,
+    row: int = 0,
+    size: tuple[int, int] = (1280, 960),
+    title: str | None = None,
+) -> Path:
+    """Write a picture of a state, or of one row of a motion; needs Chromium or Chrome.
+
+    Args:
+        motion_or_state: what to show.
+        path: PNG file to write.
+        row: row of the motion, negative from its end.
+        size: width and height [pixels].
+        title: heading; the mechanism's title if not given.
+
+    Returns:
+        The path written.
+
+    Raises:
+        SpatialPinError: there is no browser, or it made no picture.
+    """
+    path = Path(path)
+    with tempfile.TemporaryDirectory() as folder:
+        page = export_html(motion_or_state, Path(folder) / "page.html", title=title)
+        seconds = film(motion_or_state).seconds
+        photograph(page, f"t={seconds[row]:.6f}&bare", path, size)
+    return path
