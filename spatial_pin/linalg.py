@@ -89,12 +89,17 @@ def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.
     return np.sort(pivots[:r] - 1)
 
 
-def determinant_sign(lu: Array, pivots: NDArray[np.int32]) -> int:
-    """Return the sign (-1, 0, 1) of the determinant from LAPACK's LU factors."""
+def determinant_sign(lu: Array, pivots: NDArray[np.int32], tolerance: float = 0.0) -> int:
+    """Return the sign (-1, 1) of the determinant from LAPACK's LU factors.
+
+    It is 0 when the smallest pivot is not above `tolerance` times the largest.
+    """
+    diagonal = lu.diagonal().tolist()
+    sizes = [abs(d) for d in diagonal]
+    if sizes and not min(sizes) > tolerance * max(sizes):
+        return 0
     sign = 1
-    for i, (d, p) in enumerate(zip(lu.diagonal().tolist(), pivots.tolist(), strict=True)):
-        if d == 0.0:
-            return 0
+    for i, (d, p) in enumerate(zip(diagonal, pivots.tolist(), strict=True)):
         if (d < 0.0) != (p != i):
             sign = -sign
     return sign

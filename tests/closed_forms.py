@@ -1,10 +1,11 @@
 """Closed forms of the library's mechanisms in mpmath, independent of the library.
 
 Each mechanism is a function of the crank angle (and of its dimensions, named as in its URDF) that
-returns a `Pose`: every joint coordinate that is a plain angle or length, the placement of every link
-whose orientation is determined, and the positions of the named points. They are smooth over any
-number of turns, so `mpmath.diff` and `mpmath.taylor` may be applied to any of their entries; `rates`
-differentiates all entries at once. Vectors and 4x4 placements are NumPy arrays of mpmath numbers.
+returns a `Pose`: every joint coordinate that is a plain angle or length, the placement of every
+link whose orientation is determined, and the positions of the named points. They are smooth over
+any number of turns, so `mpmath.diff` and `mpmath.taylor` may be applied to any of their entries;
+`rates` differentiates all entries at once. Vectors and 4x4 placements are NumPy arrays of mpmath
+numbers.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ import numpy as np
 from mpmath import acos, asin, atan2, cos, mp, mpf, sin, sqrt
 
 DIGITS = 40
+SIXTY_DEGREES = math.radians(60)
 
 
 class Pose(NamedTuple):
-    """What a closed form says at one crank angle; of `rates`, its values, rates or accelerations."""
+    """What a closed form says at one crank angle, or the time derivatives of that."""
 
     coordinates: dict  # {coordinate: angle in rad or length in m}
     links: dict  # {link: 4x4 placement in the world}
@@ -53,7 +55,7 @@ def rotation(axis: np.ndarray, angle) -> np.ndarray:
 
 
 def rssr(phi, a=0.102, b=0.381, c=0.254, d=0.314) -> Pose:
-    """RSSR of EMT 2431, Example 7.3: crank about +y, rocker about -z (the coupler's spin is free)."""
+    """RSSR of EMT 2431, Example 7.3: crank about +y, rocker about -z; the coupler may spin."""
     a, b, c, d = map(mpf, (a, b, c, d))
     cos_psi = (b**2 - a**2 - c**2 - d**2 + 2 * a * d * cos(phi)) / (2 * c * (d - a * cos(phi)))
     psi = acos(cos_psi)
@@ -110,7 +112,7 @@ def slider_crank(phi, r=0.05, l=0.16, e=0.0) -> Pose:  # noqa: E741 (l as in the
     )
 
 
-def rspc(phi, h=0.30, alpha=math.radians(60), d=0.25, l1=0.10, l2=0.20, a=0.15, rod=None) -> Pose:
+def rspc(phi, h=0.30, alpha=SIXTY_DEGREES, d=0.25, l1=0.10, l2=0.20, a=0.15, rod=None) -> Pose:
     """RSPC of Pham and Nguyen, section III, with B above C on the line FC (`rod` moves nothing)."""
     h, alpha, d, l1, l2, a = map(mpf, (h, alpha, d, l1, l2, a))
     b = sqrt(l2**2 + a**2)
@@ -166,7 +168,7 @@ def unskew(K: np.ndarray) -> np.ndarray:
 
 
 def angular_rates(R: np.ndarray, dR: np.ndarray, ddR: np.ndarray) -> tuple:
-    """Angular velocity and acceleration (..., 3), world axes, from direction cosines (..., 3, 3)."""
+    """Angular velocity and acceleration (..., 3) from direction cosines (..., 3, 3)."""
     turned_back = np.swapaxes(R, -1, -2)
     return unskew(dR @ turned_back), unskew(ddR @ turned_back)
 

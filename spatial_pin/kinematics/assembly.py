@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
+NEAR = 1e-2  # a branch this near to the guess [rad, characteristic lengths] is not questioned
 ACCEPTED = 1e-11  # closure error above which a configuration is not called closed
 PERIODIC = ("revolute", "cylindrical", "universal", "planar")
 
@@ -141,7 +142,7 @@ class _Search:
             return False
         if self.found_at < 0:
             self.found_at = k
-        return self.best[0] < 1e-9 or k - self.found_at >= MORE_STARTS
+        return self.best[0] < NEAR or k - self.found_at >= MORE_STARTS
 
     def result(self) -> State:
         """Return the best closed State, or raise with the best attempt."""

@@ -96,8 +96,10 @@ class Constraints:
         self.n_rows = len(labels)
         self.n_passive = len(spin)
         self.n_angles = len(self.screws)
-        self.c_ab = _matrix([*self._a.rows, *self._b.rows], n)
-        self.c_abx = _matrix([*self._a.rows, *self._b.rows, *self._x.rows], n)
+        a, b, x = self._a.rows, self._b.rows, self._x.rows
+        self.c_abx = _matrix([*a, *b, *x], 4 * n)
+        self.c_rates = _matrix(_rate_rows(a, b, n), 12 * n)
+        self.rate_sum = np.hstack([np.eye(len(a)), 2.0 * np.eye(len(a)), np.eye(len(a))])
         self.constants = np.array(self._constants)
         self.factors = np.array(self._factors).reshape(-1, 1)
         self.signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
@@ -171,9 +173,29 @@ class Constraints:
         return mask
 
 
-def _matrix(rows: list[Array], n_joints: int) -> Any:
-    dense = np.array(rows).reshape(len(rows), 4 * n_joints)
+def _rate_rows(a: list[Array], b: list[Array], n: int) -> list[Array]:
+    """Rows that take (G'', G', G) of each joint to A'', A', A and then B, B', B''."""
+
+    def rows(block: list[Array], order: int) -> list[Array]:
+        out = np.zeros((len(block), n, 3, 4))
+        out[:, :, 2 - order] = np.array(block).reshape(-1, n, 4)
+        return list(out.reshape(len(block), 12 * n))
+
+    return [row for block, orders in ((a, (2, 1, 0)), (b, (0, 1, 2)))
+            for order in orders for row in rows(block, order)]
+
+
+def _matrix(rows: list[Array], width: int) -> Any:
+    dense = np.array(rows).reshape(len(rows), width)
     return dense if dense.size <= DENSE_LIMIT else scipy.sparse.csr_array(dense)
+
+
+def _product(matrix: Any, vectors: Array, out: Array) -> None:
+    """Write matrix @ vectors into `out`; `np.dot` costs half of `@` here."""
+    if isinstance(matrix, np.ndarray):
+        np.dot(matrix, vectors, out)
+    else:
+        out[:] = matrix @ vectors
 
 
 _COMPILED: WeakKeyDictionary[Mechanism, Constraints] = WeakKeyDictionary()
@@ -192,8 +214,8 @@ for _i in range(3):
     _TWIST_MATRIX[_i, 3, _i] = 1.0
     _TWIST_MATRIX[3 + _i, :3, :3] = pin.skew(np.eye(3)[_i]).T
 _TWIST_MATRIX = _TWIST_MATRIX.reshape(6, 16)
-# a @ _CYCLES = (a, a_yzx, a_zxy): the cross product from three multiplications
-_CYCLES = np.hstack([np.eye(3), np.eye(3)[:, [1, 2, 0]], np.eye(3)[:, [2, 0, 1]]])
+# a @ _CYCLES = (a, a_yzx, a_zxy, a_yzx): a cross product from one multiplication and one difference
+_CYCLES = np.hstack([np.eye(3)[:, c] for c in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 2, 0])])
 
 
 class Evaluation:
@@ -214,52 +236,75 @@ class Evaluation:
         self.mechanism = c.mechanism
         self.model = model = c.mechanism.model
         self.data = model.createData()
-        n, nv = model.njoints, model.nv
-        self._n_all = r = len(c.constants)
-        self.residual = np.zeros(c.n_rows)
-        self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
+        n, nv, r = model.njoints, model.nv, len(c.constants)
+        self._n_all = r
         self.angles = np.zeros(c.n_angles)
         self.turns = np.zeros(c.n_angles)
-        self._values = np.zeros(r)
-        self._wrenches = np.zeros((r, 6))
-        self._products = np.zeros((r, nv))
-        self._cross = np.zeros((r, 3))
         self._zero = np.zeros(nv)
-        self._joint_jacobian = self.data.J
         self._placements = placements(self.data)
         self._g = self._placements.reshape(4 * n, 3)
         self._twists, self._accelerations = twists(self.data), accelerations(self.data)
-        self._plain = not (c.screws or c.couplings or c.n_passive)
-        self._moments = self._wrenches[:, 3:]
-        self._forces = self._wrenches[:, :3]
+        self._spins = self._accelerations.reshape(-1)
+        self._joint_jacobian = self.data.J
+        self._make_buffers(n, nv, r)
+        self._plain = not (c.screws or c.couplings)
+        self._offset = bool(np.any(c.constants))
+        self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
+        self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
+
+    def _make_buffers(self, n: int, nv: int, r: int) -> None:
+        """Allocate once what every evaluation writes, with the views it is read through."""
+        self._abx, self._cycled = np.empty((3 * r, 3)), np.empty((3 * r, 12))
+        blocks = self._cycled[:r], self._cycled[r : 2 * r], self._cycled[2 * r :]
+        self._a, self._b = blocks[0][:, :3], blocks[1][:, :3]
+        self._b_cycles, self._x_cycles = blocks[1][:, 6:12], blocks[2][:, 3:9]
+        self._values = np.zeros(r)
+        self._wrenches = np.zeros((r, 6))
+        self._forces, self._moments = self._wrenches[:, :3], self._wrenches[:, 3:]
+        spin = slice(self.constraints.passive_at, r)
+        self._spin_moments, self._spin_axes = self._moments[spin], self._b[spin]
+        self._halves = np.empty((r, 6))
+        self._first, self._second = self._halves[:, :3], self._halves[:, 3:]
+        self._products = np.zeros((r, nv))
+        self._rates_h = np.zeros((n, 4, 8))  # transposed matrices of twist and acceleration
+        self._h1, self._h2 = self._rates_h[:, :, :4], self._rates_h[:, :, 4:]
+        self._g_rates = np.zeros((n, 12, 3))  # G'', G', G of each joint
+        self._g2, self._g1, self._g0 = (self._g_rates[:, k : k + 4] for k in (0, 4, 8))
+        self._g10 = self._g_rates[:, 4:]
+        self._g_flat = self._g_rates.reshape(12 * n, 3)
+        self._ab_rates = np.zeros((6 * r, 3))
+        self._a_rates, self._b_rates = self._ab_rates[: 3 * r], self._ab_rates[3 * r :]
+        self._rate_products = np.zeros(3 * r)
+        self._bias = np.zeros(r)
 
     def update(self, q: Array) -> None:
         """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
-        c, r = self.constraints, self._n_all
+        c = self.constraints
         pin.computeJointJacobians(self.model, self.data, q)
-        if not r:
-            if c.couplings:
-                self._couple(q)
-            return
-        vectors = (c.c_abx @ self._g) @ _CYCLES
-        self._vectors = vectors
-        b, x = vectors[r : 2 * r], vectors[2 * r :]
-        values = np.vecdot(vectors[:r, :3], b[:, :3], out=self._values)
-        values -= c.constants
-        np.multiply(b[:, :3], c.factors, out=self._forces)
-        moments = np.multiply(x[:, 3:6], b[:, 6:], out=self._moments)
-        moments -= np.multiply(x[:, 6:], b[:, 3:6], out=self._cross)
-        if c.n_passive:
-            moments[c.passive_at :] = b[c.passive_at :, :3]
-        products = np.matmul(self._wrenches, self._joint_jacobian, out=self._products)
-        if self._plain:
-            np.multiply(products, c.signs, out=self.jacobian)
-            self.residual[:] = values
-            return
+        if self._n_all:
+            _product(c.c_abx, self._g, self._abx)
+            np.dot(self._abx, _CYCLES, self._cycled)
+            values = np.vecdot(self._a, self._b, out=self._values)
+            if self._offset:
+                values -= c.constants
+            np.multiply(self._b, c.factors, out=self._forces)
+            np.multiply(self._x_cycles, self._b_cycles, out=self._halves)
+            np.subtract(self._first, self._second, out=self._moments)
+            if c.n_passive:
+                self._spin_moments[:] = self._spin_axes
+            products = np.dot(self._wrenches, self._joint_jacobian, self._products)
+            if self._plain:
+                np.multiply(products, c.signs, out=self.jacobian)
+                return
+        self._finish_rows(q)
+
+    def _finish_rows(self, q: Array) -> None:
+        """Put product, screw, coupling and passive rows in their places."""
+        c, p = self.constraints, self.constraints.n_products
+        products = self._products
         products *= c.signs
-        p = c.n_products
         self.jacobian[:p] = products[:p]
-        self.residual[:p] = values[:p]
+        self.residual[:p] = self._values[:p]
         for k, (at, sine, pitch) in enumerate(c.screws):
             self._screw(k, at, sine, pitch)
         if c.couplings:
@@ -290,39 +335,39 @@ class Evaluation:
 
         Call after `update` at the same q.
         """
-        c, r = self.constraints, self._n_all
+        c = self.constraints
         pin.forwardKinematics(self.model, self.data, q, v, self._zero)
-        out = np.zeros(c.n_rows + c.n_passive)
-        if not r:
-            return out
-        h1 = (self._twists @ _TWIST_MATRIX).reshape(-1, 4, 4)
-        h = np.empty((2, *h1.shape))
-        h[0] = h1
-        np.matmul(h1, h1, out=h[1])
-        h[1] += (self._accelerations @ _TWIST_MATRIX).reshape(-1, 4, 4)
-        g = (h @ self._placements).reshape(2, -1, 3)
-        v1, v2 = c.c_ab @ g[0], c.c_ab @ g[1]
-        a, b = self._vectors[:r, :3], self._vectors[r : 2 * r, :3]
-        bias = np.vecdot(v1[:r], v1[r:])
-        bias *= 2.0
-        bias += np.vecdot(v2[:r], b)
-        bias += np.vecdot(a, v2[r:])
-        out[: c.n_products] = bias[: c.n_products]
-        for at, sine, pitch in c.screws:
-            out[at] -= pitch * self._angle_bias(sine, bias, v1, r)
+        if not self._n_all:
+            return np.zeros(c.n_rows)
+        shape = self._h1.shape
+        self._h1[:] = np.dot(self._twists, _TWIST_MATRIX).reshape(shape)
+        self._h2[:] = np.dot(self._accelerations, _TWIST_MATRIX).reshape(shape)
+        self._g0[:] = self._placements
+        np.matmul(self._h1, self._placements, out=self._g1)
+        np.matmul(self._rates_h, self._g10, out=self._g2)  # G'' = H^T G' + H'^T G
+        _product(c.c_rates, self._g_flat, self._ab_rates)
+        np.vecdot(self._a_rates, self._b_rates, out=self._rate_products)
+        bias = np.dot(c.rate_sum, self._rate_products, self._bias)
         if c.n_passive:
-            out[c.n_rows :] = c.spin_bias @ self._accelerations.reshape(-1)
-        return out
+            bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
+        return bias if self._plain else self._finish_bias(bias)
 
-    def _angle_bias(self, sine: int, bias: Array, v1: Array, r: int) -> float:
-        """Second derivative of atan2(s, c) at zero joint acceleration."""
-        a, b = self._vectors[:r, :3], self._vectors[r : 2 * r, :3]
-        rows = slice(sine, sine + 2)
-        s, c = self._values[rows]
-        ds, dc = np.vecdot(v1[:r][rows], b[rows]) + np.vecdot(a[rows], v1[r:][rows])
-        dds, ddc = bias[rows]
-        n = s * s + c * c
-        return float((c * dds - s * ddc) / n - 2.0 * (c * ds - s * dc) * (c * dc + s * ds) / n**2)
+    def _finish_bias(self, bias: Array) -> Array:
+        c, r = self.constraints, self._n_all
+        out = np.zeros(c.n_rows + c.n_passive)
+        out[: c.n_products] = bias[: c.n_products]
+        a1, b1 = self._a_rates[r : 2 * r], self._b_rates[r : 2 * r]
+        for at, sine, pitch in c.screws:
+            rows = slice(sine, sine + 2)
+            ds, dc = np.vecdot(a1[rows], self._b[rows]) + np.vecdot(self._a[rows], b1[rows])
+            s, co = self._values[rows]
+            dds, ddc = bias[rows]
+            n = s * s + co * co
+            out[at] -= pitch * float(
+                (co * dds - s * ddc) / n - 2.0 * (co * ds - s * dc) * (co * dc + s * ds) / n**2
+            )
+        out[c.n_rows :] = bias[c.passive_at :]
+        return out
 
     @property
     def closure_error(self) -> float:

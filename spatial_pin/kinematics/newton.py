@@ -201,12 +201,7 @@ class SquareSystem:
     @property
     def sign(self) -> int:
         """Sign of the determinant at the last factorisation, 0 when it is numerically singular."""
-        pivots = np.abs(self._lu.diagonal())
-        if not pivots.size:
-            return 1
-        if not pivots.min() > PIVOT_TOLERANCE * pivots.max():
-            return 0
-        return determinant_sign(self._lu, self._pivots)
+        return determinant_sign(self._lu, self._pivots, PIVOT_TOLERANCE)
 
     def solve(self, rhs: Array) -> Array:
         """Solve the factored system for (nv,) or (nv, k) right-hand sides."""

@@ -97,26 +97,35 @@ def _pace(motion: Motion) -> tuple[Array, str]:
     return np.linspace(0.0, USUAL, n), f"shown at {(n - 1) / USUAL:.3g} rows a second"
 
 
+def _reading(name: str, values: Array, unit: str) -> Reading:
+    """Return values in rad, m or s as a reading, in a unit that reads well."""
+    if unit == "rad":
+        return Reading(name, np.rad2deg(values), "°", 1)
+    if unit == "m" and np.max(np.abs(values)) < 1.0:
+        return Reading(name, 1e3 * values, " mm", 2)
+    return Reading(name, values, f" {unit}", 3)
+
+
 def _readings(motion: Motion) -> tuple[Reading, ...]:
-    """Return driver value and time, in units that read well."""
+    """Return driver value and time."""
     found = []
     if motion.driver is not None:
-        values = np.asarray(motion.driver, float)
-        if motion.driver_unit == "rad":
-            found.append(Reading(motion.driver_name, np.rad2deg(values), "°", 1))
-        elif np.max(np.abs(values)) < 1.0:
-            found.append(Reading(motion.driver_name, 1e3 * values, " mm", 2))
-        else:
-            found.append(Reading(motion.driver_name, values, " m", 3))
+        driver = np.asarray(motion.driver, float)
+        found.append(_reading(motion.driver_name, driver, motion.driver_unit))
     if motion.time is not None:
-        found.append(Reading("time", np.asarray(motion.time, float), " s", 3))
+        found.append(_reading("time", np.asarray(motion.time, float), "s"))
     return tuple(found)
 
 
 def _of_state(state: State) -> Film:
-    """Return the film of one row."""
+    """Return the film of one row, with the values of its drivers."""
+    mechanism = state.mechanism
+    readings = tuple(
+        _reading(name, np.atleast_1d(state.coordinate(name)[0]), mechanism.coordinate(name).unit)
+        for name in mechanism.drivers
+    )
     q = np.asarray(state.q, float)[None]
-    return Film(state.mechanism, q, np.zeros(1), (), float(state.closure_error), ())
+    return Film(mechanism, q, np.zeros(1), readings, float(state.closure_error), ())
 
 
 def _thinned(film: Film) -> Film:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # of Okabe and Ito: x, y, z
-SINGLE = "#2b3138"
 INK, FAINT = "#2b3138", "#d5d9de"
 NEGLIGIBLE = 1e-9  # variation, by the largest value, that is round-off and not blown up
+LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
 
 
@@ -30,15 +30,21 @@ def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
 
 
 def _abscissa(motion: Motion) -> tuple[Array, str, str]:
-    """Return values, name and unit of what is drawn to the right: the driver, or the time."""
-    if motion.driver is None:
+    """Return values, name and unit of what outputs are drawn over."""
+    if motion.time is not None and (motion.driver is None or not _one_way(motion.driver)):
         return np.asarray(motion.time, float), "time", "s"
     values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)
     return values, motion.driver_name, unit
 
 
+def _one_way(driver: Array) -> bool:
+    """Whether the driver never turns back nor stands still."""
+    steps = np.diff(driver)
+    return bool(np.all(steps > 0) or np.all(steps < 0))
+
+
 def _label(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
+    return name if unit in ("", "1") else f"{name} [{unit}]"
 
 
 def _hold_still(axes: Axes, values: Array) -> None:
@@ -66,8 +72,8 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
     else:
         for component, name, colour in zip(values.T, "xyz", COLOURS, strict=True):
             axes.plot(x, component, color=colour, label=name)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.2)
-    axes.set_ylabel(_label(output.label, unit))
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, **LEGEND)
+    axes.set_title(_label(output.label, unit), loc="left", fontsize=10, color=INK)
     _hold_still(axes, values)
     _style(axes)
 
@@ -81,7 +87,8 @@ def plot(
 ) -> Figure:
     """Draw outputs of a motion over its driver, one panel each.
 
-    Angles are drawn in degrees. The figure belongs to no window and leaves pyplot alone.
+    They are drawn over the time, if the motion has one, where the driver turns back or stands
+    still. Angles are drawn in degrees. The figure belongs to no window and leaves pyplot alone.
 
     Args:
         motion: the motion.
@@ -109,7 +116,6 @@ def plot(
     if unit == "°":
         panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
     panels[-1].set_xlabel(_label(driver, unit))
-    figure.align_ylabels(panels)
     figure.suptitle(title or motion.mechanism.title or motion.mechanism.name, fontsize=12)
     if path is not None:
         figure.savefig(path)

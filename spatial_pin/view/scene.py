@@ -7,8 +7,6 @@ import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
-import meshcat
-import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 import umsgpack
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.view.film import Film
 from spatial_pin.view.framing import FIELD_OF_VIEW, Framing, frame, occupied
+from spatial_pin.view.quiet_meshcat import meshcat, mg
 from spatial_pin.view.shapes import solid
 from spatial_pin.view.skeleton import skeleton
 

@@ -150,7 +150,8 @@ def show(motion_or_state: Motion | State, *, open_browser: bool = True) -> Viewe
     """Show a motion, or a state, in the browser.
 
     Serves the page of `export_html` on a free port of the loopback interface and returns when the
-    browser has it; it then plays on its own. No process is started except the browser.
+    browser has it; it then plays on its own. No process is started except the browser. A script
+    that ends takes the address away: `show(motion).wait()` keeps it until Ctrl-C.
 
     Args:
         motion_or_state: what to show.
@@ -162,8 +163,8 @@ def show(motion_or_state: Motion | State, *, open_browser: bool = True) -> Viewe
     viewer = Viewer(page(motion_or_state))
     try:
         if open_browser and not _open(viewer):
-            message = f"no browser has opened the page: open {viewer.url} while this program runs"
-            warnings.warn(message, stacklevel=2)
+            message = f"no browser has opened the page: open {viewer.url}"
+            warnings.warn(f"{message} (`show(...).wait()` keeps it there)", stacklevel=2)
     except BaseException:
         viewer.stop()
         raise

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import coal
-import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+
+from spatial_pin.view.quiet_meshcat import mg
 
 Array = NDArray[np.float64]
 
@@ -113,6 +114,7 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
     coal.HeightFieldOBBRSS: _height_field,
     coal.OcTree: _octree,
 }
+
 
 def revolve(profile: Array, segments: int = 48) -> Any:
     """Return the surface that a profile sweeps about z.

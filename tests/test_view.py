@@ -1,0 +1,559 @@
+"""The page, the server, the plots and the pictures of a motion."""
+
+import base64
+import json
+import math
+import re
+import signal
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from subprocess import PIPE
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import umsgpack
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.view import Viewer, export_html, plot, screenshot, show
+from spatial_pin.view.browser import find_browser, photograph
+from spatial_pin.view.film import MAX_ROWS, film, nice
+from spatial_pin.view.framing import ASPECT, FIELD_OF_VIEW, frame, occupied, rotate
+from spatial_pin.view.html import page
+
+RED, BLUE, GREEN = (0.8, 0.1, 0.1), (0.1, 0.2, 0.8), (0.1, 0.6, 0.2)
+ARM = """<robot name="arm">
+  <link name="base"><visual><geometry><box size="0.2 0.2 0.05"/></geometry>
+    <material name="green"><color rgba="0.1 0.6 0.2 1"/></material></visual></link>
+  <link name="upper"><visual><origin xyz="0.2 0 0" rpy="0 1.5708 0"/>
+    <geometry><cylinder radius="0.03" length="0.4"/></geometry>
+    <material name="red"><color rgba="0.8 0.1 0.1 1"/></material></visual></link>
+  <link name="lower"><visual><geometry><sphere radius="0.06"/></geometry>
+    <material name="blue"><color rgba="0.1 0.2 0.8 1"/></material></visual></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 -1 0"/>
+    <limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
+  <joint name="elbow" type="prismatic"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.4 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
+</robot>"""
+
+
+class Output(NamedTuple):
+    values: np.ndarray
+    label: str
+    unit: str
+
+
+OUTPUTS = {
+    "angle": lambda m: Output(m.q[:, 0], "shoulder", "rad"),
+    "constant": lambda m: Output(0.3 + 1e-16 * np.arange(len(m.q)), "reach", "m"),
+    "tip": lambda m: Output(np.stack([np.cos(m.driver), m.driver, 0 * m.driver], 1), "tip", "m"),
+}
+
+
+def arm(text: str = ARM) -> SimpleNamespace:
+    model = pin.buildModelFromXML(text)
+    visuals = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
+    return SimpleNamespace(
+        name="arm",
+        title="Arm <1> & co",
+        model=model,
+        visual_model=visuals,
+        drivers=("shoulder",),
+        coordinate=lambda name: SimpleNamespace(unit="rad"),
+    )
+
+
+def motion(n: int = 60, turn: float = math.pi, **changes: object) -> SimpleNamespace:
+    driver = np.linspace(0.0, turn, n)
+    made = SimpleNamespace(
+        mechanism=arm(),
+        q=np.stack([driver, 0.05 * np.sin(driver)], axis=1),
+        time=None,
+        driver=driver,
+        driver_name="crank",
+        driver_unit="rad",
+        closure_error=np.linspace(0.0, 3e-14, n),
+    )
+    made.output = lambda name: OUTPUTS[name](made)
+    vars(made).update(changes)
+    return made
+
+
+def state(**changes: object) -> SimpleNamespace:
+    made = SimpleNamespace(mechanism=arm(), q=np.array([0.7, 0.0]), closure_error=2e-15)
+    made.coordinate = lambda name: (made.q[0], 0.0, 0.0)
+    vars(made).update(changes)
+    return made
+
+
+def data_of(text: str) -> dict:
+    """The film that a page holds, its commands decoded."""
+    found = re.search(r'<script type="application/json" id="film">(.*?)</script>', text, re.S)
+    film = json.loads(found[1])
+    film["commands"] = [umsgpack.unpackb(base64.b64decode(c)) for c in film["commands"]]
+    return film
+
+
+def commands(text: str, kind: str) -> list[dict]:
+    return [c for c in data_of(text)["commands"] if c["type"] == kind]
+
+
+# ---------------------------------------------------------------- pace
+
+
+@pytest.mark.parametrize(
+    ("x", "expected"), [(1, 1), (1.3, 1), (24, 20), (0.003, 0.002), (7.2, 10), (1000, 1000)]
+)
+def test_nice_numbers_are_1_2_5(x, expected):
+    assert nice(x) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("duration", "shown", "note"),
+    [
+        (2.0, 2.0, ()),
+        (20.0, 20.0, ()),
+        (0.25, 5.0, ("shown 20x slower",)),
+        (3600.0, 7.2, ("shown 500x faster",)),
+    ],
+)
+def test_motion_with_times_is_shown_at_true_time_or_says_by_how_much_not(duration, shown, note):
+    made = film(motion(time=np.linspace(1.0, 1.0 + duration, 60)))
+    assert made.seconds[-1] == pytest.approx(shown)
+    assert made.notes == note
+
+
+@pytest.mark.parametrize(
+    ("turn", "unit", "shown", "note"),
+    [
+        (2 * math.pi, "rad", 2 * math.pi, "shown at 1 rad/s"),
+        (-3.0, "rad", 3.0, "shown at 1 rad/s"),
+        (0.06, "rad", 6.0, "shown at 0.01 rad/s"),
+        (0.12, "m", 6.0, "shown at 20 mm/s"),
+    ],
+)
+def test_motion_without_times_is_shown_at_a_round_driver_speed(turn, unit, shown, note):
+    made = film(motion(turn=turn, driver_unit=unit))
+    assert made.seconds[-1] == pytest.approx(shown)
+    assert made.notes == (note,)
+
+
+def test_motion_without_driver_and_times_is_shown_evenly():
+    made = film(motion(driver=None))
+    np.testing.assert_allclose(np.diff(made.seconds), made.seconds[-1] / 59)
+
+
+def test_long_motion_is_thinned_and_says_so():
+    made = film(motion(n=5000))
+    assert len(made.q) == len(made.seconds) == len(made.readings[0].values) == MAX_ROWS
+    assert made.readings[0].values[-1] == pytest.approx(180.0)
+    assert f"{MAX_ROWS} of 5000 rows" in made.notes
+    assert made.closure_error == 3e-14
+
+
+def test_empty_motion_is_refused():
+    with pytest.raises(ValueError, match="no rows"):
+        film(motion(n=0))
+
+
+# ---------------------------------------------------------------- page
+
+
+def test_page_refers_to_nothing_outside_itself():
+    text = page(motion())
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)\s*=", text)
+    assert "default-src 'none'" in text
+    assert "url(" not in re.search(r"<style>(.*?)</style>", text, re.S)[1]
+
+
+def test_page_of_360_rows_is_small_and_holds_them_all(tmp_path):
+    made = motion(n=360)
+    path = export_html(made, tmp_path / "arm.html")
+    assert path.stat().st_size < 1.5e6
+    text = path.read_text(encoding="utf-8")
+    (animation,) = commands(text, "set_animation")
+    clips = {c["path"]: c["clip"] for c in animation["animations"]}
+    assert set(clips) == {"/mechanism/shoulder", "/mechanism/elbow"}
+    position, quaternion = clips["/mechanism/elbow"]["tracks"]
+    times = np.frombuffer(position["times"].data, "<f4")
+    np.testing.assert_allclose(times, film(made).seconds, rtol=1e-6)
+    model = made.mechanism.model
+    data = model.createData()
+    for row in (0, 100, 359):
+        pin.forwardKinematics(model, data, made.q[row])
+        expected = pin.SE3ToXYZQUAT(data.oMi[2])
+        place = np.frombuffer(position["values"].data, "<f4").reshape(-1, 3)[row]
+        turn = np.frombuffer(quaternion["values"].data, "<f4").reshape(-1, 4)[row]
+        np.testing.assert_allclose(np.r_[place, turn], expected, atol=1e-6)
+    assert len(data_of(text)["readings"][0]["values"]) == 360
+
+
+def test_page_says_title_driver_closure_error_and_pace():
+    text = page(motion(time=np.linspace(0, 0.25, 60)))
+    assert "<title>Arm &lt;1&gt; &amp; co</title>" in text
+    assert "closure error ≤ 3.0e-14" in text
+    assert "shown 20x slower" in text
+    assert [r["name"] for r in data_of(text)["readings"]] == ["crank", "time"]
+    assert "<h1>Other</h1>" in page(motion(), title="Other")
+
+
+def test_names_cannot_break_out_of_the_page():
+    text = page(motion(driver_name="</script><script>alert(1)"))
+    assert "alert(1)" not in re.sub(r'<script type="application/json".*?</script>', "", text)
+    assert data_of(text)["readings"][0]["name"] == "</script><script>alert(1)"
+
+
+def test_page_of_a_state_is_still():
+    text = page(state())
+    assert not commands(text, "set_animation")
+    (reading,) = data_of(text)["readings"]
+    assert reading["name"] == "shoulder"
+    assert reading["values"] == pytest.approx([math.degrees(0.7)], abs=1e-3)
+    assert "closure error 2.0e-15" in text
+
+
+def test_colours_are_those_of_the_urdf_and_apart_where_it_gives_none():
+    from spatial_pin.view.scene import colour
+
+    drawn = [colour(v) for v in arm().visual_model.geometryObjects]
+    np.testing.assert_allclose(drawn, [(*c, 1.0) for c in (GREEN, RED, BLUE)])
+    bare = arm(re.sub(r"<material.*?</material>", "", ARM, flags=re.S))
+    assert len({colour(v) for v in bare.visual_model.geometryObjects}) == 3
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def convex() -> coal.Convex:
+    mesh = triangle_mesh()
+    mesh.buildConvexRepresentation(False)
+    return mesh.convex
+
+
+def triangle_mesh() -> coal.BVHModelOBBRSS:
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for p in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)):
+        points.append(np.array(p, float))
+    for t in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)):
+        faces.append(coal.Triangle(*t))
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(4, 4)
+    mesh.addSubModel(points, faces)
+    mesh.endModel()
+    return mesh
+
+
+SHAPES = {
+    "box": lambda: coal.Box(0.1, 0.2, 0.3),
+    "sphere": lambda: coal.Sphere(0.1),
+    "ellipsoid": lambda: coal.Ellipsoid(0.1, 0.2, 0.3),
+    "cylinder": lambda: coal.Cylinder(0.1, 0.4),
+    "cone": lambda: coal.Cone(0.1, 0.4),
+    "capsule": lambda: coal.Capsule(0.1, 0.4),
+    "plane": lambda: coal.Plane(np.array([0.0, 0.0, 1.0]), 0.1),
+    "halfspace": lambda: coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
+    "triangle": lambda: coal.TriangleP(np.zeros(3), np.eye(3)[0], np.eye(3)[1]),
+    "mesh": triangle_mesh,
+    "convex": convex,
+    "height field": lambda: coal.HeightFieldAABB(1.0, 1.0, np.eye(4)),
+}
+
+
+def shown_as(shape: object, place: pin.SE3 | None = None) -> SimpleNamespace:
+    """A state whose only visual is a shape."""
+    mechanism = arm()
+    mechanism.visual_model = pin.GeometryModel()
+    mechanism.visual_model.addGeometryObject(
+        pin.GeometryObject("part/1", 1, 0, place or pin.SE3.Identity(), shape)
+    )
+    return state(mechanism=mechanism)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_every_shape_is_drawn(name):
+    objects = commands(page(shown_as(SHAPES[name]())), "set_object")
+    assert [c["path"] for c in objects if "part" in c["path"]] == ["/mechanism/shoulder/0 part_1"]
+
+
+def test_cylinder_axis_is_z():
+    text = page(shown_as(coal.Cylinder(0.1, 0.4)))
+    (command,) = [c for c in commands(text, "set_transform") if "part" in c["path"]]
+    matrix = np.reshape(command["matrix"], (4, 4)).T
+    np.testing.assert_allclose(np.abs(matrix[:3, 1]), [0, 0, 1])
+
+
+def test_capsule_surface_is_at_its_radius():
+    text = page(shown_as(coal.Capsule(0.1, 0.4)))
+    (command,) = [c for c in commands(text, "set_object") if "part" in c["path"]]
+    attribute = command["object"]["geometries"][0]["data"]["attributes"]["position"]
+    points = np.frombuffer(attribute["array"].data, "<f4").reshape(-1, 3).astype(float)
+    from_core = points - np.clip(points @ [0, 0, 1], -0.2, 0.2)[:, None] * [0, 0, 1]
+    np.testing.assert_allclose(np.linalg.norm(from_core, axis=1), 0.1, rtol=1e-6)
+
+
+def test_shape_that_cannot_be_drawn_is_left_out_with_a_warning():
+    with pytest.warns(UserWarning, match="part/1.*not shown"):
+        text = page(shown_as(coal.BVHModelOBBRSS()))
+    assert not [c for c in commands(text, "set_object") if "part" in c["path"]]
+
+
+def test_mechanism_without_visuals_is_shown_as_a_skeleton():
+    mechanism = arm()
+    mechanism.visual_model = pin.GeometryModel()
+    paths = [c["path"] for c in commands(page(state(mechanism=mechanism)), "set_object")]
+    assert any(p.startswith("/mechanism/shoulder/") and "stick" in p for p in paths)
+
+
+# ---------------------------------------------------------------- framing
+
+
+def test_rotate_is_that_of_pinocchio():
+    rotation = pin.exp3(np.array([0.3, -1.0, 2.0]))
+    quaternion = pin.Quaternion(rotation).coeffs()
+    v = np.array([[1.0, 2.0, 3.0], [-1.0, 0.0, 2.0]])
+    np.testing.assert_allclose(rotate(quaternion, v), v @ rotation.T)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 50.0])
+@pytest.mark.parametrize("extent", [(1, 1, 1), (1, 0.01, 1), (1, 1, 0), (5, 0.2, 0.1)])
+def test_camera_sees_everything_in_the_middle(extent, size):
+    rng = np.random.default_rng(1)
+    points = size * (rng.uniform(-1, 1, (200, 3)) * extent + [3.0, -2.0, 7.0])
+    made = frame(points)
+    p = (points - made.centre) / made.radius
+    away = np.linalg.norm(made.camera)
+    v = made.camera / away
+    right = np.cross([0, 0, 1], v) / np.linalg.norm(np.cross([0, 0, 1], v))
+    picture = np.stack([p @ right / ASPECT, p @ np.cross(v, right)]) / (away - p @ v)
+    picture /= math.tan(math.radians(FIELD_OF_VIEW) / 2)
+    assert 0.8 < np.abs(picture).max() < 0.9
+    np.testing.assert_allclose(picture.min(axis=1) + picture.max(axis=1), 0.0, atol=1e-2)
+    assert np.linalg.norm(p, axis=1).max() == pytest.approx(1.0)
+
+
+def test_unbounded_shapes_do_not_count_for_the_framing():
+    plane = shown_as(SHAPES["halfspace"]()).mechanism
+    poses = np.zeros((1, 3, 7))
+    assert occupied(list(plane.visual_model.geometryObjects), poses).shape == (0, 3)
+    assert frame(np.zeros((0, 3))).radius > 0
+
+
+# ---------------------------------------------------------------- server
+
+
+def get(url: str) -> tuple[int, bytes]:
+    with urllib.request.urlopen(url, timeout=10) as answer:
+        return answer.status, answer.read()
+
+
+def test_show_serves_the_page_on_this_machine_only_and_stops():
+    before = set(threading.enumerate())
+    viewer = show(motion(), open_browser=False)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", viewer.url)
+    assert viewer._server.socket.getsockname()[0] == "127.0.0.1"
+    status, body = get(viewer.url)
+    assert status == 200 and b"Arm &lt;1&gt;" in body
+    with pytest.raises(urllib.error.HTTPError, match="404") as caught:
+        get(viewer.url + "etc/passwd")
+    caught.value.close()
+    assert viewer.url in repr(viewer)
+    viewer.stop()
+    viewer.stop()
+    viewer.wait()
+    assert not viewer.running and "stopped" in repr(viewer)
+    assert set(threading.enumerate()) <= before | {
+        t for t in threading.enumerate() if "process_request_thread" in t.name
+    }
+    with pytest.raises(urllib.error.URLError):
+        get(viewer.url)
+
+
+def test_viewer_is_a_context_manager():
+    with show(state(), open_browser=False) as viewer:
+        viewer.wait(timeout=0.01)
+        assert viewer.running
+    assert not viewer.running
+
+
+def test_ctrl_c_ends_the_wait_cleanly():
+    program = "from spatial_pin.view import Viewer; v = Viewer('page'); print(v.url, flush=True);"
+    program += "v.wait(); print(v)"
+    command = [sys.executable, "-W", "error", "-c", program]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
+        url = process.stdout.readline().strip()
+        assert get(url) == (200, b"page")
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert (process.returncode, out, err) == (0, "<Viewer, stopped>\n", "")
+
+
+def test_taken_port_is_a_clear_error():
+    with Viewer("one") as first:
+        port = int(first.url.rsplit(":", 1)[1].strip("/"))
+        with pytest.raises(SpatialPinError, match=rf"port {port}.*export_html"):
+            Viewer("two", port)
+
+
+def test_show_opens_a_browser_and_waits_until_it_has_the_page(monkeypatch):
+    monkeypatch.setenv("BROWSER", "any")
+    opened: list[threading.Thread] = []
+
+    def browser(url):
+        opened.append(threading.Thread(target=get, args=(url,)))
+        opened[0].start()
+        return True
+
+    monkeypatch.setattr("webbrowser.open", browser)
+    with show(state()) as viewer:
+        assert viewer.wait_until_fetched(0.0)
+    opened[0].join()
+
+
+def test_show_without_a_browser_gives_the_address(monkeypatch):
+    monkeypatch.setenv("BROWSER", "any")
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    with pytest.warns(UserWarning, match=r"open http://127\.0\.0\.1:\d+/"):
+        viewer = show(state())
+    viewer.stop()
+
+
+def test_interpreter_ends_while_a_page_is_served():
+    program = "from spatial_pin.view import Viewer; print(Viewer('page').url)"
+    command = [sys.executable, "-W", "error", "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    assert done.returncode == 0 and done.stderr == ""
+
+
+def test_importing_loads_neither_meshcat_nor_matplotlib():
+    program = (
+        "import sys, spatial_pin.view; "
+        "sys.exit(any(m in sys.modules for m in ('meshcat', 'matplotlib', 'IPython', 'zmq')))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], timeout=30).returncode == 0
+
+
+# ---------------------------------------------------------------- plots
+
+
+def test_plot_has_a_panel_an_output_with_units(tmp_path):
+    figure = plot(motion(), ["angle", "tip", "constant"], tmp_path / "a.png")
+    angle, tip, constant = figure.axes
+    assert [a.get_title("left") for a in figure.axes] == ["shoulder [°]", "tip [m]", "reach [m]"]
+    assert constant.get_xlabel() == "crank [°]"
+    assert figure.get_suptitle() == "Arm <1> & co"
+    assert angle.lines[0].get_ydata()[-1] == pytest.approx(180.0)
+    assert [t.get_text() for t in tip.get_legend().get_texts()] == ["x", "y", "z"]
+    assert angle.get_legend() is None
+    assert np.ptp(constant.get_ylim()) > 0.01
+    assert 45.0 in constant.get_xticks() or 30.0 in constant.get_xticks()
+
+
+@pytest.mark.parametrize(
+    ("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
+)
+def test_plot_is_written_as_its_suffix_says(tmp_path, suffix, start):
+    path = tmp_path / f"plot.{suffix}"
+    plot(motion(n=720), ["angle", "tip"], path, title="Title")
+    assert path.read_bytes().startswith(start)
+    assert path.stat().st_size < 300_000
+
+
+def test_plot_leaves_the_backend_of_the_user_alone():
+    program = (
+        "import matplotlib; matplotlib.use('svg'); import sys; sys.path.insert(0, 'tests')\n"
+        "import test_view as t; t.plot(t.motion(), 'angle')\n"
+        "assert matplotlib.get_backend() == 'svg' and 'matplotlib.pyplot' not in sys.modules"
+    )
+    root = __file__.rsplit("tests", 1)[0]
+    assert subprocess.run([sys.executable, "-c", program], cwd=root, timeout=60).returncode == 0
+
+
+def test_plot_over_a_sliding_driver_or_time():
+    (axes,) = plot(motion(driver_unit="m"), "tip").axes
+    assert axes.get_xlabel() == "crank [m]"
+    still = motion(driver=None, time=np.linspace(0, 1, 60))
+    assert plot(still, "angle").axes[0].get_xlabel() == "time [s]"
+    swing = motion(time=np.linspace(0, 1, 60))
+    assert plot(swing, "angle").axes[0].get_xlabel() == "crank [°]"
+    swing.driver = np.sin(7 * swing.driver)
+    assert plot(swing, "angle").axes[0].get_xlabel() == "time [s]"
+    with pytest.raises(ValueError, match="at least one"):
+        plot(motion(), [])
+
+
+# ---------------------------------------------------------------- pictures
+
+needs_browser = pytest.mark.skipif(
+    find_browser() is None, reason="no Chromium or Chrome on this machine: pictures not checked"
+)
+
+
+def picture(path) -> np.ndarray:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"), float) / 255
+
+
+def hue_mask(image: np.ndarray, colour: tuple[float, float, float]) -> np.ndarray:
+    """Where the picture has a colour, however lit."""
+    c = np.array(colour) - np.mean(colour)
+    p = image - image.mean(axis=2, keepdims=True)
+    size = np.linalg.norm(p, axis=2)
+    return (size > 0.15) & (p @ c > 0.95 * size * np.linalg.norm(c))
+
+
+@pytest.mark.browser
+@needs_browser
+def test_picture_shows_every_link_and_moves(tmp_path):
+    made = motion()
+    page = export_html(made, tmp_path / "arm.html")
+    shots = []
+    for t in (0.0, 1.5):
+        photograph(page, f"t={t}&bare", tmp_path / "shot.png", (480, 360))
+        shots.append(picture(tmp_path / "shot.png"))
+    for shot in shots:
+        assert shot.shape == (360, 480, 3)
+        assert np.mean(np.all(shot > 0.99, axis=2)) > 0.3  # white ground
+        for colour in (RED, GREEN, BLUE):
+            assert hue_mask(shot, colour).sum() > 100
+    first, second = (np.argwhere(hue_mask(s, BLUE)).mean(axis=0) for s in shots)
+    assert first[0] - second[0] > 60  # the ball has risen
+    green = [hue_mask(s, GREEN) for s in shots]
+    assert np.mean(green[0] ^ green[1]) < 0.01  # the base has not moved
+
+
+@pytest.mark.browser
+@needs_browser
+@pytest.mark.parametrize("size", [1e-2, 30.0])
+def test_picture_is_as_good_of_a_watch_as_of_a_crane(tmp_path, size):
+    numbers = r'(xyz|size|radius|length)="([^"]*)"'
+
+    def scaled(found):
+        values = " ".join(str(size * float(x)) for x in found[2].split())
+        return f'{found[1]}="{values}"'
+
+    axes = re.sub(r'<axis xyz="', '<axis  xyz="', ARM)
+    mechanism = arm(re.sub(r"(?<!axis  )" + numbers, scaled, axes))
+    shot = picture(screenshot(state(mechanism=mechanism), tmp_path / "a.png", size=(480, 360)))
+    for colour in (RED, GREEN, BLUE):
+        assert hue_mask(shot, colour).sum() > 100
+    drawn = np.argwhere(hue_mask(shot, RED) | hue_mask(shot, GREEN) | hue_mask(shot, BLUE))
+    assert np.ptp(drawn, axis=0).max() > 200  # it fills the picture
+    assert drawn.min() > 5 and drawn[:, 0].max() < 355 and drawn[:, 1].max() < 475
+
+
+def test_picture_without_a_browser_is_a_clear_error(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if find_browser() is not None:
+        pytest.skip("the browser of this machine is not found by the PATH")
+    with pytest.raises(SpatialPinError, match="needs Chromium"):
+        screenshot(state(), tmp_path / "a.png")
