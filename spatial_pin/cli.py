@@ -1,0 +1,239 @@
+"""The command `spatial-pin`: parses, calls one public verb, prints; computes nothing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
+from spatial_pin.mechanism.export import export_urdf
+from spatial_pin.units import quantity
+
+DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
+MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    warnings.showwarning = _show_warning
+    try:
+        options.run(options)
+    except (sp.SpatialPinError, ValueError) as error:
+        print(f"spatial-pin: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"spatial-pin: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"spatial-pin: warning: {message}", file=sys.stderr)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="spatial-pin", description=DESCRIPTION)
+    parser.add_argument("--version", action="version", version=f"spatial-pin {sp.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[argparse.Namespace], None], text: str,
+                mechanism: bool = True) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(run=run)
+        if mechanism:
+            sub.add_argument("mechanism", metavar="M", help=MECHANISM_HELP)
+            sub.add_argument("--set", dest="parameters", action="append", default=[], type=_setting,
+                             metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
+        return sub
+
+    listing = command("list", _list, "mechanisms that come with the library", mechanism=False)
+    listing.add_argument("--json", metavar="F", help="write the list as JSON (- for the screen)")
+
+    sub = command("info", _info, "links, joints, closures, coordinates and freedoms")
+    sub.add_argument("--json", metavar="F", help="write it as JSON (- for the screen)")
+
+    sub = command("assemble", _assemble, "close the loops at given driver values")
+    sub.add_argument("values", nargs="*", type=_setting, metavar="DRIVER=VALUE")
+    _guess_option(sub)
+    sub.add_argument("--limits", action="store_true", help="keep the joint limits")
+    sub.add_argument("--json", metavar="F", help="write the configuration as JSON")
+
+    sub = command("sweep", _sweep, "follow one branch from one driver value to another")
+    _sweep_arguments(sub)
+    sub.add_argument("--csv", metavar="F", help="write coordinates, rates and accelerations")
+    sub.add_argument("--json", metavar="F", help="write the same as JSON")
+    sub.add_argument("--npz", metavar="F", help="write all arrays")
+    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
+    sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
+
+    sub = command("show", _show, "animate a sweep in the browser")
+    _sweep_arguments(sub, needed=False)
+
+    sub = command("check", _check, "read a mechanism file and say what is wrong with it")
+
+    sub = command("export", _export, "write the mechanism as plain files")
+    sub.add_argument("--urdf", metavar="F", required=True,
+                     help="expanded URDF; closures go beside it as .toml")
+    return parser
+
+
+def _guess_option(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--guess", action="append", default=[], type=_setting, metavar="JOINT=VALUE",
+                     help="start from here instead of the file's guess")
+
+
+def _sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
+    sub.add_argument("driver", nargs=None if needed else "?", help="driver or coordinate")
+    sub.add_argument("first", nargs=None if needed else "?", type=_quantity, default=0.0)
+    sub.add_argument("last", nargs=None if needed else "?", type=_quantity, default=2 * np.pi)
+    sub.add_argument("--steps", type=int, default=361, help="number of values (361)")
+    sub.add_argument("--speed", type=_quantity, help="of the driver, as 240rpm (default 1)")
+    sub.add_argument("--acceleration", type=_quantity, default=0.0)
+    sub.add_argument("--stop", action="store_true",
+                     help="end at a limit position instead of failing")
+    _guess_option(sub)
+
+
+def _quantity(text: str) -> float:
+    try:
+        return quantity(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _setting(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    return name, _quantity(value)
+
+
+# ---------------------------------------------------------------- commands
+
+
+def _load(options: argparse.Namespace) -> sp.Mechanism:
+    return sp.load(options.mechanism, **dict(options.parameters))
+
+
+def _list(options: argparse.Namespace) -> None:
+    rows = [(m.name, m.title, m.source) for m in map(sp.load, sp.list_mechanisms())]
+    if options.json:
+        _write_json([dict(zip(("name", "title", "source"), row, strict=True)) for row in rows],
+                    options.json)
+        return
+    widths = [max(len(row[k]) for row in rows) for k in (0, 1)]
+    for name, title, source in rows:
+        print(f"{name:{widths[0]}}  {title:{widths[1]}}  {source}")
+
+
+def _info(options: argparse.Namespace) -> None:
+    report = info(_load(options))
+    if options.json:
+        _write_json(report.as_dict(), options.json)
+    else:
+        print(report)
+
+
+def _assemble(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    state = sp.assemble(mechanism, dict(options.values), dict(options.guess) or None,
+                        limits=options.limits)
+    if options.json:
+        values = {name: state.coordinate(name).value for name in mechanism.coordinates}
+        _write_json({"mechanism": mechanism.name, "coordinates": values, "q": state.q.tolist(),
+                     "closure_error": state.closure_error}, options.json)
+    if options.json != "-":
+        print(assembly_summary(state))
+
+
+def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
+    if options.steps < 1:
+        raise ValueError(f"--steps is {options.steps}; at least 1 is needed")
+    values = np.linspace(options.first, options.last, options.steps)
+    speed = options.speed
+    if speed is None:
+        speed = 1.0 if options.last >= options.first else -1.0
+    with warnings.catch_warnings():
+        return sp.sweep(mechanism, options.driver, _progress(values), speed, options.acceleration,
+                        guess=dict(options.guess) or None,
+                        on_limit="stop" if options.stop else "raise")
+
+
+def _progress(values: np.ndarray) -> np.ndarray:
+    return values
+
+
+def _sweep(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    motion = _run_sweep(options, mechanism)
+    if options.json != "-":
+        print(motion_summary(motion))
+    written = []
+    if options.csv:
+        written.append(motion.to_csv(options.csv))
+    if options.npz:
+        written.append(motion.save(options.npz))
+    if options.plot:
+        outputs = options.output or _default_outputs(mechanism, options.driver)
+        sp.plot(motion, outputs, options.plot)
+        written.append(options.plot)
+    if options.html:
+        written.append(sp.export_html(motion, options.html))
+    if options.json:
+        columns = {name: column.tolist() for name, column in motion.columns().items()}
+        _write_json({"mechanism": mechanism.name, "columns": columns,
+                     "events": [event._asdict() for event in motion.events]}, options.json)
+    if options.json != "-":
+        for path in written:
+            print(f"wrote {path}")
+
+
+def _default_outputs(mechanism: sp.Mechanism, driver: str) -> list[str]:
+    """Value and speed ratio of the coordinates that a plain number describes."""
+    swept = mechanism.coordinate(driver).name
+    plain = [c.name for c in mechanism.coordinate_table.values() if c.q >= 0 and c.name != swept]
+    return [name for c in plain[:3] for name in (c, f"{c}.ratio")] or [swept]
+
+
+def _show(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    options.driver = options.driver or next(iter(mechanism.drivers), None)
+    subject = _run_sweep(options, mechanism) if options.driver else sp.assemble(mechanism)
+    with sp.show(subject) as viewer:
+        print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)")
+        viewer.wait()
+
+
+def _check(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    state = sp.assemble(mechanism)
+    print(f"{mechanism.path}: good: {len(mechanism.links)} links, "
+          f"{len(mechanism.coordinates)} coordinates, {len(mechanism.closures)} closures; "
+          f"the guess closes to {state.closure_error:.1e}")
+
+
+def _export(options: argparse.Namespace) -> None:
+    for path in export_urdf(_load(options), options.urdf):
+        print(f"wrote {path}")
+
+
+def _write_json(content: Any, path: str) -> None:
+    text = json.dumps(content, indent=1)
+    if path == "-":
+        print(text)
+    else:
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(text + "\n")

@@ -1,0 +1,142 @@
+"""Reports that an engineer can read: of a mechanism, a configuration, a motion."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.errors import AssemblyError
+from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.jacobians import closure_jacobian
+from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import rank
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+
+
+@dataclass(frozen=True)
+class Info:
+    """What a mechanism consists of, and its freedoms at the assembled guess.
+
+    Attributes:
+        rows: number of closure rows; rank: how many of them are independent at the guess (None
+            when it does not close); freedoms: coordinates minus rank.
+    """
+
+    name: str
+    title: str
+    source: str
+    characteristic_length: float
+    links: list[str]
+    joints: dict[str, str]
+    closures: dict[str, str]
+    coordinates: dict[str, str]
+    drivers: dict[str, str]
+    rows: int
+    rank: int | None
+    freedoms: int | None
+    closure_error: float
+    notes: list[str] = field(default_factory=list)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        def listing(items: dict[str, str]) -> str:
+            width = max(map(len, items), default=0)
+            return "\n".join(f"  {name:{width}}  {text}" for name, text in items.items())
+
+        head = [f"{self.name}: {self.title}".rstrip(": ")]
+        if self.source:
+            head.append(f"source: {self.source}")
+        head.append(f"characteristic length: {self.characteristic_length:.6g} m")
+        parts = [
+            "\n".join(head),
+            f"links ({len(self.links)}): {', '.join(self.links)}",
+            f"joints of the tree ({len(self.joints)}):\n{listing(self.joints)}",
+            f"closures ({len(self.closures)}):\n{listing(self.closures)}".rstrip(":\n"),
+            f"coordinates ({len(self.coordinates)}):\n{listing(self.coordinates)}",
+            f"drivers ({len(self.drivers)}):\n{listing(self.drivers)}".rstrip(":\n"),
+            "\n".join(self.notes),
+        ]
+        return "\n".join(part for part in parts if part)
+
+
+def info(mechanism: Mechanism) -> Info:
+    """Return what a mechanism consists of; never fails for want of a closed configuration."""
+    try:
+        state = assemble(mechanism)
+        closed, error = True, state.closure_error
+    except AssemblyError as failure:
+        assert failure.state is not None
+        state, closed, error = failure.state, False, failure.closure_error
+    jacobian = closure_jacobian(mechanism, state.q) * mechanism.velocity_scale
+    r = rank(jacobian) if closed else None
+    freedoms = None if r is None else len(mechanism.coordinates) - r
+    return Info(
+        mechanism.name, mechanism.title, mechanism.source, mechanism.characteristic_length,
+        list(mechanism.links),
+        dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True)),
+        {c.name: _closure_text(c) for c in mechanism.closures},
+        {c.name: c.unit for c in mechanism.coordinate_table.values()},
+        {d.name: f"prescribes {d.joint}" for d in mechanism.drivers.values()},
+        len(jacobian), r, freedoms, error,
+        _notes(mechanism, len(jacobian), r, freedoms, error),
+    )
+
+
+def _closure_text(closure: Any) -> str:
+    if closure.type == COUPLING:
+        a, b = closure.joints
+        return f"coupling: {b} = {closure.ratio:g} * {a} + {closure.offset:g}"
+    return f"{closure.type}: {closure.frames[0]} - {closure.frames[1]} ({closure.n_rows} equations)"
+
+
+def _notes(
+    mechanism: Mechanism, rows: int, r: int | None, freedoms: int | None, error: float
+) -> list[str]:
+    if r is None:
+        return [f"the guess does not close: closure error {error:.1e}"]
+    text = (f"instantaneous freedoms at the guess: {freedoms} ({len(mechanism.coordinates)} "
+            f"coordinates - rank {r} of {rows} closure equations)")
+    notes = [text, f"closure error at the guess: {error:.1e}"]
+    if rows > r:
+        notes.insert(1, f"{rows - r} closure equations are redundant there")
+    if mechanism.passives:
+        spins = [f"{p.name}: no spin of {p.body!r} about {p.axis[0]} - {p.axis[1]}"
+                 for p in mechanism.passives]
+        notes.append("passive freedoms resolved: " + "; ".join(spins))
+    return notes
+
+
+def assembly_summary(state: State) -> str:
+    """Return the coordinates of a configuration and how well it is closed."""
+    mechanism = state.mechanism
+    width = max(map(len, mechanism.coordinates), default=0)
+    lines = [f"{mechanism.name}: closed to {state.closure_error:.1e} of "
+             f"{mechanism.characteristic_length:.6g} m"]
+    for name, c in mechanism.coordinate_table.items():
+        value = state.coordinate(name).value
+        degrees = f" ({np.degrees(value):.9g}°)" if c.unit == "rad" else ""
+        lines.append(f"  {name:{width}}  {value:.15g} {c.unit}{degrees}")
+    return "\n".join(lines)
+
+
+def motion_summary(motion: Motion) -> str:
+    """Return the ranges of a motion's coordinates, its accuracy and its events."""
+    mechanism = motion.mechanism
+    width = max(map(len, mechanism.coordinates), default=0)
+    unit = motion.driver_unit
+    first, last = (motion.driver[0], motion.driver[-1]) if len(motion) else (np.nan, np.nan)
+    lines = [f"{mechanism.name}: {len(motion)} steps, {motion.driver_name} {first:.6g} to "
+             f"{last:.6g} {unit}, closure error at most {motion.closure_error.max(initial=0):.1e}"]
+    for name, c in mechanism.coordinate_table.items():
+        value, rate, _ = motion.coordinate(name)
+        if len(motion):
+            lines.append(f"  {name:{width}}  {value.min():+.6f} to {value.max():+.6f} {c.unit}, "
+                         f"rate {rate.min():+.6g} to {rate.max():+.6g} {c.unit}/s")
+    return "\n".join([*lines, *(f"  {event.text}" for event in motion.events)])

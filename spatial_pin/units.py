@@ -1,0 +1,47 @@
+"""Quantities with units as people type them: `60deg`, `240rpm`, `12mm`."""
+
+from __future__ import annotations
+
+import math
+import re
+
+UNITS = {
+    "": 1.0,
+    "rad": 1.0,
+    "deg": math.pi / 180.0,
+    "°": math.pi / 180.0,
+    "turn": 2.0 * math.pi,
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "in": 0.0254,
+    "rad/s": 1.0,
+    "deg/s": math.pi / 180.0,
+    "rpm": 2.0 * math.pi / 60.0,
+    "m/s": 1.0,
+    "mm/s": 1e-3,
+    "rad/s2": 1.0,
+    "deg/s2": math.pi / 180.0,
+    "rpm/s": 2.0 * math.pi / 60.0,
+    "m/s2": 1.0,
+    "mm/s2": 1e-3,
+}
+
+_PATTERN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
+
+
+def quantity(text: str) -> float:
+    """Return the SI value of a number with an optional unit.
+
+    Raises:
+        ValueError: it is no finite number, or the unit is not known.
+    """
+    match = _PATTERN.fullmatch(text)
+    if match is None or match[2] not in UNITS:
+        units = ", ".join(unit for unit in UNITS if unit)
+        raise ValueError(f"{text!r} is not a number with a unit of: {units}")
+    value = float(match[1]) * UNITS[match[2]]
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
