@@ -68,6 +68,7 @@ class Constraints:
         labels: closure and equation of each of the `n_rows` closure rows.
         n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
         n_angles: number of screw closures, whose relative angles count turns.
+        spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -78,6 +79,7 @@ class Constraints:
         self._constants: list[float] = []
         self._factors: list[float] = []
         self._signs: list[Array] = []
+        self.spins: list[tuple[int, Array]] = []
         labels: list[RowLabel] = []
         screws: list[tuple[int, Row, Closure]] = []
         for closure in mechanism.closures:
@@ -151,6 +153,7 @@ class Constraints:
         joint, _ = self.mechanism.frame_on_joint(body)
         a, b = (point_on_body(self.mechanism, joint, name) for name in axis)
         direction = (b - a) / np.linalg.norm(b - a)
+        self.spins.append((joint, direction))
         self._a.add()
         self._b.add((1.0, joint, direction, 0.0))
         self._x.add()
@@ -229,6 +232,8 @@ class Evaluation:
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
             one in `turns`.
         turns: (n_angles,) the angles to which `angles` stays nearest.
+        is_plain: whether all rows are products (no screw, no coupling, at least one row).
+        placements: (njoints, 4, 3) view on the joint placements.
     """
 
     def __init__(self, constraints: Constraints) -> None:
@@ -241,13 +246,14 @@ class Evaluation:
         self.angles = np.zeros(c.n_angles)
         self.turns = np.zeros(c.n_angles)
         self._zero = np.zeros(nv)
-        self._placements = placements(self.data)
-        self._g = self._placements.reshape(4 * n, 3)
+        self.placements = placements(self.data)
+        self._g = self.placements.reshape(4 * n, 3)
         self._twists, self._accelerations = twists(self.data), accelerations(self.data)
         self._spins = self._accelerations.reshape(-1)
         self._joint_jacobian = self.data.J
         self._make_buffers(n, nv, r)
         self._plain = not (c.screws or c.couplings)
+        self.is_plain = self._plain and r > 0 and isinstance(c.c_abx, np.ndarray)
         self._offset = bool(np.any(c.constants))
         self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
         self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
@@ -298,6 +304,12 @@ class Evaluation:
                 return
         self._finish_rows(q)
 
+    def product_buffers(self) -> tuple[Array, Any, Array, Array, Array, Array]:
+        """Return G, the matrix of A and B, their buffer, its halves, and a buffer for A * B."""
+        r = self._n_all
+        ab = self._abx[: 2 * r]
+        return self._g, self.constraints.c_abx[: 2 * r], ab, ab[:r], ab[r:], np.empty((r, 3))
+
     def _finish_rows(self, q: Array) -> None:
         """Put product, screw, coupling and passive rows in their places."""
         c, p = self.constraints, self.constraints.n_products
@@ -342,8 +354,8 @@ class Evaluation:
         shape = self._h1.shape
         self._h1[:] = np.dot(self._twists, _TWIST_MATRIX).reshape(shape)
         self._h2[:] = np.dot(self._accelerations, _TWIST_MATRIX).reshape(shape)
-        self._g0[:] = self._placements
-        np.matmul(self._h1, self._placements, out=self._g1)
+        self._g0[:] = self.placements
+        np.matmul(self._h1, self.placements, out=self._g1)
         np.matmul(self._rates_h, self._g10, out=self._g2)  # G'' = H^T G' + H'^T G
         _product(c.c_rates, self._g_flat, self._ab_rates)
         np.vecdot(self._a_rates, self._b_rates, out=self._rate_products)

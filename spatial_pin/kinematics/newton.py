@@ -207,12 +207,51 @@ class SquareSystem:
         """Solve the factored system for (nv,) or (nv, k) right-hand sides."""
         return lapack.dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
 
-    def correction(self) -> Array:
-        """Return the Newton correction (nv,) that closes the loops, drivers held."""
+    def correction(self, spun: Sequence[float] = ()) -> Array:
+        """Return the Newton correction (nv,) that closes the loops, drivers held.
+
+        Args:
+            spun: spin of each resolved passive freedom to take back [rad].
+        """
         rhs = self._rhs
+        for k, angle in enumerate(spun, start=self._spin.start):
+            rhs[k] = -angle
         residual = self.evaluation.residual
         np.negative(residual if self._whole else residual[self.rows], out=rhs[self._closure])
         return lapack.dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
+
+    @property
+    def first_driver_row(self) -> int:
+        """Row of the matrix that prescribes the first driver."""
+        return self._drivers.start
+
+    def stack(self, jacobians: Array) -> Array:
+        """Return the matrices (m, nv, nv) for Jacobians (m, n_rows + n_passive, nv)."""
+        n = self.evaluation.constraints.n_rows
+        matrices = np.empty((len(jacobians), *self.matrix.shape))
+        matrices[:, self._closure] = jacobians[:, self.rows]
+        matrices[:, self._spin] = jacobians[:, n:]
+        matrices[:, self._drivers] = self._drive
+        return matrices
+
+    def chord(self) -> tuple[Array, Array, Array]:
+        """Return what corrects a configuration near the last factorisation by products alone.
+
+        Returns:
+            (nv, 3 r) and (nv,): the correction is chord @ (A * B of all r product rows) + offset;
+            (n_passive, nv): what takes away a unit of each spin.
+        """
+        c = self.evaluation.constraints
+        inverse = np.linalg.inv(self.matrix)
+        chord = np.zeros((len(self.matrix), len(c.constants)))
+        chord[:, self.rows] = -inverse[:, self._closure]
+        return np.repeat(chord, 3, axis=1), -chord @ c.constants, -inverse[:, self._spin].T
+
+    def put_bias(self, rhs: Array, bias: Array) -> None:
+        """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""
+        n = self.evaluation.constraints.n_rows
+        rhs[:, self._closure] = -bias[:, self.rows]
+        rhs[:, self._spin] = -bias[:, n:]
 
     def driver_rates(self) -> Array:
         """Return (nv, n_drivers): joint velocities per unit speed of each driver."""

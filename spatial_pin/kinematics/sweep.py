@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.errors import AssemblyError, LimitError, SingularError
+from spatial_pin.kinematics import run
 from spatial_pin.kinematics.arc import Arrival, march
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -59,16 +61,40 @@ class Branch:
                 f"mechanism {self.mechanism.name!r}: singular configuration at the start, {state}",
                 state=state,
             )
+        table = self.mechanism.coordinate_table.values()
+        self.linear = np.array([(c.q, c.v) for c in table if c.q >= 0], dtype=int).reshape(-1, 2).T
         self._unit = np.zeros(len(self.system.matrix))
-        self._unit[self.system._drivers.start] = 1.0
+        self._unit[self.system.first_driver_row] = 1.0
         self._drive = np.zeros(len(driven))
         self._previous: tuple[float, Array] | None = None
+        self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
+                      for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
 
     def _set_rates(self) -> None:
         self.t = self.system.solve(self._unit)
         self.c = self.system.acceleration(self.q, self.t, self._drive)
         self.residual = self.evaluation.residual.copy()
+
+    def jump(self, before: Array, q: Array, s: float, h: float) -> None:
+        """Go to a closed configuration of the same branch, `before` being a step h earlier."""
+        self.q, self.s = q.copy(), s
+        self._begin_spins(before, h)
+        self.evaluation.update(self.q)
+        self.system.factor()
+        self._previous = None
+        self._set_rates()
+
+    def _begin_spins(self, before: Array, h: float) -> None:
+        if not self.spins:
+            return
+        evaluation = self.evaluation
+        evaluation.update(before)
+        rotations = [evaluation.placements[joint, :3].copy()
+                     for joint, _ in evaluation.constraints.spins]
+        evaluation.update(self.q)
+        for spin, rotation in zip(self.spins, rotations, strict=True):
+            spin.begin(rotation, h)
 
     def predict(self, h: float) -> Array:
         """Return the Taylor step (nv,) for a change h of the driver."""
@@ -88,7 +114,10 @@ class Branch:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
         step = self.predict(h)
-        found = self._correct(pin.integrate(self.model, self.q, step), target, step)
+        if self.spins and not self.spins[0].has_history:
+            back = (0.5 * h * h) * self.c - h * self.t
+            self._begin_spins(pin.integrate(self.model, self.q, back), h)
+        found = self._correct(pin.integrate(self.model, self.q, step), target, step, h)
         if found is None:
             return False
         before = self.q, self.s, self.t, self.c, self.residual
@@ -104,10 +133,12 @@ class Branch:
             self.q, self.s, self.t, self.c, self.residual = before
             return False
         self._previous = (h, before[3])
+        for spin in self.spins:
+            spin.accept(h)
         self.evaluation.turns[:] = self.evaluation.angles
         return True
 
-    def _correct(self, q: Array, target: float, predicted: Array) -> Array | None:
+    def _correct(self, q: Array, target: float, predicted: Array, h: float) -> Array | None:
         """Newton from a predicted configuration, drivers held; None when it goes astray."""
         evaluation, system, tolerance = self.evaluation, self.system, self.accuracy.tolerance
         at, fixed = self.at, self.accuracy.corrections
@@ -120,11 +151,12 @@ class Branch:
             evaluation.update(q)
             residual = evaluation.residual
             error = float(residual @ residual)
+            spun = [spin.error(h) for spin in self.spins]
             if k == fixed or (fixed is None and error <= tolerance * tolerance):
                 return q
             if not system.factor():
                 return None
-            correction = system.correction()
+            correction = system.correction(spun)
             size = float(np.sqrt(correction @ correction))
             if k == 0 and not size <= allowed + 1e-9 and self.accuracy.order:
                 return None
@@ -176,6 +208,8 @@ class Branch:
         if self.sign == 0:
             raise _Stop(Arrival("singular", arrival.q, target))
         self._previous = None
+        for spin in self.spins:
+            spin.forget()
         self._set_rates()
 
 
@@ -185,6 +219,7 @@ class _Stop(Exception):
     def __init__(self, arrival: Arrival) -> None:
         super().__init__(arrival.kind)
         self.arrival = arrival
+        self.row = 0
 
 
 @dataclass
@@ -208,6 +243,10 @@ class _Record:
         self.t[k] = branch.t
         self.c[k] = branch.c
         self.residual[k] = branch.residual
+
+    def put_rows(self, k: int, rows: run.Rows) -> None:
+        end = k + len(rows.t)
+        self.t[k:end], self.c[k:end], self.residual[k:end] = rows.t, rows.c, rows.residual
 
 
 def sweep(
@@ -263,19 +302,45 @@ def sweep(
     branch = Branch(state, driven, accuracy)
     record = _Record.empty(len(values), branch)
     stop, n = None, len(values)
-    for k, value in enumerate(values.tolist()):
-        try:
-            branch.reach(value)
-        except _Stop as caught:
-            stop, n = caught.arrival, k
-            break
-        record.put(k, branch)
+    try:
+        for n in _follow(branch, values, record):  # noqa: B007
+            pass
+    except _Stop as caught:
+        stop, n = caught.arrival, caught.row
     motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
         if on_limit == "raise" or stop.kind != "limit":
             raise _error(motion, stop, driver, coordinate, float(values[n]))
     return motion
+
+
+def _follow(branch: Branch, values: Array, record: _Record) -> Iterator[int]:
+    """Fill the record row by row, or run by run; yields the number of rows done."""
+    fast = run.is_possible(branch)
+    k, careful_until = 0, 0
+    while k < len(values):
+        end = run.uniform_until(values, k) if fast and k >= careful_until else k
+        if end > k:
+            end = min(end, k + run.LONGEST)
+            reached, rows = run.follow(branch, values, record.q, k, end)
+            if rows is not None and reached > k:
+                record.put_rows(k, rows)
+                k = reached
+                s = float(values[k - 1])
+                branch.jump(record.q[k - 2], record.q[k - 1], s, s - float(values[k - 2]))
+            if reached < end:
+                careful_until = k + run.HISTORY
+            yield k
+            continue
+        try:
+            branch.reach(float(values[k]))
+        except _Stop as caught:
+            caught.row = k
+            raise
+        record.put(k, branch)
+        k += 1
+        yield k
 
 
 def _motion(

@@ -11,7 +11,9 @@ import numpy as np
 import pinocchio as pin
 import umsgpack
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from spatial_pin.kinematics.views import placements
 from spatial_pin.view.film import Film
 from spatial_pin.view.framing import FIELD_OF_VIEW, Framing, frame, occupied
 from spatial_pin.view.quiet_meshcat import meshcat, mg
@@ -84,12 +86,13 @@ def _float32(x: Array) -> Any:
 def joint_poses(model: pin.Model, q: Array) -> Array:
     """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w."""
     data = model.createData()
-    poses = np.empty((len(q), model.njoints, 7))
-    for row, configuration in zip(poses, q, strict=True):
+    view = placements(data)
+    rows = np.empty((len(q), *view.shape))
+    for row, configuration in zip(rows, q, strict=True):
         pin.forwardKinematics(model, data, configuration)
-        for j in range(model.njoints):
-            row[j] = pin.SE3ToXYZQUAT(data.oMi[j])
-    return poses
+        row[:] = view
+    turns = Rotation.from_matrix(rows[..., :3, :].swapaxes(-1, -2).reshape(-1, 3, 3)).as_quat()
+    return np.concatenate([rows[..., 3, :], turns.reshape(*rows.shape[:2], 4)], axis=-1)
 
 
 def _joint_paths(model: pin.Model) -> list[str]:

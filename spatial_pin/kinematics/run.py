@@ -1,0 +1,227 @@
+"""Long runs of equal driver steps: positions one by one, rates of all rows together.
+
+`Branch.step` is the specification; this is the same motion at a third of the cost. Positions are
+extrapolated through the last rows (polynomials in the entries of q, quaternions included) and
+corrected with a matrix kept for a few steps. Then velocities, accelerations and determinants of
+all rows are computed together over flat arrays, and every row is judged: closed, on the same side
+of every singularity, and explained by the rates at both ends of its step. Rows from the first one
+that fails are thrown away and followed step by step instead.
+"""
+
+from __future__ import annotations
+
+from math import comb
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.kinematics.views import accelerations, twists
+
+if TYPE_CHECKING:
+    from spatial_pin.kinematics.sweep import Branch
+
+Array = NDArray[np.float64]
+
+HISTORY = 8  # rows that an extrapolation goes through
+SHORTEST = 8  # rows below which a run is not worth while
+LONGEST = 512  # rows that are judged together
+REFRESH = 4  # steps that one factored matrix serves
+CHORDS = 4  # corrections with a kept matrix before a step is given up
+UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
+_EXTRAPOLATION = np.array([(-1.0) ** (HISTORY - 1 - k) * comb(HISTORY, k) for k in range(HISTORY)])
+
+
+class Rows(NamedTuple):
+    """Rates and judgement of m rows.
+
+    Attributes:
+        t, c: (m, nv) first and second derivative of the path with respect to the driver.
+        residual: (m, rows) closure rows.
+        sign: (m,) sign of the determinant, 0 when singular.
+    """
+
+    t: Array
+    c: Array
+    residual: Array
+    sign: Array
+
+
+def is_possible(branch: Branch) -> bool:
+    """Whether the branch's equations are plain products and all its freedoms determined."""
+    accuracy = branch.accuracy
+    return (
+        branch.evaluation.is_plain
+        and not len(branch.system.passive)
+        and accuracy.corrections is None
+        and accuracy.order == 3
+    )
+
+
+def uniform_until(values: Array, k: int) -> int:
+    """Return the end of the equal steps around row k - 1, or k when there are too few."""
+    if k < HISTORY or len(values) - k < SHORTEST:
+        return k
+    steps = np.diff(values[k - HISTORY :])
+    h = steps[HISTORY - 2]
+    uneven = np.flatnonzero(np.abs(steps - h) > 1e-9 * abs(h))
+    if h == 0.0 or (uneven.size and uneven[0] < HISTORY - 1):
+        return k
+    end = k + (int(uneven[0]) - HISTORY + 1 if uneven.size else len(values) - k)
+    return end if end - k >= SHORTEST else k
+
+
+def follow(branch: Branch, values: Array, q: Array, k: int, end: int) -> tuple[int, Rows | None]:
+    """Follow equal steps from row k on; q (N, nq) holds the rows before and takes the new ones.
+
+    Returns:
+        The row after the last good one, at most `end`, and the rates of the rows from k on.
+    """
+    reached, jacobians, bodies = _positions(branch, values, q, k, end)
+    if reached - k < SHORTEST:
+        return k, None
+    rows = _rates(branch, q[k:reached], jacobians[: reached - k], bodies[: reached - k])
+    good = _good(branch, values[k] - values[k - 1], q[k - 1 : reached], rows)
+    return k + good, Rows(*(x[:good] for x in rows))
+
+
+def _positions(
+    branch: Branch, values: Array, q: Array, k: int, end: int
+) -> tuple[int, Array, Array]:
+    """Fill q[k:end]; return the first row that would not close, and J, G of the rows.
+
+    The loop is bound by the calls it makes: a correction is one product of a kept matrix with
+    the terms A * B of the rows, and its size is the measure of closure.
+    """
+    evaluation, model, data = branch.evaluation, branch.model, branch.evaluation.data
+    kinematics, integrate, dot, multiply = pin.computeJointJacobians, pin.integrate, np.dot, np.multiply
+    g, c_ab, ab, ab_a, ab_b, terms = evaluation.product_buffers()
+    flat_terms = terms.reshape(-1)
+    small = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
+    limit = 0.25 * small * small
+    m, n = end - k, model.njoints
+    jacobians, bodies = np.empty((m, 6, model.nv)), np.empty((m, 3, 4 * n))
+    joint_jacobian, placements = data.J, g.T
+    fixed = [(branch.at, 0.0), *branch.held]
+    h = float(values[k] - values[k - 1])
+    for i in range(m):
+        row = k + i
+        x = dot(_EXTRAPOLATION, q[row - HISTORY : row])
+        fixed[0] = (branch.at, values[row])
+        for index, value in fixed:
+            x[index] = value
+        if i % REFRESH == 0:
+            evaluation.update(x)
+            if not branch.system.factor():
+                return row, jacobians, bodies
+            chord, offset, spin_chord = branch.system.chord()
+        for attempt in range(CHORDS + 1):
+            kinematics(model, data, x)
+            dot(c_ab, g, ab)
+            multiply(ab_a, ab_b, out=terms)
+            step = dot(chord, flat_terms)
+            step += offset
+            if not attempt:
+                for spin, column in zip(branch.spins, spin_chord, strict=True):
+                    step += spin.error(h) * column
+            elif step.dot(step) <= limit:
+                break
+            x = integrate(model, x, step)
+            for index, value in fixed:
+                x[index] = value
+        else:
+            return row, jacobians, bodies
+        q[row] = x
+        jacobians[i] = joint_jacobian
+        bodies[i] = placements
+        for spin in branch.spins:
+            spin.accept(h)
+    return end, jacobians, bodies
+
+
+def _rates(branch: Branch, q: Array, jacobians: Array, bodies: Array) -> Rows:
+    evaluation, system = branch.evaluation, branch.system
+    c = evaluation.constraints
+    r, n_rows = len(c.constants), c.n_rows
+    m = len(q)
+    vectors = (bodies.reshape(3 * m, -1) @ c.c_abx.T).reshape(m, 3, 3 * r)
+    a, b, x = vectors[:, :, :r], vectors[:, :, r : 2 * r], vectors[:, :, 2 * r :]
+    residual = (a * b).sum(axis=1) - c.constants
+    wrenches = np.empty((m, 6, r))
+    np.multiply(b, c.factors[:, 0], out=wrenches[:, :3])
+    _cross(x, b, wrenches[:, 3:])
+    wrenches[:, 3:, c.passive_at :] = b[:, :, c.passive_at :]
+    products = wrenches.transpose(0, 2, 1) @ jacobians
+    products *= c.signs
+    matrices = system.stack(products)
+    sign, magnitude = np.linalg.slogdet(matrices)
+    sign[~np.isfinite(magnitude)] = 0.0
+    if not sign.all():  # judged singular: leave the solver something regular to do
+        matrices[sign == 0.0] = np.eye(matrices.shape[1])
+    drive = np.zeros((m, matrices.shape[1], 1))
+    drive[:, system.first_driver_row] = 1.0
+    t = np.linalg.solve(matrices, drive)[:, :, 0]
+    rhs = np.zeros_like(drive)
+    system.put_bias(rhs[:, :, 0], _bias(branch, q, t, bodies, a, b))
+    second = np.linalg.solve(matrices, rhs)[:, :, 0]
+    return Rows(t, second, residual[:, :n_rows], sign)
+
+
+def _bias(branch: Branch, q: Array, t: Array, bodies: Array, a: Array, b: Array) -> Array:
+    """Return (m, rows + passive) second derivatives of the rows at zero joint acceleration."""
+    evaluation, model, data = branch.evaluation, branch.model, branch.evaluation.data
+    c = evaluation.constraints
+    m, n, r = len(q), model.njoints, len(c.constants)
+    twist_view, acceleration_view = twists(data), accelerations(data)
+    local = np.empty((m, 2, n, 6))
+    zero = np.zeros(model.nv)
+    for k in range(m):
+        pin.forwardKinematics(model, data, q[k], t[k], zero)
+        local[k, 0] = twist_view
+        local[k, 1] = acceleration_view
+    g = bodies.reshape(m, 3, n, 4)
+    # world components (m, 3, ...) of the local linear and angular parts
+    world = np.einsum("mxnc,mknpc->mxknp", g[..., :3], local.reshape(m, 2, n, 2, 3))
+    v, w = world[:, :, 0, :, 0], world[:, :, 0, :, 1]
+    alpha = world[:, :, 1, :, 1]
+    first, second = np.empty_like(g), np.empty_like(g)
+    columns = g[..., :3]
+    _cross(w[..., None], columns, first[..., :3])
+    first[..., 3] = v
+    _cross(w[..., None], first, second)  # ω × R', and ω × v for the classical acceleration
+    spin = np.empty_like(columns)
+    _cross(alpha[..., None], columns, spin)
+    second[..., :3] += spin
+    second[..., 3] += world[:, :, 1, :, 0]
+    c_ab = c.c_abx[: 2 * r].T
+    v1 = (first.reshape(3 * m, -1) @ c_ab).reshape(m, 3, 2 * r)
+    v2 = (second.reshape(3 * m, -1) @ c_ab).reshape(m, 3, 2 * r)
+    bias = (v2[:, :, :r] * b + 2.0 * v1[:, :, :r] * v1[:, :, r:] + a * v2[:, :, r:]).sum(axis=1)
+    if c.n_passive:
+        bias[:, c.passive_at :] = local[:, 1].reshape(m, -1) @ c.spin_bias.T
+    return bias
+
+
+def _cross(x: Array, y: Array, out: Array) -> None:
+    """Write x × y; the vectors lie along axis 1."""
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(x[:, j], y[:, k], out=out[:, i])
+        out[:, i] -= x[:, k] * y[:, j]
+
+
+def _good(branch: Branch, h: float, q: Array, rows: Rows) -> int:
+    """Return how many rows pass; q (m + 1, nq) begins with the row before them."""
+    model, linear = branch.model, branch.linear
+    t = np.vstack([branch.t, rows.t])
+    c = np.vstack([branch.c, rows.c])
+    # Hermite: q1 - q0 = h (t0 + t1)/2 + h² (c0 - c1)/12, in the joints where dq/ds = t
+    moved = np.diff(q[:, linear[0]], axis=0)
+    told = (0.5 * h) * (t[:-1] + t[1:]) + (h * h / 12.0) * (c[:-1] - c[1:])
+    told = told[:, linear[1]]
+    size = np.linalg.norm(moved, axis=1)
+    unexplained = np.linalg.norm(moved - told, axis=1) > UNEXPLAINED * size + 1e-12
+    cosine = np.vecdot(t[:-1], t[1:]) / np.sqrt(np.vecdot(t[:-1], t[:-1]) * np.vecdot(t[1:], t[1:]))
+    bad = unexplained | (rows.sign != branch.sign) | (cosine < 0.9) | ~np.isfinite(rows.c).all(1)
+    assert model.nv == t.shape[1]
+    return int(np.argmax(bad)) if bad.any() else len(bad)
