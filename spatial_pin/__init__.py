@@ -22,7 +22,7 @@ from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"
 
-_SEEN_ON_USE = ("show", "export_html", "plot")  # they load meshcat and matplotlib
+_SEEN_ON_USE = ("show", "export_html", "plot", "screenshot")  # they load meshcat and matplotlib
 
 __all__ = [
     "Accuracy",
@@ -43,6 +43,7 @@ __all__ = [
     "list_mechanisms",
     "load",
     "plot",
+    "screenshot",
     "show",
     "solve_rates",
     "sweep",

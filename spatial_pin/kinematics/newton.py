@@ -148,6 +148,7 @@ class SquareSystem:
         elif evaluation.jacobian.base is not None:
             evaluation.jacobian = np.zeros((n + p, evaluation.model.nv))
         self._rhs = np.zeros(len(self.matrix))
+        self._thrice = np.repeat(np.arange(len(evaluation.constraints.constants)), 3)
         evaluation.update(q)
         self.factor()
 
@@ -241,11 +242,12 @@ class SquareSystem:
             (nv, 3 r) and (nv,): the correction is chord @ (A * B of all r product rows) + offset;
             (n_passive, nv): what takes away a unit of each spin.
         """
-        c = self.evaluation.constraints
-        inverse = np.linalg.inv(self.matrix)
-        chord = np.zeros((len(self.matrix), len(c.constants)))
+        constants = self.evaluation.constraints.constants
+        inverse = lapack.dgetri(self._lu, self._pivots)[0].T
+        chord = np.zeros((len(self.matrix), len(constants)))
         chord[:, self.rows] = -inverse[:, self._closure]
-        return np.repeat(chord, 3, axis=1), -chord @ c.constants, -inverse[:, self._spin].T
+        thrice = chord.take(self._thrice, axis=1)
+        return thrice, -np.dot(chord, constants), -inverse[:, self._spin].T
 
     def put_bias(self, rhs: Array, bias: Array) -> None:
         """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 HISTORY = 8  # rows that an extrapolation goes through
 SHORTEST = 8  # rows below which a run is not worth while
 LONGEST = 512  # rows that are judged together
-REFRESH = 4  # steps that one factored matrix serves
 CHORDS = 4  # corrections with a kept matrix before a step is given up
+FRESH = 3  # corrections after which the matrix is made anew for the next step
 UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
 _EXTRAPOLATION = np.array([(-1.0) ** (HISTORY - 1 - k) * comb(HISTORY, k) for k in range(HISTORY)])
 
@@ -105,13 +105,14 @@ def _positions(
     joint_jacobian, placements = data.J, g.T
     fixed = [(branch.at, 0.0), *branch.held]
     h = float(values[k] - values[k - 1])
+    attempt = FRESH
     for i in range(m):
         row = k + i
-        x = dot(_EXTRAPOLATION, q[row - HISTORY : row])
+        x = pin.normalize(model, dot(_EXTRAPOLATION, q[row - HISTORY : row]))
         fixed[0] = (branch.at, values[row])
         for index, value in fixed:
             x[index] = value
-        if i % REFRESH == 0:
+        if attempt >= FRESH:
             evaluation.update(x)
             if not branch.system.factor():
                 return row, jacobians, bodies
@@ -174,17 +175,16 @@ def _bias(branch: Branch, q: Array, t: Array, bodies: Array, a: Array, b: Array)
     c = evaluation.constraints
     m, n, r = len(q), model.njoints, len(c.constants)
     twist_view, acceleration_view = twists(data), accelerations(data)
-    local = np.empty((m, 2, n, 6))
+    local = np.empty((m, n, 12))  # twist and spatial acceleration of every body
     zero = np.zeros(model.nv)
     for k in range(m):
         pin.forwardKinematics(model, data, q[k], t[k], zero)
-        local[k, 0] = twist_view
-        local[k, 1] = acceleration_view
+        local[k, :, :6] = twist_view
+        local[k, :, 6:] = acceleration_view
     g = bodies.reshape(m, 3, n, 4)
-    # world components (m, 3, ...) of the local linear and angular parts
-    world = np.einsum("mxnc,mknpc->mxknp", g[..., :3], local.reshape(m, 2, n, 2, 3))
-    v, w = world[:, :, 0, :, 0], world[:, :, 0, :, 1]
-    alpha = world[:, :, 1, :, 1]
+    rotations = g[..., :3].transpose(0, 2, 3, 1)  # (m, n, 3, 3), transposed
+    world = (local.reshape(m, n, 4, 3) @ rotations).transpose(2, 0, 3, 1)
+    v, w, a_linear, alpha = world  # (m, 3, n) each
     first, second = np.empty_like(g), np.empty_like(g)
     columns = g[..., :3]
     _cross(w[..., None], columns, first[..., :3])
@@ -193,13 +193,13 @@ def _bias(branch: Branch, q: Array, t: Array, bodies: Array, a: Array, b: Array)
     spin = np.empty_like(columns)
     _cross(alpha[..., None], columns, spin)
     second[..., :3] += spin
-    second[..., 3] += world[:, :, 1, :, 0]
+    second[..., 3] += a_linear
     c_ab = c.c_abx[: 2 * r].T
     v1 = (first.reshape(3 * m, -1) @ c_ab).reshape(m, 3, 2 * r)
     v2 = (second.reshape(3 * m, -1) @ c_ab).reshape(m, 3, 2 * r)
     bias = (v2[:, :, :r] * b + 2.0 * v1[:, :, :r] * v1[:, :, r:] + a * v2[:, :, r:]).sum(axis=1)
     if c.n_passive:
-        bias[:, c.passive_at :] = local[:, 1].reshape(m, -1) @ c.spin_bias.T
+        bias[:, c.passive_at :] = local[:, :, 6:].reshape(m, -1) @ c.spin_bias.T
     return bias
 
 
