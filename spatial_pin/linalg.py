@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
 RANK_TOLERANCE = 1e-10  # singular values below this fraction of the largest count as zero
 

@@ -1,0 +1,1 @@
+"""Closing mechanisms and moving them."""

@@ -7,13 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from spatial_pin.kinematics.newton import SquareSystem, close
-from spatial_pin.linalg import decompose, determinant_sign_of
-
-Array = NDArray[np.float64]
+from spatial_pin.linalg import Array, decompose, determinant_sign_of
 
 FIRST_STEP = 1e-3  # rad or characteristic lengths
 LARGEST_STEP = 0.1

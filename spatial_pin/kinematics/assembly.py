@@ -13,6 +13,7 @@ from spatial_pin.errors import AssemblyError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import (
     finite_array,
     finite_number,
@@ -23,8 +24,6 @@ from spatial_pin.mechanism.configuration import (
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.settings import Accuracy
-
-Array = NDArray[np.float64]
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess

@@ -27,14 +27,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 import scipy.sparse
-from numpy.typing import NDArray
 
 from spatial_pin.kinematics.views import accelerations, placements, twists
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.rows import Row
-
-Array = NDArray[np.float64]
 
 DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
 
@@ -43,7 +41,7 @@ class RowLabel(NamedTuple):
     """Which equation of which closure a row is."""
 
     closure: str
-    index: int
+    equation: int
 
 
 class _Vectors:
@@ -212,11 +210,10 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 
 
 # columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
-_TWIST_MATRIX = np.zeros((6, 4, 4))
+_TWIST_MATRIX = np.zeros((6, 16))
 for _i in range(3):
-    _TWIST_MATRIX[_i, 3, _i] = 1.0
-    _TWIST_MATRIX[3 + _i, :3, :3] = pin.skew(np.eye(3)[_i]).T
-_TWIST_MATRIX = _TWIST_MATRIX.reshape(6, 16)
+    _TWIST_MATRIX[_i, 12 + _i] = 1.0
+    _TWIST_MATRIX[3 + _i].reshape(4, 4)[:3, :3] = pin.skew(np.eye(3)[_i]).T
 # a @ _CYCLES = (a, a_yzx, a_zxy, a_yzx): a cross product from one multiplication and one difference
 _CYCLES = np.hstack([np.eye(3)[:, c] for c in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 2, 0])])
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import WORLD_AXES, State
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 def closure_jacobian(mechanism: Mechanism, q: Array) -> Array:

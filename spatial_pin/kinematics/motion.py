@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.state import State, center_of_mass
 from spatial_pin.kinematics.views import accelerations, placements, twists
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 class Event(NamedTuple):

@@ -11,10 +11,8 @@ from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
-from spatial_pin.linalg import aligned, decompose, determinant_sign, independent_rows
+from spatial_pin.linalg import Array, aligned, decompose, determinant_sign, independent_rows
 from spatial_pin.mechanism.mechanism import Coordinate
-
-Array = NDArray[np.float64]
 
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 PIVOT_TOLERANCE = 1e-11  # smallest over largest pivot of a regular square system
@@ -286,7 +284,7 @@ def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[st
     size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
     twists = twists * size[:, None]
     largest = np.abs(twists).max(initial=0.0)
-    found = []
+    found: list[tuple[str, Array]] = []
     for i in range(1, model.njoints):
         others = np.delete(twists, i - 1, axis=0).reshape(-1, len(null_space))
         alone = decompose(np.vstack([others, np.zeros((1, len(null_space)))]) / largest)

@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.kinematics.views import accelerations, twists
+from spatial_pin.linalg import Array
 
 if TYPE_CHECKING:
     from spatial_pin.kinematics.sweep import Branch
 
-Array = NDArray[np.float64]
 
 HISTORY = 8  # rows that an extrapolation goes through
 SHORTEST = 8  # rows below which a run is not worth while
@@ -89,56 +88,75 @@ def follow(branch: Branch, values: Array, q: Array, k: int, end: int) -> tuple[i
 def _positions(
     branch: Branch, values: Array, q: Array, k: int, end: int
 ) -> tuple[int, Array, Array]:
-    """Fill q[k:end]; return the first row that would not close, and J, G of the rows.
-
-    The loop is bound by the calls it makes: a correction is one product of a kept matrix with
-    the terms A * B of the rows, and its size is the measure of closure.
-    """
-    evaluation, model, data = branch.evaluation, branch.model, branch.evaluation.data
-    kinematics, integrate, dot, multiply = pin.computeJointJacobians, pin.integrate, np.dot, np.multiply
-    g, c_ab, ab, ab_a, ab_b, terms = evaluation.product_buffers()
-    flat_terms = terms.reshape(-1)
-    small = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
-    limit = 0.25 * small * small
-    m, n = end - k, model.njoints
+    """Fill q[k:end]; return the first row that would not close, and J, G of the rows."""
+    m, n, model = end - k, branch.model.njoints, branch.model
     jacobians, bodies = np.empty((m, 6, model.nv)), np.empty((m, 3, 4 * n))
-    joint_jacobian, placements = data.J, g.T
-    fixed = [(branch.at, 0.0), *branch.held]
-    h = float(values[k] - values[k - 1])
-    attempt = FRESH
-    for i in range(m):
+    corrector = _Corrector(branch, float(values[k] - values[k - 1]))
+    joint_jacobian, placements = corrector.data.J, corrector.g.T
+    for i, value in enumerate(values[k:end].tolist()):
         row = k + i
-        x = pin.normalize(model, dot(_EXTRAPOLATION, q[row - HISTORY : row]))
-        fixed[0] = (branch.at, values[row])
-        for index, value in fixed:
-            x[index] = value
-        if attempt >= FRESH:
-            evaluation.update(x)
-            if not branch.system.factor():
-                return row, jacobians, bodies
-            chord, offset, spin_chord = branch.system.chord()
-        for attempt in range(CHORDS + 1):
-            kinematics(model, data, x)
-            dot(c_ab, g, ab)
-            multiply(ab_a, ab_b, out=terms)
-            step = dot(chord, flat_terms)
-            step += offset
-            if not attempt:
-                for spin, column in zip(branch.spins, spin_chord, strict=True):
-                    step += spin.error(h) * column
-            elif step.dot(step) <= limit:
-                break
-            x = integrate(model, x, step)
-            for index, value in fixed:
-                x[index] = value
-        else:
+        x = pin.normalize(model, np.dot(_EXTRAPOLATION, q[row - HISTORY : row]))
+        closed = corrector.close(x, value)
+        if closed is None:
             return row, jacobians, bodies
-        q[row] = x
+        q[row] = closed
         jacobians[i] = joint_jacobian
         bodies[i] = placements
-        for spin in branch.spins:
-            spin.accept(h)
     return end, jacobians, bodies
+
+
+class _Corrector:
+    """Chord method: a correction is one product of a kept matrix with the terms A * B of the rows.
+
+    The size of a correction is the measure of closure; the batch judges the residuals.
+    """
+
+    def __init__(self, branch: Branch, h: float) -> None:
+        self.branch, self.h = branch, h
+        self.model, self.data = branch.model, branch.evaluation.data
+        self.g, self.c_ab, self.ab, self.a, self.b, self.terms = branch.evaluation.product_buffers()
+        self.flat_terms = self.terms.reshape(-1)
+        small = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
+        self.limit = 0.25 * small * small
+        self.attempts = FRESH
+
+    def close(self, x: Array, value: float) -> Array | None:
+        """Return the closed configuration near x at the driver value, None when it goes astray.
+
+        Pinocchio's data are left there.
+        """
+        self._hold(x, value)
+        if self.attempts >= FRESH and not self._renew(x):
+            return None
+        spins = self.branch.spins
+        for self.attempts in range(CHORDS + 1):
+            pin.computeJointJacobians(self.model, self.data, x)
+            np.dot(self.c_ab, self.g, self.ab)
+            np.multiply(self.a, self.b, out=self.terms)
+            step = np.dot(self.chord, self.flat_terms)
+            step += self.offset
+            if not self.attempts:
+                for spin, column in zip(spins, self.spin_chord, strict=True):
+                    step += spin.error(self.h) * column
+            elif step.dot(step) <= self.limit:
+                for spin in spins:
+                    spin.accept(self.h)
+                return x
+            x = pin.integrate(self.model, x, step)
+            self._hold(x, value)
+        return None
+
+    def _hold(self, x: Array, value: float) -> None:
+        x[self.branch.at] = value
+        for index, fixed in self.branch.held:
+            x[index] = fixed
+
+    def _renew(self, x: Array) -> bool:
+        self.branch.evaluation.update(x)
+        if not self.branch.system.factor():
+            return False
+        self.chord, self.offset, self.spin_chord = self.branch.system.chord()
+        return True
 
 
 def _rates(branch: Branch, q: Array, jacobians: Array, bodies: Array) -> Rows:

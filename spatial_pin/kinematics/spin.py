@@ -12,13 +12,15 @@ over a step in its own axes and h its length, d_before and h_before those of the
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from spatial_pin.linalg import Array
 
 
 class Spin:
     """Measures the spin of one body since the last accepted step.
+
+    Attributes:
+        has_history: whether a step before the present one is known.
 
     Args:
         rotation: (3, 3) view that always holds the transposed rotation of the body.
@@ -28,22 +30,18 @@ class Spin:
     def __init__(self, rotation: Array, axis: Array) -> None:
         self._rotation = rotation
         self._axis = axis.tolist()
-        self._before: Array | None = None
+        self._before: Array = np.eye(3)
+        self.has_history = False
         self._d = self._next = [0.0, 0.0, 0.0]
         self._h = 1.0
 
-    @property
-    def has_history(self) -> bool:
-        """Whether a step before the present one is known."""
-        return self._before is not None
-
     def forget(self) -> None:
         """Forget the past, after a jump."""
-        self._before = None
+        self.has_history = False
 
     def begin(self, before: Array, h: float) -> None:
         """Take the present rotation as accepted, `before` (3, 3, transposed) a step h earlier."""
-        self._before = before
+        self._before, self.has_history = before, True
         self.error(h)
         self.accept(h)
 

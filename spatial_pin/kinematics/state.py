@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.errors import AssemblyError, LimitError, SingularError
 from spatial_pin.kinematics import run
@@ -20,11 +19,10 @@ from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
-
-Array = NDArray[np.float64]
 
 MAX_CORRECTIONS = 6
 EXPLAINED = 0.1  # a correction may be this fraction of the predicted step

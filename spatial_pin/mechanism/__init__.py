@@ -1,0 +1,1 @@
+"""What a mechanism is, and the files it comes from."""

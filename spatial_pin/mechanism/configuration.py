@@ -13,13 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.errors import UnknownNameError
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-
-Array = NDArray[np.float64]
 
 
 class CoordinateRates(NamedTuple):
@@ -50,7 +48,7 @@ def finite_number(value: Any, what: str) -> float:
     Raises:
         ValueError: NaN, infinite, or no number.
     """
-    if isinstance(value, str | bytes) or isinstance(value, bool):
+    if isinstance(value, str | bytes | bool):
         raise ValueError(f"{what} must be a number, not {value!r}")
     return float(finite_array(value, (), what))
 
@@ -93,7 +91,7 @@ def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> 
             q[c.q] = value
         else:
             vector = vectors.setdefault(c.joint, joint_vector(mechanism, q, c.joint))
-            vector[c.index] = value
+            vector[c.place] = value
     for joint, vector in vectors.items():
         i = mechanism.joint_id(joint)
         at = mechanism.model.idx_qs[i]
@@ -126,10 +124,10 @@ def coordinate_rates(
     i = mechanism.joint_id(c.joint)
     at, n, iv = mechanism.model.idx_qs[i], mechanism.model.nqs[i], mechanism.model.idx_vs[i]
     quaternions = q[:, at + n - 4 : at + n]
-    if n == 7 and c.index < 3:
-        return _floating_translation(c.index, q[:, at : at + 3], quaternions,
+    if n == 7 and c.place < 3:
+        return _floating_translation(c.place, q[:, at : at + 3], quaternions,
                                      v[:, iv : iv + 6], a[:, iv : iv + 6])
-    k = c.index % 3
+    k = c.place % 3
     w = slice(iv + 3, iv + 6) if n == 7 else slice(iv, iv + 3)
     phi = continued_rotation_vectors(quaternions)
     rate, acceleration = rotation_vector_rates(phi, v[:, w], a[:, w])

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import joint_values
 from spatial_pin.mechanism.mechanism import (
     Closure,
@@ -253,7 +253,7 @@ class _Table:
                       (f" and at least {least:g}" if least > -math.inf else ""))
         return float(value)
 
-    def vector(self, key: str) -> NDArray[np.float64]:
+    def vector(self, key: str) -> Array:
         value = self.get(key)
         numbers = isinstance(value, list) and len(value) == 3 and all(
             isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
@@ -263,7 +263,7 @@ class _Table:
             self.fail(key, f"must be three finite numbers, not {value!r}")
         return np.array(value, dtype=float)
 
-    def axis(self, key: str) -> NDArray[np.float64]:
+    def axis(self, key: str) -> Array:
         """A direction; written with a few digits it is normalised, else refused."""
         value = self.vector(key)
         norm = float(np.linalg.norm(value))

@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.errors import ClosureTypeError, MechanismFileError, UnknownNameError
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
-
-Array = NDArray[np.float64]
 
 
 class Coordinate(NamedTuple):
@@ -28,7 +26,7 @@ class Coordinate(NamedTuple):
         unit: "rad" or "m".
         q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
         v: index in the velocity.
-        index: place among the joint's coordinates.
+        place: which of the joint's coordinates it is.
     """
 
     name: str
@@ -36,7 +34,7 @@ class Coordinate(NamedTuple):
     unit: str
     q: int
     v: int
-    index: int
+    place: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.rows import Row, distance, dot, point, screw
-
-Vector = NDArray[np.float64]
 
 X, Y, Z = np.eye(3)
 
@@ -38,8 +36,8 @@ class PairGeometry:
         lead: translation per turn [m] (screw).
     """
 
-    axes1: Vector
-    axes2: Vector
+    axes1: Array
+    axes2: Array
     length: float = 0.0
     lead: float = 0.0
 
@@ -50,7 +48,7 @@ class Pair:
 
     freedom: int
     rows: Callable[[PairGeometry], tuple[Row, ...]] | None
-    joint: Callable[[Vector, Vector, float], pin.JointModel] | None = None
+    joint: Callable[[Array, Array, float], pin.JointModel] | None = None
     coordinates: tuple[tuple[str, str], ...] = ()
     aligned: str = ""
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -66,14 +64,14 @@ class Pair:
         return not any(suffix in ("z", "rz") for suffix, _ in self.coordinates)
 
 
-def axes_from_z(axis: Vector) -> Vector:
+def axes_from_z(axis: Array) -> Array:
     """Return the rotation (3, 3) that takes z to the unit vector `axis` by the shortest way."""
     if axis[2] <= -1.0 + 1e-15:
         return np.diag([1.0, -1.0, -1.0])
     return pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
 
 
-def revolute_joint(axis: Vector, *_: object) -> pin.JointModel:
+def revolute_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest one-coordinate revolute joint about the unit vector `axis`."""
     for e, model in zip((X, Y, Z), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
                         strict=True):
@@ -82,7 +80,7 @@ def revolute_joint(axis: Vector, *_: object) -> pin.JointModel:
     return pin.JointModelRevoluteUnaligned(axis)
 
 
-def prismatic_joint(axis: Vector, *_: object) -> pin.JointModel:
+def prismatic_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest prismatic joint along the unit vector `axis`."""
     for e, model in zip((X, Y, Z), (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
                         strict=True):
@@ -98,20 +96,20 @@ def _composite(*joints: pin.JointModel) -> pin.JointModel:
     return composite
 
 
-def _screw_joint(axis: Vector, _: Vector, lead: float) -> pin.JointModel:
+def _screw_joint(axis: Array, _: Array, lead: float) -> pin.JointModel:
     return pin.JointModelHelicalUnaligned(axis, lead / (2.0 * np.pi))
 
 
-def _cylindrical_joint(axis: Vector, *_: object) -> pin.JointModel:
+def _cylindrical_joint(axis: Array, *_: object) -> pin.JointModel:
     return _composite(revolute_joint(axis), prismatic_joint(axis))
 
 
-def _planar_joint(axis: Vector, *_: object) -> pin.JointModel:
+def _planar_joint(axis: Array, *_: object) -> pin.JointModel:
     x, y, z = axes_from_z(axis).T
     return _composite(prismatic_joint(x), prismatic_joint(y), revolute_joint(z))
 
 
-def _universal_joint(axis: Vector, axis2: Vector, _: float) -> pin.JointModel:
+def _universal_joint(axis: Array, axis2: Array, _: float) -> pin.JointModel:
     return pin.JointModelUniversal(axis, axis2)
 
 

@@ -22,10 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Vector = NDArray[np.float64]
+from spatial_pin.linalg import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +39,12 @@ class Row:
         angle_of: see `angle_from`.
     """
 
-    u: Vector | None = None
-    w: Vector | None = None
+    u: Array | None = None
+    w: Array | None = None
     offset: float = 0.0
     pitch: float | None = None
-    angle_from: Vector | None = None
-    angle_of: Vector | None = None
+    angle_from: Array | None = None
+    angle_of: Array | None = None
 
     @property
     def is_length(self) -> bool:
@@ -55,21 +52,21 @@ class Row:
         return self.w is None
 
 
-def point(u: Vector) -> Row:
-    """u . d = 0."""
+def point(u: Array) -> Row:
+    """Return the row u . d = 0."""
     return Row(u=u)
 
 
-def dot(u: Vector, w: Vector, cosine: float = 0.0) -> Row:
-    """u . w = cosine."""
+def dot(u: Array, w: Array, cosine: float = 0.0) -> Row:
+    """Return the row u . w = cosine."""
     return Row(u=u, w=w, offset=cosine)
 
 
 def distance(length: float) -> Row:
-    """|d| = length [m]."""
+    """Return the row |d| = length [m]."""
     return Row(offset=length)
 
 
-def screw(axes1: Vector, axes2: Vector, pitch: float) -> Row:
-    """Slide along z = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z in columns."""
+def screw(axes1: Array, axes2: Array, pitch: float) -> Row:
+    """Return the row slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
     return Row(u=axes1[:, 2], pitch=pitch, angle_from=axes1[:, :2].T, angle_of=axes2[:, 0])

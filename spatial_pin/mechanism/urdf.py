@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
@@ -46,8 +46,8 @@ class JointRefinement:
     """
 
     type: str
-    axis: NDArray[np.float64] | None = None
-    axis2: NDArray[np.float64] | None = None
+    axis: Array | None = None
+    axis2: Array | None = None
     lead: float = 0.0
 
 
@@ -131,16 +131,16 @@ def read_tree(
     text = ET.tostring(robot, encoding="unicode")
     try:
         model = pin.buildModelFromXML(text)
-        geometry = [
+        visual, collision = (
             pin.buildGeomFromUrdfString(model, text, kind)
             for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
-        ]
+        )
     except Exception as error:
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {error}") from error
     elements = {joint.get("name", ""): joint for joint in robot.iter("joint")}
     rebuilt = _rebuild(model, pairs, elements, refinements, path)
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
-    return Tree(rebuilt, *geometry, order, inertias, _mimics(robot, path), urdf)
+    return Tree(rebuilt, visual, collision, order, inertias, _mimics(robot, path), urdf)
 
 
 def _parse(text: str, path: Path) -> ET.Element:
@@ -177,9 +177,9 @@ def _check_structure(robot: ET.Element, path: Path) -> None:
             raise MechanismFileError(
                 f"{path}: link {child!r} has two parents: joint {first.get('name')!r} from "
                 f"{_end(first, 'parent')!r} and joint {joint.get('name')!r} from "
-                f"{_end(joint, 'parent')!r}. URDF holds trees only: cut the loop at one of the two "
-                f"joints: delete it here, put an empty link on a fixed joint at its place on either "
-                f"side, and write a [[closures]] entry with those two frames in a .toml file"
+                f"{_end(joint, 'parent')!r}. URDF holds trees only: cut the loop at one of the "
+                "two joints: delete it here, put an empty link on a fixed joint at its place on "
+                "either side, and write a [[closures]] entry with those two frames in a .toml file"
             )
         parent_joint[child] = joint
     roots = [link for link in links if link not in parent_joint]
@@ -221,7 +221,7 @@ def _end(joint: ET.Element, role: str) -> str:
 # ---------------------------------------------------------------- numbers
 
 
-def _numbers(element: ET.Element, attribute: str, count: int, where: str) -> NDArray[np.float64]:
+def _numbers(element: ET.Element, attribute: str, count: int, where: str) -> Array:
     text = element.get(attribute, "")
     try:
         values = np.array([float(word) for word in text.split()])
@@ -258,8 +258,10 @@ def _check_links(robot: ET.Element, path: Path) -> dict[str, pin.Inertia]:
         for tag, attributes in (("limit", ("lower", "upper", "effort", "velocity")),
                                 ("dynamics", ("damping", "friction"))):
             element = joint.find(tag)
-            for attribute in attributes if element is not None else ():
-                if attribute in element.attrib and not _is_number(element.get(attribute, "")):
+            for attribute in attributes:
+                if element is None or attribute not in element.attrib:
+                    continue
+                if not _is_number(element.get(attribute, "")):
                     raise MechanismFileError(
                         f"{where}: <{tag} {attribute}={element.get(attribute)!r}> is not a number"
                     )
@@ -383,7 +385,8 @@ def _rebuild(
         assert pair.joint is not None
         joint = pair.joint(axis, axis2, lead)
         same = elements[name].get("type") in ("revolute", "prismatic") and joint.nq == 1
-        limits = _copied_limits(model, i) if same else _read_limits(elements[name], joint.nq, joint.nv)
+        limits = (_copied_limits(model, i) if same
+                  else _read_limits(elements[name], joint.nq, joint.nv))
         new.addJoint(model.parents[i], joint, model.jointPlacements[i], name, *limits)
     for i in range(model.njoints):
         new.inertias[i] = model.inertias[i]
@@ -394,7 +397,7 @@ def _rebuild(
 
 def joint_axes(
     pair: Pair, element: ET.Element, refined: JointRefinement | None, where: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return the unit axes of a tree joint: the mechanism file's, else the URDF's, else default."""
     tag = element.find("axis")
     if refined is not None and refined.axis is not None:
@@ -418,7 +421,7 @@ def joint_axes(
     return axis, axis2
 
 
-def _copied_limits(model: pin.Model, i: int) -> tuple[NDArray[np.float64], ...]:
+def _copied_limits(model: pin.Model, i: int) -> tuple[Array, ...]:
     """Return the bounds of joint `i` in the order that `pin.Model.addJoint` takes them."""
     q = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
     v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
@@ -431,7 +434,7 @@ def _copied_limits(model: pin.Model, i: int) -> tuple[NDArray[np.float64], ...]:
     )
 
 
-def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[NDArray[np.float64], ...]:
+def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
     """Return the bounds that the URDF element states for a joint that Pinocchio read otherwise.
 
     One scalar of the URDF holds for every coordinate of the pair, except the position limits of
@@ -442,7 +445,7 @@ def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[NDArray[np.floa
     def scalar(source: ET.Element | None, key: str, default: float) -> float:
         return float(source.get(key, default)) if source is not None else default
 
-    def filled(count: int, value: float) -> NDArray[np.float64]:
+    def filled(count: int, value: float) -> Array:
         return np.full(count, value)
 
     effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)

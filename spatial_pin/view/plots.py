@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from spatial_pin.kinematics.motion import Motion
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # of Okabe and Ito: x, y, z
 INK, FAINT = "#2b3138", "#d5d9de"
