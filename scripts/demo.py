@@ -19,7 +19,8 @@ SPEED = 240 * 2 * pi / 60  # rad/s
 
 def rocker_angle(phi: float, a: float, b: float, c: float, d: float) -> float:
     """Closed form of the lecture notes."""
-    return acos((b * b - a * a - c * c - d * d + 2 * a * d * cos(phi)) / (2 * c * (d - a * cos(phi))))
+    offset = d - a * cos(phi)
+    return acos((b * b - a * a - c * c - d * d + 2 * a * d * cos(phi)) / (2 * c * offset))
 
 
 def main(folder: Path) -> None:
@@ -34,18 +35,18 @@ def main(folder: Path) -> None:
     print(f"crank at 60°, 240 rpm: loop closed to {state.closure_error:.1e} of its size")
     print(f"  rocker angle         {degrees(rocker.value):.10f}°  "
           f"(closed form {degrees(exact):.10f}°)")
-    print(f"  rocker speed         {rocker.rate:.8f} rad/s = {rocker.rate / SPEED:.12f} of the crank")
+    print(f"  rocker speed         {rocker.rate:.8f} rad/s, {rocker.rate / SPEED:.12f} of the crank's")
     print(f"  rocker acceleration  {rocker.acceleration:.8f} rad/s²")
     print(f"  coupler ω            {state.angular_velocity('coupler').round(7)} rad/s")
-    print(f"  closed-loop Jacobian of the rocker's tip {sp.jacobian(mechanism, state, 'rocker_b')[:3, 0].round(6)}"
-          " m/rad")
+    tip = sp.jacobian(mechanism, state, "rocker_b")[:3, 0]
+    print(f"  tip of the rocker moves {tip.round(6)} m per rad of the crank")
 
     motion = sp.sweep(mechanism, "crank", np.linspace(0, 2 * pi, 361), speed=SPEED)
     print(f"one turn: {motion}")
     try:
-        sp.sweep(sp.load("rssr", b=0.30), "crank", np.linspace(0, 2 * pi, 361))
+        sp.sweep(sp.load("rssr", b=0.5), "crank", np.linspace(pi, 2 * pi, 181))
     except sp.LimitError as limit:
-        print(f"with a coupler of 300 mm: {limit}")
+        print(f"with a coupler of 500 mm: {limit}")
 
     outputs = ["rocker_pin", "rocker_pin.ratio", "coupler.com.acceleration"]
     written = [

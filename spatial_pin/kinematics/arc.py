@@ -115,37 +115,36 @@ def march(
                 return Arrival("branch point" if crossed else "lost", q, float(q[at]))
             continue
         if heading * (ahead[at] - target) >= 0.0:
-            return _arrive(curve, q, t, length, target, ahead)
+            return _arrive(curve, q, t, length, target)
         if heading * curve.slope(t_ahead) <= 0.0:
-            limit = _turning_point(curve, q, t, length)
-            if heading * (limit[at] - target) > 0.0:
-                return _arrive(curve, q, t, length, target, limit)
+            turning = _turning_point(curve, q, t, length)
+            limit = _point(curve, q, t, turning)
+            if heading * (limit[at] - target) >= 0.0:
+                return _arrive(curve, q, t, turning, target)
             return Arrival("limit", limit, float(limit[at]))
         q, t = ahead, t_ahead
         length = min(2.0 * length, LARGEST_STEP)
     return Arrival("lost", q, float(q[at]))
 
 
-def _turning_point(curve: _Curve, q: Array, t: Array, length: float) -> Array:
-    """Return the configuration within `length` of q where the driver turns back."""
+def _turning_point(curve: _Curve, q: Array, t: Array, length: float) -> float:
+    """Return the length, at most `length`, after which the driver turns back."""
 
     def slope(x: float) -> float:
         ahead = curve.at(q, t, x)
         return curve.slope(curve.tangent(ahead, t)[0]) if ahead is not None else np.nan
 
-    return _point(curve, q, t, _root(slope, length))
+    return _root(slope, length)
 
 
-def _arrive(
-    curve: _Curve, q: Array, t: Array, length: float, target: float, beyond: Array
-) -> Arrival:
-    """Return the configuration at the target value, which lies between q and `beyond`."""
+def _arrive(curve: _Curve, q: Array, t: Array, length: float, target: float) -> Arrival:
+    """Return the configuration at the target value, reached within `length` of q."""
     at = curve.driver.q
 
     def gap(x: float) -> float:
         return float(_point(curve, q, t, x)[at]) - target
 
-    ahead = _point(curve, q, t, _root(gap, length)) if gap(length) != 0.0 else beyond
+    ahead = _point(curve, q, t, _root(gap, length))
     ahead[at] = target
     free = np.ones(curve.model.nv, dtype=bool)
     free[[c.v for c in curve.system.driven]] = False
