@@ -35,7 +35,8 @@ def main(folder: Path) -> None:
     print(f"crank at 60°, 240 rpm: loop closed to {state.closure_error:.1e} of its size")
     print(f"  rocker angle         {degrees(rocker.value):.10f}°  "
           f"(closed form {degrees(exact):.10f}°)")
-    print(f"  rocker speed         {rocker.rate:.8f} rad/s, {rocker.rate / SPEED:.12f} of the crank's")
+    ratio = rocker.rate / SPEED
+    print(f"  rocker speed         {rocker.rate:.8f} rad/s, {ratio:.12f} of the crank's")
     print(f"  rocker acceleration  {rocker.acceleration:.8f} rad/s²")
     print(f"  coupler ω            {state.angular_velocity('coupler').round(7)} rad/s")
     tip = sp.jacobian(mechanism, state, "rocker_b")[:3, 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -22,8 +23,9 @@ MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .ur
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    # argparse takes -90deg for an option, but nothing that begins with a space
+    options = _parser().parse_args([f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
     warnings.showwarning = _show_warning
     try:
         options.run(options)
@@ -166,14 +168,9 @@ def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motio
     speed = options.speed
     if speed is None:
         speed = 1.0 if options.last >= options.first else -1.0
-    with warnings.catch_warnings():
-        return sp.sweep(mechanism, options.driver, _progress(values), speed, options.acceleration,
-                        guess=dict(options.guess) or None,
-                        on_limit="stop" if options.stop else "raise")
-
-
-def _progress(values: np.ndarray) -> np.ndarray:
-    return values
+    return sp.sweep(mechanism, options.driver, values, speed, options.acceleration,
+                    guess=dict(options.guess) or None, progress=True,
+                    on_limit="stop" if options.stop else "raise")
 
 
 def _sweep(options: argparse.Namespace) -> None:

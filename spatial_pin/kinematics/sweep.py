@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from tqdm import tqdm
 
 from spatial_pin.errors import AssemblyError, LimitError, SingularError
 from spatial_pin.kinematics import run
@@ -258,6 +259,7 @@ def sweep(
     hold: Mapping[str, float] | None = None,
     on_limit: str = "raise",
     accuracy: Accuracy | None = None,
+    progress: bool = False,
 ) -> Motion:
     """Follow one branch of a mechanism through a list of driver values.
 
@@ -275,6 +277,7 @@ def sweep(
         on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
             with an event.
         accuracy: predictor order, corrections and tolerance; default "engineering".
+        progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
         The Motion, one row per value.
@@ -300,11 +303,15 @@ def sweep(
     branch = Branch(state, driven, accuracy)
     record = _Record.empty(len(values), branch)
     stop, n = None, len(values)
+    bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
+               disable=None if progress else True)
     try:
-        for n in _follow(branch, values, record):  # noqa: B007
-            pass
+        for done in _follow(branch, values, record):
+            bar.update(done - bar.n)
     except _Stop as caught:
         stop, n = caught.arrival, caught.row
+    finally:
+        bar.close()
     motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))

@@ -1,0 +1,72 @@
+"""The house rules: imports go one way, only the command line prints, the top level is as designed."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import spatial_pin as sp
+
+PACKAGE = Path(sp.__file__).parent
+LAYERS = ["errors", "linalg", "settings", "units", "operators", "mechanism", "kinematics",
+          "dynamics", "accuracy", "view", "cli"]
+MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
+
+
+def layer_of(module: str) -> int:
+    return LAYERS.index(module.split(".")[1])
+
+
+def imports_of(path: Path) -> list[str]:
+    """Modules of the package that are imported, type checking apart."""
+    found = []
+
+    def visit(node: ast.AST) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                continue
+            if isinstance(child, ast.ImportFrom) and child.module:
+                names = [child.module] + [f"{child.module}.{a.name}" for a in child.names]
+                found.extend(n for n in names if n.startswith("spatial_pin."))
+            elif isinstance(child, ast.Import):
+                found.extend(a.name for a in child.names if a.name.startswith("spatial_pin."))
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return [n for n in found if n.split(".")[1] in LAYERS]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_imports_only_from_layers_above_it(path):
+    module = ".".join(("spatial_pin", *path.relative_to(PACKAGE).with_suffix("").parts))
+    for imported in imports_of(path):
+        assert layer_of(imported) <= layer_of(module), f"{module} imports {imported}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_only_the_command_line_prints(path):
+    calls = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+             if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "print"]
+    assert not calls or path.name == "cli.py"
+
+
+def test_rank_revealing_factorisations_live_in_one_module():
+    allowed = {"linalg.py"}
+    for path in MODULES:
+        text = path.read_text(encoding="utf-8")
+        if path.name not in allowed:
+            assert "linalg.svd" not in text and "linalg.qr" not in text, path
+
+
+def test_every_public_name_exists_and_is_documented():
+    for name in sp.__all__:
+        assert getattr(sp, name).__doc__, name
+
+
+def test_importing_the_library_loads_neither_meshcat_nor_matplotlib():
+    import subprocess
+    import sys
+
+    code = ("import sys, spatial_pin; "
+            "sys.exit(any(m in sys.modules for m in ('meshcat', 'matplotlib', 'xacro')))")
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
