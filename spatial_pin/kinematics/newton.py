@@ -233,11 +233,12 @@ class SquareSystem:
         matrices[:, self._drivers] = self._drive
         return matrices
 
-    def chord(self) -> tuple[Array, Array, Array]:
+    def chord(self) -> tuple[Array, Array | None, Array]:
         """Return what corrects a configuration near the last factorisation by products alone.
 
         Returns:
-            (nv, 3 r) and (nv,): the correction is chord @ (A * B of all r product rows) + offset;
+            (nv, 3 r) and (nv,), None for zero: the correction is chord @ (A * B of the r product
+            rows) + offset;
             (n_passive, nv): what takes away a unit of each spin.
         """
         constants = self.evaluation.constraints.constants
@@ -245,7 +246,8 @@ class SquareSystem:
         chord = np.zeros((len(self.matrix), len(constants)))
         chord[:, self.rows] = -inverse[:, self._closure]
         thrice = chord.take(self._thrice, axis=1)
-        return thrice, -np.dot(chord, constants), -inverse[:, self._spin].T
+        offset = -np.dot(chord, constants) if constants.any() else None
+        return thrice, offset, -inverse[:, self._spin].T
 
     def put_bias(self, rhs: Array, bias: Array) -> None:
         """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""

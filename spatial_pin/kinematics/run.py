@@ -10,7 +10,7 @@ that fails are thrown away and followed step by step instead.
 
 from __future__ import annotations
 
-from math import comb
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,9 +27,12 @@ HISTORY = 8  # rows that an extrapolation goes through
 SHORTEST = 8  # rows below which a run is not worth while
 LONGEST = 512  # rows that are judged together
 CHORDS = 4  # corrections with a kept matrix before a step is given up
-FRESH = 3  # corrections after which the matrix is made anew for the next step
+CONTRACTION = 1e-2  # square of the factor by which corrections with a kept matrix must shrink
+STRAIGHT = 0.9  # least cosine between the path directions at the two ends of a step
 UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
-_EXTRAPOLATION = np.array([(-1.0) ** (HISTORY - 1 - k) * comb(HISTORY, k) for k in range(HISTORY)])
+_EXTRAPOLATION = np.array(
+    [(-1.0) ** (HISTORY - 1 - k) * math.comb(HISTORY, k) for k in range(HISTORY)]
+)
 
 
 class Rows(NamedTuple):
@@ -77,38 +80,35 @@ def follow(branch: Branch, values: Array, q: Array, k: int, end: int) -> tuple[i
     Returns:
         The row after the last good one, at most `end`, and the rates of the rows from k on.
     """
-    reached, jacobians, bodies = _positions(branch, values, q, k, end)
+    reached = _positions(branch, values, q, k, end)
     if reached - k < SHORTEST:
         return k, None
-    rows = _rates(branch, q[k:reached], jacobians[: reached - k], bodies[: reached - k])
-    good = _good(branch, values[k] - values[k - 1], q[k - 1 : reached], rows)
+    rows = _rates(branch, q[k:reached])
+    good = _good(branch, float(values[k] - values[k - 1]), q[k - 1 : reached], rows)
     return k + good, Rows(*(x[:good] for x in rows))
 
 
-def _positions(
-    branch: Branch, values: Array, q: Array, k: int, end: int
-) -> tuple[int, Array, Array]:
-    """Fill q[k:end]; return the first row that would not close, and J, G of the rows."""
-    m, n, model = end - k, branch.model.njoints, branch.model
-    jacobians, bodies = np.empty((m, 6, model.nv)), np.empty((m, 3, 4 * n))
+def _positions(branch: Branch, values: Array, q: Array, k: int, end: int) -> int:
+    """Fill q[k:end]; return the first row that would not close."""
+    model = branch.model
     corrector = _Corrector(branch, float(values[k] - values[k - 1]))
-    joint_jacobian, placements = corrector.data.J, corrector.g.T
-    for i, value in enumerate(values[k:end].tolist()):
-        row = k + i
-        x = pin.normalize(model, np.dot(_EXTRAPOLATION, q[row - HISTORY : row]))
+    has_quaternions = model.nq != model.nv
+    for row, value in enumerate(values[k:end].tolist(), start=k):
+        x = np.dot(_EXTRAPOLATION, q[row - HISTORY : row])
+        if has_quaternions:
+            x = pin.normalize(model, x)
         closed = corrector.close(x, value)
         if closed is None:
-            return row, jacobians, bodies
+            return row
         q[row] = closed
-        jacobians[i] = joint_jacobian
-        bodies[i] = placements
-    return end, jacobians, bodies
+    return end
 
 
 class _Corrector:
     """Chord method: a correction is one product of a kept matrix with the terms A * B of the rows.
 
-    The size of a correction is the measure of closure; the batch judges the residuals.
+    The size of a correction is the measure of closure: one below the tolerance is the last. The
+    kept matrix is made anew when corrections shrink slowly. The batch judges the residuals.
     """
 
     def __init__(self, branch: Branch, h: float) -> None:
@@ -116,62 +116,61 @@ class _Corrector:
         self.model, self.data = branch.model, branch.evaluation.data
         self.g, self.c_ab, self.ab, self.a, self.b, self.terms = branch.evaluation.product_buffers()
         self.flat_terms = self.terms.reshape(-1)
-        small = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
-        self.limit = 0.25 * small * small
-        self.attempts = FRESH
+        last = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
+        self.last = last * last
+        self.is_stale = True
 
     def close(self, x: Array, value: float) -> Array | None:
-        """Return the closed configuration near x at the driver value, None when it goes astray.
-
-        Pinocchio's data are left there.
-        """
-        self._hold(x, value)
-        if self.attempts >= FRESH and not self._renew(x):
+        """Return the closed configuration near x at the driver value, None when it goes astray."""
+        model, branch, terms = self.model, self.branch, self.flat_terms
+        branch.hold(x, value)
+        if self.is_stale and not self._renew(x):
             return None
-        spins = self.branch.spins
-        for self.attempts in range(CHORDS + 1):
-            pin.computeJointJacobians(self.model, self.data, x)
+        before = math.inf
+        for attempt in range(CHORDS):
+            pin.computeJointJacobians(model, self.data, x)
             np.dot(self.c_ab, self.g, self.ab)
-            np.multiply(self.a, self.b, out=self.terms)
-            step = np.dot(self.chord, self.flat_terms)
-            step += self.offset
-            if not self.attempts:
-                for spin, column in zip(spins, self.spin_chord, strict=True):
+            np.multiply(self.a, self.b, self.terms)
+            step = np.dot(self.chord, terms)
+            if self.offset is not None:
+                step += self.offset
+            if not attempt:
+                for spin, column in zip(branch.spins, self.spin_chord, strict=True):
                     step += spin.error(self.h) * column
-            elif step.dot(step) <= self.limit:
-                for spin in spins:
+            size = step.dot(step)
+            x = pin.integrate(model, x, step)
+            branch.hold(x, value)
+            if attempt and size > CONTRACTION * before:
+                self.is_stale = True
+            if size <= self.last:
+                for spin in branch.spins:
                     spin.accept(self.h)
                 return x
-            x = pin.integrate(self.model, x, step)
-            self._hold(x, value)
+            before = size
         return None
-
-    def _hold(self, x: Array, value: float) -> None:
-        x[self.branch.at] = value
-        for index, fixed in self.branch.held:
-            x[index] = fixed
 
     def _renew(self, x: Array) -> bool:
         self.branch.evaluation.update(x)
         if not self.branch.system.factor():
             return False
         self.chord, self.offset, self.spin_chord = self.branch.system.chord()
+        self.is_stale = False
         return True
 
 
-def _rates(branch: Branch, q: Array, jacobians: Array, bodies: Array) -> Rows:
+def _rates(branch: Branch, q: Array) -> Rows:
     evaluation, system = branch.evaluation, branch.system
     c = evaluation.constraints
-    r, n_rows = len(c.constants), c.n_rows
-    m = len(q)
-    vectors = (bodies.reshape(3 * m, -1) @ c.c_abx.T).reshape(m, 3, 3 * r)
-    a, b, x = vectors[:, :, :r], vectors[:, :, r : 2 * r], vectors[:, :, 2 * r :]
-    residual = (a * b).sum(axis=1) - c.constants
-    wrenches = np.empty((m, 6, r))
-    np.multiply(b, c.factors[:, 0], out=wrenches[:, :3])
-    _cross(x, b, wrenches[:, 3:])
-    wrenches[:, 3:, c.passive_at :] = b[:, :, c.passive_at :]
-    products = wrenches.transpose(0, 2, 1) @ jacobians
+    m, r = len(q), len(c.constants)
+    jacobians, placed = _placements(branch, q)
+    g = np.ascontiguousarray(placed.reshape(m, -1, 3).transpose(2, 0, 1))  # (3, m, 4 njoints)
+    a, b, x = _vectors(g, c.c_abx, 3)
+    residual = _dot(a, b) - c.constants
+    wrenches = np.empty((6, m, r))
+    np.multiply(b, c.factors[:, 0], out=wrenches[:3])
+    _cross(x, b, wrenches[3:])
+    wrenches[3:, :, c.passive_at :] = b[:, :, c.passive_at :]
+    products = wrenches.transpose(1, 2, 0) @ jacobians
     products *= c.signs
     matrices = system.stack(products)
     sign, magnitude = np.linalg.slogdet(matrices)
@@ -182,64 +181,88 @@ def _rates(branch: Branch, q: Array, jacobians: Array, bodies: Array) -> Rows:
     drive[:, system.first_driver_row] = 1.0
     t = np.linalg.solve(matrices, drive)[:, :, 0]
     rhs = np.zeros_like(drive)
-    system.put_bias(rhs[:, :, 0], _bias(branch, q, t, bodies, a, b))
+    system.put_bias(rhs[:, :, 0], _bias(branch, q, t, placed, g))
     second = np.linalg.solve(matrices, rhs)[:, :, 0]
-    return Rows(t, second, residual[:, :n_rows], sign)
+    return Rows(t, second, residual[:, : c.n_rows], sign)
 
 
-def _bias(branch: Branch, q: Array, t: Array, bodies: Array, a: Array, b: Array) -> Array:
+def _placements(branch: Branch, q: Array) -> tuple[Array, Array]:
+    """Return Pinocchio's joint Jacobians (m, 6, nv) and joint placements (m, njoints, 4, 3)."""
+    model, data, placement = branch.model, branch.evaluation.data, branch.evaluation.placements
+    jacobians, placed = np.empty((len(q), 6, model.nv)), np.empty((len(q), *placement.shape))
+    joint_jacobian = data.J
+    for k, x in enumerate(q):
+        pin.computeJointJacobians(model, data, x)
+        jacobians[k] = joint_jacobian
+        placed[k] = placement
+    return jacobians, placed
+
+
+def _bias(branch: Branch, q: Array, t: Array, placed: Array, g: Array) -> Array:
     """Return (m, rows + passive) second derivatives of the rows at zero joint acceleration."""
-    evaluation, model, data = branch.evaluation, branch.model, branch.evaluation.data
-    c = evaluation.constraints
-    m, n, r = len(q), model.njoints, len(c.constants)
-    twist_view, acceleration_view = twists(data), accelerations(data)
-    local = np.empty((m, n, 12))  # twist and spatial acceleration of every body
+    model, data, c = branch.model, branch.evaluation.data, branch.evaluation.constraints
+    m, n = len(q), model.njoints
+    twist, acceleration = twists(data), accelerations(data)
+    local = np.empty((m, n, 12))
+    moving, accelerating = local[..., :6], local[..., 6:]
     zero = np.zeros(model.nv)
     for k in range(m):
         pin.forwardKinematics(model, data, q[k], t[k], zero)
-        local[k, :, :6] = twist_view
-        local[k, :, 6:] = acceleration_view
-    g = bodies.reshape(m, 3, n, 4)
-    rotations = g[..., :3].transpose(0, 2, 3, 1)  # (m, n, 3, 3), transposed
-    world = (local.reshape(m, n, 4, 3) @ rotations).transpose(2, 0, 3, 1)
-    v, w, a_linear, alpha = world  # (m, 3, n) each
-    first, second = np.empty_like(g), np.empty_like(g)
-    columns = g[..., :3]
-    _cross(w[..., None], columns, first[..., :3])
-    first[..., 3] = v
-    _cross(w[..., None], first, second)  # ω × R', and ω × v for the classical acceleration
-    spin = np.empty_like(columns)
-    _cross(alpha[..., None], columns, spin)
-    second[..., :3] += spin
-    second[..., 3] += a_linear
-    c_ab = c.c_abx[: 2 * r].T
-    v1 = (first.reshape(3 * m, -1) @ c_ab).reshape(m, 3, 2 * r)
-    v2 = (second.reshape(3 * m, -1) @ c_ab).reshape(m, 3, 2 * r)
-    bias = (v2[:, :, :r] * b + 2.0 * v1[:, :, :r] * v1[:, :, r:] + a * v2[:, :, r:]).sum(axis=1)
+        moving[k] = twist
+        accelerating[k] = acceleration
+    # linear and angular parts of twist and acceleration in world axes (xyz, m, n)
+    v, w, a, alpha = (local.reshape(m, n, 4, 3) @ placed[:, :, :3]).transpose(2, 3, 0, 1)
+    g1, g2, spin = np.empty_like(g), np.empty_like(g), np.empty_like(g)
+    w = np.repeat(w, 4, axis=2)
+    _cross(w, g, g1)
+    g1[:, :, 3::4] = v
+    _cross(w, g1, g2)  # omega x R', and omega x v of the classical acceleration
+    _cross(np.repeat(alpha, 4, axis=2), g, spin)
+    spin[:, :, 3::4] = a
+    g2 += spin
+    c_ab = c.c_abx[: 2 * len(c.constants)]
+    (a0, b0), (a1, b1), (a2, b2) = (_vectors(x, c_ab, 2) for x in (g, g1, g2))
+    bias = _dot(a2, b0) + 2.0 * _dot(a1, b1) + _dot(a0, b2)
     if c.n_passive:
-        bias[:, c.passive_at :] = local[:, :, 6:].reshape(m, -1) @ c.spin_bias.T
+        bias[:, c.passive_at :] = accelerating.reshape(m, 6 * n) @ c.spin_bias.T
     return bias
 
 
+def _vectors(g: Array, coefficients: Array, blocks: int) -> list[Array]:
+    """Return the blocks (3, m, r) of vectors that are linear in G (3, m, 4 njoints)."""
+    m = g.shape[1]
+    vectors = (g.reshape(3 * m, -1) @ coefficients.T).reshape(3, m, blocks, -1)
+    return [vectors[:, :, k] for k in range(blocks)]
+
+
+def _dot(x: Array, y: Array) -> Array:
+    """Return x . y; the vectors lie along axis 0."""
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
 def _cross(x: Array, y: Array, out: Array) -> None:
-    """Write x × y; the vectors lie along axis 1."""
+    """Write x × y; the vectors lie along axis 0."""
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(x[:, j], y[:, k], out=out[:, i])
-        out[:, i] -= x[:, k] * y[:, j]
+        np.multiply(x[j], y[k], out=out[i])
+        out[i] -= x[k] * y[j]
 
 
 def _good(branch: Branch, h: float, q: Array, rows: Rows) -> int:
     """Return how many rows pass; q (m + 1, nq) begins with the row before them."""
-    model, linear = branch.model, branch.linear
+    linear = branch.linear
     t = np.vstack([branch.t, rows.t])
     c = np.vstack([branch.c, rows.c])
     # Hermite: q1 - q0 = h (t0 + t1)/2 + h² (c0 - c1)/12, in the joints where dq/ds = t
     moved = np.diff(q[:, linear[0]], axis=0)
     told = (0.5 * h) * (t[:-1] + t[1:]) + (h * h / 12.0) * (c[:-1] - c[1:])
-    told = told[:, linear[1]]
-    size = np.linalg.norm(moved, axis=1)
-    unexplained = np.linalg.norm(moved - told, axis=1) > UNEXPLAINED * size + 1e-12
-    cosine = np.vecdot(t[:-1], t[1:]) / np.sqrt(np.vecdot(t[:-1], t[:-1]) * np.vecdot(t[1:], t[1:]))
-    bad = unexplained | (rows.sign != branch.sign) | (cosine < 0.9) | ~np.isfinite(rows.c).all(1)
-    assert model.nv == t.shape[1]
+    size, gap = (np.linalg.norm(x, axis=1) for x in (moved, moved - told[:, linear[1]]))
+    length = np.sqrt(np.vecdot(t, t))
+    cosine = np.vecdot(t[:-1], t[1:]) / (length[:-1] * length[1:])
+    bad = (
+        (np.abs(rows.residual).max(axis=1) > branch.accuracy.tolerance)
+        | (rows.sign != branch.sign)
+        | (gap > UNEXPLAINED * size + 1e-12)
+        | ~(cosine > STRAIGHT)
+        | ~np.isfinite(rows.c).all(axis=1)
+    )
     return int(np.argmax(bad)) if bad.any() else len(bad)

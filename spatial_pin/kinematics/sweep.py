@@ -95,6 +95,12 @@ class Branch:
         for spin, rotation in zip(self.spins, rotations, strict=True):
             spin.begin(rotation, h)
 
+    def hold(self, q: Array, value: float) -> None:
+        """Write the prescribed values into a configuration."""
+        q[self.at] = value
+        for index, fixed in self.held:
+            q[index] = fixed
+
     def predict(self, h: float) -> Array:
         """Return the Taylor step (nv,) for a change h of the driver."""
         order = self.accuracy.order
@@ -140,13 +146,11 @@ class Branch:
     def _correct(self, q: Array, target: float, predicted: Array, h: float) -> Array | None:
         """Newton from a predicted configuration, drivers held; None when it goes astray."""
         evaluation, system, tolerance = self.evaluation, self.system, self.accuracy.tolerance
-        at, fixed = self.at, self.accuracy.corrections
+        fixed = self.accuracy.corrections
         allowed = EXPLAINED * float(np.sqrt(predicted @ predicted))
         last = np.inf
         for k in range((MAX_CORRECTIONS if fixed is None else fixed) + 1):
-            q[at] = target
-            for index, value in self.held:
-                q[index] = value
+            self.hold(q, target)
             evaluation.update(q)
             residual = evaluation.residual
             error = float(residual @ residual)
