@@ -236,28 +236,33 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     positional arguments (keywords cost as much as the work).
     """
     model, data, tip, problem = tool.model, tool.data, tool.coupler, tool.problem
-    h, small = problem.time_step, problem.tolerance**2
+    kinematics, jacobians, integrate = pin.forwardKinematics, pin.computeJointJacobians, pin.integrate
+    place, get_jacobian = pin.updateFramePlacement, pin.getFrameJacobian
+    get_acceleration, axes = pin.getFrameClassicalAcceleration, pin.LOCAL
+    h, small, nv = problem.time_step, problem.tolerance**2, model.nv
     positions = np.empty((STEPS, model.nq))
-    rates = np.zeros((STEPS, 2, model.nv))  # velocity and acceleration of each step
+    rates = np.zeros((STEPS, 2, nv))  # velocity and acceleration of each step
     rates[:, 0, 0] = problem.speed
-    history, unknown = rates.reshape(-1, model.nv).T, rates[:, :, 1:]
+    history = rates.reshape(-1, nv).T
     predictor = np.array([1.5 * h, 7 / 12 * h * h, -0.5 * h, 17 / 12 * h * h])
-    path, angles = problem.crank_path(), problem.phi.tolist()
     p, rotation = data.oMf[tip].translation, data.oMf[tip].rotation
-    rhs, step, zero = np.zeros(4), np.zeros(model.nv), np.zeros(model.nv)
+    rhs, step, zero = np.zeros(4), np.zeros(nv), np.zeros(nv)
     correction = step[1:]
+    path = problem.crank_path().transpose(1, 0, 2)
+    kept = rates[:, 0], rates[:, 0, 1:], rates[:, 1, 1:]
     q = tool.q0
-    for i, phi in enumerate(angles):
+    for i, (phi, target, velocity, acceleration, v, v_left, a_left) in enumerate(
+        zip(problem.phi.tolist(), *path, *kept, strict=True)
+    ):
         if i > 1:
-            q = pin.integrate(model, q, dgemv(1.0, history[:, 2 * i - 4 : 2 * i], predictor))
+            q = integrate(model, q, dgemv(1.0, history[:, 2 * i - 4 : 2 * i], predictor))
         elif i == 1:
-            q = pin.integrate(model, q, h * rates[0, 0] + h * h / 2 * rates[0, 1])
+            q = integrate(model, q, h * rates[0, 0] + h * h / 2 * rates[0, 1])
         q[0] = phi
-        target, velocity, acceleration = path[i]
         for _ in range(MAX_CORRECTIONS):
-            pin.computeJointJacobians(model, data, q)
-            pin.updateFramePlacement(model, data, tip)
-            jacobian = pin.getFrameJacobian(model, data, tip, pin.LOCAL)[:4, 1:]
+            jacobians(model, data, q)
+            place(model, data, tip)
+            jacobian = get_jacobian(model, data, tip, axes)[:4, 1:]
             gap = target - p
             x, y, z = gap.tolist()
             if x * x + y * y + z * z <= small:
@@ -265,20 +270,18 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
             rhs[3] = 0.0
             dgemv(1.0, rotation, gap, 0.0, rhs, 0, 1, 0, 1, 1, 1)  # rhs[:3] = rotation.T @ gap
             correction[:] = dgesv(jacobian, rhs, 0, 1)[2]
-            q = pin.integrate(model, q, step)
+            q = integrate(model, q, step)
         else:
-            raise RuntimeError(f"loop open by {math.sqrt(x * x + y * y + z * z):.1e} m at {phi}")
+            raise RuntimeError(f"loop open by {math.hypot(x, y, z):.1e} m at {phi} rad")
         positions[i] = q
         lu, pivots, _ = dgetrf(jacobian)
-        solution = unknown[i, 0]
-        dgemv(1.0, rotation, velocity, 0.0, solution, 0, 1, 0, 1, 1, 1)
-        dgetrs(lu, pivots, solution, 0, 1)
-        pin.forwardKinematics(model, data, q, rates[i, 0], zero)
-        bias = pin.getFrameClassicalAcceleration(model, data, tip, pin.LOCAL).vector
-        solution = unknown[i, 1]
-        dgemv(1.0, rotation, acceleration, 0.0, solution, 0, 1, 0, 1, 1, 1)
-        daxpy(bias, solution, 4, -1.0)
-        dgetrs(lu, pivots, solution, 0, 1)
+        dgemv(1.0, rotation, velocity, 0.0, v_left, 0, 1, 0, 1, 1, 1)
+        dgetrs(lu, pivots, v_left, 0, 1)
+        kinematics(model, data, q, v, zero)
+        bias = get_acceleration(model, data, tip, axes).vector
+        dgemv(1.0, rotation, acceleration, 0.0, a_left, 0, 1, 0, 1, 1, 1)
+        daxpy(bias, a_left, 4, -1.0)
+        dgetrs(lu, pivots, a_left, 0, 1)
     return positions, rates[:, 0], rates[:, 1]
 
 
@@ -300,45 +303,39 @@ def setup_plain(problem: Problem) -> SimpleNamespace:
     coupler = pin.Quaternion(problem.guessed_coupler()).coeffs()
     q0 = np.concatenate([[0.0], coupler, [problem.guess]])
     tool = SimpleNamespace(model=model, data=model.createData(), q0=q0, problem=problem)
-    tool.contact, tool.contact_data, tool.ends = contact, contact.createData(), ends
-    tool.coupler, tool.rocker = ends[0], (5, 4)
+    tool.contact, tool.ends, tool.coupler, tool.rocker = contact, ends, ends[0], (5, 4)
     return tool
-
-
-def plain_system(tool: SimpleNamespace, q: Array) -> tuple[Array, Array]:
-    """Return the gap of the loop (3,) and the rows of loop and spin (4, nv), coupler axes."""
-    model, data, contact, kept = tool.model, tool.data, tool.contact, tool.contact_data
-    pin.computeJointJacobians(model, data, q)
-    contact.calc(model, data, kept)
-    loop = pin.getConstraintJacobian(model, data, contact, kept)
-    spin = pin.getFrameJacobian(model, data, tool.coupler, pin.LOCAL)[3]
-    return kept.c1Mc2.translation, np.vstack([loop, spin])
 
 
 def run_plain(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     """Newton as the documentation suggests, from the last position moved on by its velocity."""
-    model, data, problem = tool.model, tool.data, tool.problem
-    q, v = tool.q0, np.zeros(model.nv)
+    model, data, contact, problem = tool.model, tool.data, tool.contact, tool.problem
+    kept, (coupler, rocker) = contact.createData(), tool.ends
+    rows, rhs = np.zeros((4, model.nv)), np.zeros(4)  # loop and spin, in the axes of the coupler
+    q, v, step, zero = tool.q0, np.zeros(model.nv), np.zeros(model.nv), np.zeros(model.nv)
     positions, velocities, accelerations = [], [], []
-    coupler, rocker = tool.ends
     for phi in problem.phi:
         q = pin.integrate(model, q, v * problem.time_step)
         q[0] = phi
-        gap, rows = plain_system(tool, q)
-        while np.linalg.norm(gap) > problem.tolerance:
-            step = np.linalg.solve(rows[:, 1:], np.append(gap, 0.0))
-            q = pin.integrate(model, q, np.append(0.0, step))
-            gap, rows = plain_system(tool, q)
-        v = np.append(problem.speed, np.linalg.solve(rows[:, 1:], -rows[:, 0] * problem.speed))
-        pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-        pin.updateFramePlacements(model, data)
-        axes = pin.LOCAL_WORLD_ALIGNED
-        on_coupler = pin.getFrameClassicalAcceleration(model, data, coupler, axes)
-        on_rocker = pin.getFrameClassicalAcceleration(model, data, rocker, axes)
-        turn = data.oMf[coupler].rotation.T
-        spin = turn[0] @ on_coupler.angular
-        bias = np.append(turn @ (on_coupler.linear - on_rocker.linear), spin)
-        a = np.append(0.0, np.linalg.solve(rows[:, 1:], -bias))
+        while True:
+            pin.computeJointJacobians(model, data, q)
+            contact.calc(model, data, kept)
+            rows[:3] = pin.getConstraintJacobian(model, data, contact, kept)
+            rows[3] = pin.getFrameJacobian(model, data, coupler, pin.LOCAL)[3]
+            rhs[:3], rhs[3] = kept.c1Mc2.translation, 0.0
+            if np.linalg.norm(rhs) <= problem.tolerance:
+                break
+            step[1:] = np.linalg.solve(rows[:, 1:], rhs)
+            q = pin.integrate(model, q, step)
+        v, a = np.zeros(model.nv), np.zeros(model.nv)
+        v[0] = problem.speed
+        v[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * problem.speed)
+        pin.forwardKinematics(model, data, q, v, zero)
+        one = pin.getFrameClassicalAcceleration(model, data, coupler, pin.LOCAL)
+        other = pin.getFrameClassicalAcceleration(model, data, rocker, pin.LOCAL)
+        rhs[:3] = kept.c1Mc2.rotation @ other.linear - one.linear
+        rhs[3] = -one.angular[0]
+        a[1:] = np.linalg.solve(rows[:, 1:], rhs)
         positions.append(q)
         velocities.append(v)
         accelerations.append(a)
@@ -364,24 +361,51 @@ def read_pinocchio(tool: SimpleNamespace, result: tuple[Array, Array, Array]) ->
 
 
 def run_fsolve(problem: Problem) -> Array:
+    """Solve the vector loop for the rocker angle and the two angles of the coupler's direction."""
+    a, b, c, d = problem.a, problem.b, problem.c, problem.d
+
+    def loop(x: Array, phi: float) -> list[float]:
+        psi, turn, rise = x.tolist()
+        return [
+            -a * math.cos(phi) + b * math.cos(rise) * math.cos(turn) + d + c * math.cos(psi),
+            b * math.cos(rise) * math.sin(turn) - c * math.sin(psi),
+            a * math.sin(phi) + b * math.sin(rise),
+        ]
+
+    x, y, _ = problem.guessed_coupler()[:, 0]
+    unknown, answers = np.array([problem.guess, math.atan2(y, x), 0.0]), []
+    for phi in problem.phi.tolist():
+        unknown = scipy.optimize.fsolve(loop, unknown, args=(phi,), xtol=1e-12)
+        answers.append(unknown)
+    return np.array(answers)
+
+
+def run_fsolve_one(problem: Problem) -> Array:
+    """Solve |AB| = b for the rocker angle; the coupler's direction is eliminated by hand."""
     a, b, c, d = problem.a, problem.b, problem.c, problem.d
 
     def squared_gap(x: Array, phi: float) -> float:
-        along = d + c * math.cos(x[0]) - a * math.cos(phi)
-        return along**2 + (c * math.sin(x[0])) ** 2 + (a * math.sin(phi)) ** 2 - b * b
+        psi = x.item()
+        along = d + c * math.cos(psi) - a * math.cos(phi)
+        return along**2 + (c * math.sin(psi)) ** 2 + (a * math.sin(phi)) ** 2 - b * b
 
-    psi, answers = problem.guess, []
+    psi, answers = np.array([problem.guess]), []
     for phi in problem.phi.tolist():
-        psi = scipy.optimize.fsolve(squared_gap, psi, args=(phi,), xtol=1e-13)[0]
+        psi = scipy.optimize.fsolve(squared_gap, psi, args=(phi,), xtol=1e-12)
         answers.append(psi)
     return np.array(answers)
 
 
-def read_fsolve(problem: Problem, psi: Array) -> Answer:
-    zero = np.zeros(STEPS)
+def read_fsolve(problem: Problem, unknowns: Array) -> Answer:
+    psi, zero = unknowns[:, 0], np.zeros(STEPS)
     rocker = problem.c * np.column_stack([-np.cos(psi), np.sin(psi), zero])
     coupler = rocker - [problem.d, 0.0, 0.0] - problem.crank_path()[:, 0]
-    return Answer(abs(np.linalg.norm(coupler, axis=1) - problem.b), psi)
+    if unknowns.shape[1] == 1:
+        return Answer(abs(np.linalg.norm(coupler, axis=1) - problem.b), psi)
+    turn, rise = unknowns[:, 1:].T
+    flat = np.cos(rise)
+    direction = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), np.sin(rise)])
+    return Answer(np.linalg.norm(coupler - problem.b * direction, axis=1), psi)
 
 
 # Measuring
@@ -534,7 +558,8 @@ CASES = (
     Case("bodies", "spatial_pin.sweep + body states", setup_sweep, run_sweep_bodies, read_sweep),
     Case("tuned", "Pinocchio by hand, tuned", setup_tuned, run_tuned, read_pinocchio),
     Case("plain", "Pinocchio by hand, plain", setup_plain, run_plain, read_pinocchio),
-    Case("fsolve", "SciPy fsolve by hand, position only", lambda p: p, run_fsolve, read_fsolve),
+    Case("fsolve", "SciPy fsolve, vector loop, q only", lambda p: p, run_fsolve, read_fsolve),
+    Case("fsolve_one", "SciPy fsolve, ψ alone, q only", lambda p: p, run_fsolve_one, read_fsolve),
 )
 
 PEERS = (

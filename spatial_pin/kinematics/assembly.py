@@ -219,7 +219,8 @@ def _starts(
 ) -> Iterator[Array]:
     """Yield start configurations: the guess, then others that keep what it names.
 
-    After half of the starts what is named is shaken too, by up to a radian or half a length.
+    After half of the starts what is named is shaken too, first by up to a radian, in the end by
+    any angle, and lengths in proportion.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     fixed = with_values(mechanism, q, {**named, **held})
@@ -234,7 +235,7 @@ def _starts(
     for k in range(1, MAX_STARTS):
         reach = np.where(open_ones, np.pi, 0.0)
         if k > MAX_STARTS // 2 or not open_ones.any():
-            reach = np.where(is_named, 1.0, reach)
+            reach = np.where(is_named, 1.0 if k < 3 * MAX_STARTS // 4 else np.pi, reach)
         reach = reach * np.where(scale == 1.0, 1.0, scale * 0.2)
         yield pin.integrate(model, fixed, rng.uniform(-1.0, 1.0, model.nv) * reach)
 

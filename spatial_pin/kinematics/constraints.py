@@ -390,7 +390,10 @@ class Evaluation:
         return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
 
     def mirrored(self) -> str:
-        """Return the name of a closure whose axes point opposite ways, else an empty string."""
+        """Return the name of a closure whose axes do not point the same way, else nothing.
+
+        Closed rows leave them parallel, opposite, or (three rotation rows) interchanged.
+        """
         for closure in self.mechanism.closures:
             if closure.type == COUPLING or not closure.pair.aligned:
                 continue
@@ -401,6 +404,6 @@ class Evaluation:
             axes1 = oM[i1].rotation @ m1.rotation @ geometry.axes1
             axes2 = oM[i2].rotation @ m2.rotation @ geometry.axes2
             cosines = np.vecdot(axes1.T, axes2.T)
-            if np.any(cosines[2:] < 0) or (closure.pair.aligned == "xyz" and np.any(cosines < 0)):
+            if np.any(cosines[2 if closure.pair.aligned == "z" else 0 :] < 0.5):
                 return closure.name
         return ""
