@@ -12,6 +12,7 @@ from spatial_pin.errors import (
 )
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.jacobians import closure_jacobian, jacobian
+from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.motion import FrameMotion, Motion
 from spatial_pin.kinematics.rates import solve_rates
 from spatial_pin.kinematics.state import State
@@ -32,6 +33,7 @@ __all__ = [
     "LimitError",
     "Mechanism",
     "MechanismFileError",
+    "Mobility",
     "Motion",
     "SingularError",
     "SpatialPinError",
@@ -42,6 +44,7 @@ __all__ = [
     "jacobian",
     "list_mechanisms",
     "load",
+    "mobility",
     "plot",
     "screenshot",
     "show",

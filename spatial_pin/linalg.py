@@ -61,6 +61,12 @@ def null_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
     return decompose(a, tolerance).null_space
 
 
+def row_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
+    """Return orthonormal rows spanning the rows of `a`."""
+    svd = decompose(a, tolerance)
+    return svd.vt[: svd.rank]
+
+
 def aligned(rows: Array, reference: Array) -> Array:
     """Return orthonormal `rows` (k, n) turned among themselves to be nearest to `reference`.
 

@@ -113,7 +113,7 @@ class Constraints:
         (i1, m1), (i2, m2) = self._frames(closure)
         p1, p2 = m1.translation, m2.translation
         d = ((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
-        sign = self._support(i2) - self._support(i1)
+        sign = self.support(i2) - self.support(i1)
         if row.u is None:  # distance: (d . d - L²) / 2L
             half = self.scale / (2.0 * row.offset)
             self._a.add(*d)
@@ -139,7 +139,7 @@ class Constraints:
     def _add_screw(self, at: int, row: Row, closure: Closure) -> tuple[int, int, float]:
         """Add the dot rows of sine and cosine; return (screw row, sine row, pitch)."""
         (i1, m1), (i2, m2) = self._frames(closure)
-        sign = self._support(i2) - self._support(i1)
+        sign = self.support(i2) - self.support(i1)
         assert row.angle_from is not None and row.angle_of is not None and row.pitch is not None
         sine = len(self._constants)
         for u in row.angle_from[::-1]:  # y gives the sine, x the cosine
@@ -155,7 +155,7 @@ class Constraints:
         self._a.add()
         self._b.add((1.0, joint, direction, 0.0))
         self._x.add()
-        self._finish(0.0, 0.0, self._support(joint))
+        self._finish(0.0, 0.0, self.support(joint))
         bias = np.zeros(6 * self.mechanism.model.njoints)
         bias[6 * joint + 3 : 6 * joint + 6] = direction
         return bias
@@ -165,7 +165,7 @@ class Constraints:
         self._factors.append(factor)
         self._signs.append(sign)
 
-    def _support(self, joint: int) -> Array:
+    def support(self, joint: int) -> Array:
         """(nv,) 1 for the freedoms that move the body of `joint`."""
         model = self.mechanism.model
         mask = np.zeros(model.nv)
@@ -230,6 +230,7 @@ class Evaluation:
             one in `turns`.
         turns: (n_angles,) the angles to which `angles` stays nearest.
         is_plain: whether all rows are products (no screw, no coupling, at least one row).
+        wrenches: (rows, 6) force and moment about the world origin of each product row.
         placements: (njoints, 4, 3) view on the joint placements.
     """
 
@@ -262,8 +263,8 @@ class Evaluation:
         self._a, self._b = blocks[0][:, :3], blocks[1][:, :3]
         self._b_cycles, self._x_cycles = blocks[1][:, 6:12], blocks[2][:, 3:9]
         self._values = np.zeros(r)
-        self._wrenches = np.zeros((r, 6))
-        self._forces, self._moments = self._wrenches[:, :3], self._wrenches[:, 3:]
+        self.wrenches = np.zeros((r, 6))
+        self._forces, self._moments = self.wrenches[:, :3], self.wrenches[:, 3:]
         spin = slice(self.constraints.passive_at, r)
         self._spin_moments, self._spin_axes = self._moments[spin], self._b[spin]
         self._halves = np.empty((r, 6))
@@ -295,7 +296,7 @@ class Evaluation:
             np.subtract(self._first, self._second, out=self._moments)
             if c.n_passive:
                 self._spin_moments[:] = self._spin_axes
-            products = np.dot(self._wrenches, self._joint_jacobian, self._products)
+            products = np.dot(self.wrenches, self._joint_jacobian, self._products)
             if self._plain:
                 np.multiply(products, c.signs, out=self.jacobian)
                 return

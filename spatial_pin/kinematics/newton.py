@@ -281,7 +281,7 @@ def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[st
     """
     model, c = evaluation.model, evaluation.constraints
     twists = np.array([
-        (evaluation.data.J * c._support(i)) @ null_space.T for i in range(1, model.njoints)
+        (evaluation.data.J * c.support(i)) @ null_space.T for i in range(1, model.njoints)
     ])  # (bodies, 6, k)
     size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
     twists = twists * size[:, None]

@@ -1,0 +1,352 @@
+"""The truth about freedom: by formula, by rank, and by finite motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.assembly import ACCEPTED, assemble
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.newton import close, passive_freedoms
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array, independent_rows, null_space, rank, row_space
+from spatial_pin.mechanism.configuration import finite_array
+from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+
+# A closed singular configuration is known to the square root of round-off only; what is nearer to
+# one than this counts as singular.
+SINGULAR = 1e-6
+PROBE = 0.05  # length of a finite trial motion [rad, characteristic lengths]
+MOVED = 0.3  # part of it that must be left after closing to count as motion
+PROBES = 6  # trial motions for each instantaneous freedom
+ALGEBRA_TOLERANCE = 1e-8
+MAX_NAMES = 8
+
+
+class PassiveFreedom(NamedTuple):
+    """A freedom that moves one link only, and no driver.
+
+    Attributes:
+        link: the link that moves.
+        kind: "spin" or "slide".
+        axis: (3,) world direction of its axis at the configuration.
+        point: (3,) a point of that axis in the world [m].
+        text: the same in words, naming the pairs on the axis.
+    """
+
+    link: str
+    kind: str
+    axis: Array
+    point: Array
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+class Loop(NamedTuple):
+    """An independent loop.
+
+    Attributes:
+        closure: the closure that closes it.
+        joints: the joints of the tree on its way.
+        order: dimension of the motions its pairs generate (lambda in the mobility formula).
+        kind: what these motions are.
+    """
+
+    closure: str
+    joints: tuple[str, ...]
+    order: int
+    kind: str
+
+
+@dataclass(frozen=True, eq=False)
+class Mobility:
+    """Freedoms of a mechanism at a closed configuration; `str()` is a report.
+
+    Attributes:
+        kutzbach: freedoms by the formula with lambda = 6 for every loop.
+        grubler: freedoms by the formula with the lambda of each loop as recognised.
+        loops: number of independent loops; `loop_list` describes them.
+        rank: rank of the closure Jacobian.
+        instantaneous: coordinates minus rank.
+        dof: finite freedom, the largest local dimension of the closed configurations there,
+            passive freedoms included.
+        passive: the passive freedoms.
+        redundant: names of closure equations that follow from the others there.
+        overconstrained: whether there are any.
+    """
+
+    mechanism: Mechanism
+    kutzbach: int
+    grubler: int
+    loop_list: tuple[Loop, ...]
+    rank: int
+    instantaneous: int
+    dof: int
+    passive: tuple[PassiveFreedom, ...]
+    redundant: tuple[str, ...]
+
+    @property
+    def loops(self) -> int:
+        """Number of independent loops."""
+        return len(self.loop_list)
+
+    @property
+    def overconstrained(self) -> bool:
+        """Whether closure equations are redundant."""
+        return bool(self.redundant)
+
+    def __str__(self) -> str:
+        mechanism = self.mechanism
+        rows = constraints_of(mechanism).n_rows
+        joints = len(mechanism.pairs) + self.loops
+        lines = [
+            f"mobility of {mechanism.name}: {self.dof}",
+            f"  links {len(mechanism.pairs) + 1}, pairs {joints}, independent loops {self.loops}, "
+            f"coordinates {len(mechanism.coordinates)}",
+            f"  formula with 6 equations a loop (Kutzbach): {self.kutzbach}",
+            f"  formula with the order of each loop (Grübler): {self.grubler}",
+            *(f"    loop closed by {x.closure}: {x.kind}, order {x.order}"
+              for x in self.loop_list),
+            f"  closure rank {self.rank} of {rows} equations, instantaneous freedom "
+            f"{self.instantaneous}",
+            f"  finite freedom {self.dof}{self._finite_words()}",
+        ]
+        if self.redundant:
+            names = ", ".join(self.redundant[:MAX_NAMES])
+            more = f" and {len(self.redundant) - MAX_NAMES} more" * (
+                len(self.redundant) > MAX_NAMES)
+            lines.append(f"  redundant equations ({len(self.redundant)}): {names}{more}")
+        lines += [f"  passive freedom: {p}" for p in self.passive]
+        return "\n".join(lines + self._notes())
+
+    def _finite_words(self) -> str:
+        working = self.dof - len(self.passive)
+        return f", of which {len(self.passive)} passive and {working} working" * bool(self.passive)
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self.instantaneous > self.dof:
+            notes.append(
+                f"  note: {self.instantaneous - self.dof} freedom(s) are instantaneous only (a "
+                "singular configuration, or a linkage that is shaky but does not move)"
+            )
+        if self.grubler != self.dof:
+            notes.append(f"  note: no formula applies: special dimensions give {self.dof} "
+                         f"instead of {self.grubler}")
+        missing = self.dof - len(self.passive) - len(self.mechanism.drivers)
+        if self.mechanism.drivers and missing > 0:
+            notes.append(f"  note: {missing} more driver(s) needed to determine the motion")
+        return notes
+
+
+def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
+    """Count the freedoms of a mechanism at a closed configuration, and name them.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) closed configuration or a State; default the assembled guess.
+
+    Raises:
+        AssemblyError: no q was given and the guess does not close.
+        SpatialPinError: the configuration is not closed.
+    """
+    state_q = q.q if isinstance(q, State) else q
+    if state_q is None:
+        state_q = assemble(mechanism).q
+    x = finite_array(state_q, (mechanism.model.nq,), "q")
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.update(x)
+    if evaluation.closure_error > 1e-9:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
+            f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
+        )
+    n = evaluation.constraints.n_rows
+    jacobian = evaluation.jacobian[:n] * mechanism.velocity_scale
+    independent = independent_rows(jacobian, SINGULAR)
+    labels = evaluation.constraints.labels
+    redundant = tuple(f"{labels[i].closure}[{labels[i].equation}]"
+                      for i in range(n) if i not in set(independent.tolist()))
+    r = rank(jacobian, SINGULAR)
+    nv = mechanism.model.nv
+    loops = tuple(_loop(evaluation, c) for c in mechanism.closures if c.type != COUPLING)
+    couplings = len(evaluation.constraints.couplings)
+    freedoms = nv + sum(6 - c.n_rows for c in mechanism.closures if c.type != COUPLING)
+    return Mobility(
+        mechanism,
+        kutzbach=nv - n,
+        grubler=freedoms - sum(loop.order for loop in loops) - couplings,
+        loop_list=loops,
+        rank=r,
+        instantaneous=nv - r,
+        dof=_finite_freedom(evaluation, x, null_space(jacobian, SINGULAR)),
+        passive=_passive(evaluation, x),
+        redundant=redundant,
+    )
+
+
+# ---------------------------------------------------------------- finite freedom
+
+
+def _finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
+    """Return the largest dimension of the closed configurations near q, by trial motions.
+
+    A trial moves along a random tangent and closes the loops again. Where that leaves a real
+    displacement, the point found is a generic one, and the nullity there is the dimension; where
+    every trial falls back to q, the freedoms are instantaneous only.
+    """
+    mechanism = evaluation.mechanism
+    scale = mechanism.velocity_scale
+    free = np.ones(len(scale), dtype=bool)
+    n = evaluation.constraints.n_rows
+    rng = np.random.default_rng(1)
+    best = 0
+    for _ in range(PROBES * len(tangents)):
+        direction = rng.normal(size=len(tangents)) @ tangents
+        step = PROBE * direction / np.linalg.norm(direction)
+        start = pin.integrate(evaluation.model, q, scale * step)
+        found, error = close(evaluation, start, free, 1e-14)
+        moved = pin.difference(evaluation.model, q, found) / scale
+        if error > ACCEPTED or np.linalg.norm(moved) < MOVED * PROBE:
+            continue
+        best = max(best, len(scale) - rank(evaluation.jacobian[:n] * scale, SINGULAR))
+        if best == len(tangents):
+            break
+    return best
+
+
+# ---------------------------------------------------------------- loops
+
+
+def _loop(evaluation: Evaluation, closure: Closure) -> Loop:
+    """Recognise the loop of a closure by the motions that its pairs generate."""
+    mechanism, constraints = evaluation.mechanism, evaluation.constraints
+    rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
+    joints = loop_joints(mechanism, closure)
+    size = np.array([constraints.scale] * 3 + [1.0] * 3)
+    twists = [evaluation.data.J[:, mechanism.model.idx_vs[i] + k] * size
+              for i in joints for k in range(mechanism.model.nvs[i])]
+    wrenches = evaluation.wrenches[rows] / size
+    own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
+    algebra = _generated_algebra(np.vstack([*twists, own]) if twists else own)
+    names = tuple(mechanism.model.names[i] for i in joints)
+    return Loop(closure.name, names, len(algebra), _algebra_name(algebra))
+
+
+def loop_joints(mechanism: Mechanism, closure: Closure) -> list[int]:
+    """Return the indices of the tree joints between the two frames of a closure."""
+    first, second = (
+        set(mechanism.model.supports[mechanism.frame_on_joint(f)[0]]) for f in closure.frames
+    )
+    return sorted((first ^ second) - {0})
+
+
+def _generated_algebra(twists: Array) -> Array:
+    """Return an orthonormal basis of the Lie algebra that twists (k, 6), linear first, generate."""
+    basis = row_space(twists, ALGEBRA_TOLERANCE)
+    while True:
+        brackets = [_bracket(a, b) for i, a in enumerate(basis) for b in basis[:i]]
+        larger = row_space(np.vstack([basis, *brackets]), ALGEBRA_TOLERANCE)
+        if len(larger) == len(basis):
+            return larger
+        basis = larger
+
+
+def _bracket(a: Array, b: Array) -> Array:
+    v, w, x, y = a[:3], a[3:], b[:3], b[3:]
+    return np.concatenate([np.cross(w, x) - np.cross(y, v), np.cross(w, y)])
+
+
+def _algebra_name(algebra: Array) -> str:
+    turns = rank(algebra[:, 3:], ALGEBRA_TOLERANCE) if len(algebra) else 0
+    names = {
+        (1, 0): "one direction", (2, 0): "translations in a plane", (3, 0): "translations",
+        (1, 1): "one axis", (2, 1): "one axis (turn and slide)", (3, 1): "planar",
+        (4, 1): "planar with slide along the axis", (3, 3): "spherical",
+        (6, 3): "spatial",
+    }
+    return names.get((len(algebra), turns), f"subgroup of dimension {len(algebra)}")
+
+
+# ---------------------------------------------------------------- passive freedoms
+
+
+def _passive(evaluation: Evaluation, q: Array) -> tuple[PassiveFreedom, ...]:
+    mechanism = evaluation.mechanism
+    scale, n = mechanism.velocity_scale, evaluation.constraints.n_rows
+    evaluation.update(q)
+    drive = np.zeros((len(mechanism.drivers), len(scale)))
+    for row, driver in zip(drive, mechanism.drivers.values(), strict=True):
+        row[mechanism.driven_coordinate(driver.joint).v] = 1.0
+    tangents = null_space(np.vstack([evaluation.jacobian[:n] * scale, drive]), SINGULAR) * scale
+    if not len(tangents):
+        return ()
+    joined = _pairs_of_bodies(mechanism)
+    return tuple(
+        _describe(evaluation, joint, v)
+        for joint, velocities in passive_freedoms(evaluation, tangents)
+        for v in velocities
+        if joined[mechanism.joint_id(joint)] > 1
+    )
+
+
+def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:
+    """Return how many pairs each body (by its joint's index) carries; couplings join none."""
+    model = mechanism.model
+    count = [0] + [1] * (model.njoints - 1)
+    for i in range(1, model.njoints):
+        count[model.parents[i]] += 1
+    for closure in mechanism.closures:
+        for frame in closure.frames:
+            count[mechanism.frame_on_joint(frame)[0]] += 1
+    return count
+
+
+def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
+    """Name the motion v (nv,) of the one body that it moves."""
+    mechanism, model = evaluation.mechanism, evaluation.model
+    i = mechanism.joint_id(joint)
+    twist = evaluation.data.J @ (v * evaluation.constraints.support(i))
+    link = next(f.name for f in model.frames
+                if f.type == pin.FrameType.BODY and f.parentJoint == i)
+    spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length
+    if spin < 1e-6 * float(np.linalg.norm(twist[:3])):
+        axis = twist[:3] / np.linalg.norm(twist[:3])
+        return PassiveFreedom(link, "slide", axis, evaluation.data.oMi[i].translation.copy(),
+                              f"{link} slides along {_direction(axis)} in joint {joint}")
+    omega = float(np.linalg.norm(twist[3:]))
+    axis = twist[3:] / omega
+    point = np.cross(twist[3:], twist[:3]) / omega**2
+    through = _pairs_on_axis(evaluation, i, axis, point)
+    text = f"{link} spins about {_direction(axis)}"
+    if through:
+        text += f" through {' and '.join(through)}"
+    return PassiveFreedom(link, "spin", axis, point, text)
+
+
+def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array) -> list[str]:
+    """Return the pairs of a body whose centres lie on an axis."""
+    mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
+    pin.updateFramePlacements(model, data)
+    centres = {model.names[body]: data.oMi[body].translation}
+    for i in range(1, model.njoints):
+        if model.parents[i] == body:
+            centres[model.names[i]] = data.oMi[i].translation
+    for closure in mechanism.closures:
+        for frame in closure.frames:
+            if mechanism.frame_on_joint(frame)[0] == body:
+                centres[closure.name] = data.oMf[mechanism.frame_id(frame)].translation
+    limit = 1e-6 * mechanism.characteristic_length
+    return [name for name, x in centres.items()
+            if np.linalg.norm(np.cross(x - point, axis)) < limit]
+
+
+def _direction(axis: Array) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in np.round(axis, 12) + 0.0) + ")"
