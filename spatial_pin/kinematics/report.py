@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from spatial_pin.errors import AssemblyError
 from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.jacobians import closure_jacobian
+from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import rank
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
@@ -22,8 +21,7 @@ class Info:
     """What a mechanism consists of, and its freedoms at the assembled guess.
 
     Attributes:
-        rows: number of closure rows; rank: how many of them are independent at the guess (None
-            when it does not close); freedoms: coordinates minus rank.
+        mobility: the freedoms at the assembled guess; None when it does not close.
     """
 
     name: str
@@ -35,15 +33,20 @@ class Info:
     closures: dict[str, str]
     coordinates: dict[str, str]
     drivers: dict[str, str]
-    rows: int
-    rank: int | None
-    freedoms: int | None
+    mobility: Mobility | None
     closure_error: float
     notes: list[str] = field(default_factory=list)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data."""
-        return asdict(self)
+        plain = {f.name: getattr(self, f.name) for f in fields(self)}
+        m = self.mobility
+        plain["mobility"] = m and {
+            "kutzbach": m.kutzbach, "grubler": m.grubler, "loops": m.loops, "rank": m.rank,
+            "instantaneous": m.instantaneous, "dof": m.dof, "redundant": list(m.redundant),
+            "passive": [str(p) for p in m.passive], "overconstrained": m.overconstrained,
+        }
+        return plain
 
     def __str__(self) -> str:
         def listing(items: dict[str, str]) -> str:
@@ -61,6 +64,7 @@ class Info:
             f"closures ({len(self.closures)}):\n{listing(self.closures)}".rstrip(":\n"),
             f"coordinates ({len(self.coordinates)}):\n{listing(self.coordinates)}",
             f"drivers ({len(self.drivers)}):\n{listing(self.drivers)}".rstrip(":\n"),
+            str(self.mobility or ""),
             "\n".join(self.notes),
         ]
         return "\n".join(part for part in parts if part)
@@ -74,9 +78,6 @@ def info(mechanism: Mechanism) -> Info:
     except AssemblyError as failure:
         assert failure.state is not None
         state, closed, error = failure.state, False, failure.closure_error
-    jacobian = closure_jacobian(mechanism, state.q) * mechanism.velocity_scale
-    r = rank(jacobian) if closed else None
-    freedoms = None if r is None else len(mechanism.coordinates) - r
     return Info(
         mechanism.name, mechanism.title, mechanism.source, mechanism.characteristic_length,
         list(mechanism.links),
@@ -84,8 +85,9 @@ def info(mechanism: Mechanism) -> Info:
         {c.name: _closure_text(c) for c in mechanism.closures},
         {c.name: c.unit for c in mechanism.coordinate_table.values()},
         {d.name: f"prescribes {d.joint}" for d in mechanism.drivers.values()},
-        len(jacobian), r, freedoms, error,
-        _notes(mechanism, len(jacobian), r, freedoms, error),
+        mobility(mechanism, state) if closed else None,
+        error,
+        _notes(mechanism, closed, error),
     )
 
 
@@ -96,16 +98,9 @@ def _closure_text(closure: Any) -> str:
     return f"{closure.type}: {closure.frames[0]} - {closure.frames[1]} ({closure.n_rows} equations)"
 
 
-def _notes(
-    mechanism: Mechanism, rows: int, r: int | None, freedoms: int | None, error: float
-) -> list[str]:
-    if r is None:
-        return [f"the guess does not close: closure error {error:.1e}"]
-    text = (f"instantaneous freedoms at the guess: {freedoms} ({len(mechanism.coordinates)} "
-            f"coordinates - rank {r} of {rows} closure equations)")
-    notes = [text, f"closure error at the guess: {error:.1e}"]
-    if rows > r:
-        notes.insert(1, f"{rows - r} closure equations are redundant there")
+def _notes(mechanism: Mechanism, closed: bool, error: float) -> list[str]:
+    words = "closure error at the guess" if closed else "the guess does not close: closure error"
+    notes = [f"{words} {error:.1e}"]
     if mechanism.passives:
         spins = [f"{p.name}: no spin of {p.body!r} about {p.axis[0]} - {p.axis[1]}"
                  for p in mechanism.passives]
