@@ -13,6 +13,7 @@ from spatial_pin.errors import (
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.jacobians import closure_jacobian, jacobian
 from spatial_pin.kinematics.mobility import Mobility, mobility
+from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import FrameMotion, Motion
 from spatial_pin.kinematics.rates import solve_rates
 from spatial_pin.kinematics.state import State
@@ -39,6 +40,7 @@ __all__ = [
     "SpatialPinError",
     "State",
     "assemble",
+    "assembly_modes",
     "closure_jacobian",
     "export_html",
     "jacobian",

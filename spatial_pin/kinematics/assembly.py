@@ -112,7 +112,7 @@ class _Search:
         if self.first.any() and not np.array_equal(self.first, self.free):
             q, _ = close(evaluation, q, self.first, loose)
         q, error = close(evaluation, q, self.free, self.tolerance)
-        q = _nearest_turn(self.mechanism, q, self.held, self.named)
+        q = nearest_turn(self.mechanism, q, self.held, self.named)
         evaluation.update(q)
         problem = evaluation.worst_closure() if not error <= ACCEPTED else evaluation.mirrored()
         if not problem and self.limits and _violated(self.mechanism, q):
@@ -251,7 +251,7 @@ def _periodic(mechanism: Mechanism) -> list[Coordinate]:
     ]
 
 
-def _nearest_turn(
+def nearest_turn(
     mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
 ) -> Array:
     """Take whole turns off the angles: nearest to the named value, else to zero, in limits."""

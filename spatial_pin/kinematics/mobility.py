@@ -187,7 +187,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         rank=r,
         instantaneous=nv - r,
         dof=_finite_freedom(evaluation, x, null_space(jacobian, SINGULAR)),
-        passive=_passive(evaluation, x),
+        passive=tuple(_describe(evaluation, joint, v)
+                      for joint, velocities in passive_freedoms_at(evaluation, x)
+                      for v in velocities),
         redundant=redundant,
     )
 
@@ -278,7 +280,11 @@ def _algebra_name(algebra: Array) -> str:
 # ---------------------------------------------------------------- passive freedoms
 
 
-def _passive(evaluation: Evaluation, q: Array) -> tuple[PassiveFreedom, ...]:
+def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Array]]:
+    """Return (joint name, (k, nv) velocities) of the links that are passive at a closed q.
+
+    A link that hangs on one pair only is no part of a loop and not called passive.
+    """
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_rows
     evaluation.update(q)
@@ -287,14 +293,10 @@ def _passive(evaluation: Evaluation, q: Array) -> tuple[PassiveFreedom, ...]:
         row[mechanism.driven_coordinate(driver.joint).v] = 1.0
     tangents = null_space(np.vstack([evaluation.jacobian[:n] * scale, drive]), SINGULAR) * scale
     if not len(tangents):
-        return ()
+        return []
     joined = _pairs_of_bodies(mechanism)
-    return tuple(
-        _describe(evaluation, joint, v)
-        for joint, velocities in passive_freedoms(evaluation, tangents)
-        for v in velocities
-        if joined[mechanism.joint_id(joint)] > 1
-    )
+    return [(joint, velocities) for joint, velocities in passive_freedoms(evaluation, tangents)
+            if joined[mechanism.joint_id(joint)] > 1]
 
 
 def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:

@@ -43,6 +43,7 @@ class State:
         closure_error: largest closure row [-]; lengths relative to the characteristic length,
             angles in rad.
         angles: relative angle of every screw closure [rad], counting turns.
+        branch: label of the assembly mode, from `assembly_modes`.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class State:
         *,
         closure_error: float,
         angles: Array | None = None,
+        branch: str = "",
     ) -> None:
         nv = mechanism.model.nv
         self.mechanism = mechanism
@@ -62,6 +64,7 @@ class State:
         self.a = _frozen(np.zeros(nv) if a is None else a)
         self.closure_error = float(closure_error)
         self.angles = _frozen(np.empty(0) if angles is None else angles)
+        self.branch = branch
 
     @cached_property
     def data(self) -> pin.Data:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import finite_array, finite_number
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -26,31 +27,6 @@ class CoordinateRates(NamedTuple):
     value: Any
     rate: Any
     acceleration: Any
-
-
-def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
-    """Return `values` as float64 of that shape.
-
-    Raises:
-        ValueError: NaN, infinite, or another shape.
-    """
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f"{what} has shape {array.shape}; {shape} is needed")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{what} has a value that is NaN or infinite")
-    return array
-
-
-def finite_number(value: Any, what: str) -> float:
-    """Return `value` as a finite float.
-
-    Raises:
-        ValueError: NaN, infinite, or no number.
-    """
-    if isinstance(value, str | bytes | bool):
-        raise ValueError(f"{what} must be a number, not {value!r}")
-    return float(finite_array(value, (), what))
 
 
 def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:
@@ -139,8 +115,8 @@ def _floating_translation(
 ) -> CoordinateRates:
     from scipy.spatial.transform import Rotation
 
-    rotation = Rotation.from_quat(quaternions)
-    rate = rotation.apply(v[:, :3])
+    rotation = Rotation.from_quat(quaternions.copy())  # SciPy refuses read-only arrays
+    rate = rotation.apply(v[:, :3].copy())
     acceleration = rotation.apply(a[:, :3] + np.cross(v[:, 3:], v[:, :3]))
     return CoordinateRates(x[:, k].copy(), rate[:, k], acceleration[:, k])
 
@@ -149,7 +125,7 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
     """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
     from scipy.spatial.transform import Rotation
 
-    phi = Rotation.from_quat(quaternions).as_rotvec()
+    phi = Rotation.from_quat(quaternions.copy()).as_rotvec()
     for i in range(1, len(phi)):
         angle = float(np.linalg.norm(phi[i]))
         if angle > 1e-12:

@@ -1,0 +1,51 @@
+"""What every public function asks of its numbers before it works with them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from spatial_pin.linalg import Array
+
+UNIT_TOLERANCE = 1e-9  # how far the length of a unit vector may be from 1
+
+
+def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
+    """Return `values` as float64 of that shape.
+
+    Raises:
+        ValueError: NaN, infinite, or another shape.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{what} has shape {array.shape}; {shape} is needed")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{what} has a value that is NaN or infinite")
+    return array
+
+
+def finite_number(value: Any, what: str) -> float:
+    """Return `value` as a finite float.
+
+    Raises:
+        ValueError: NaN, infinite, or no number.
+    """
+    if isinstance(value, str | bytes | bool):
+        raise ValueError(f"{what} must be a number, not {value!r}")
+    return float(finite_array(value, (), what))
+
+
+def unit_vector(values: Any, what: str) -> Array:
+    """Return `values` (3,) with its length, which is 1 to `UNIT_TOLERANCE`, made 1 to round-off.
+
+    Raises:
+        ValueError: NaN, infinite, another shape, or another length.
+    """
+    array = finite_array(values, (3,), what)
+    length = math.hypot(*array)
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(f"{what} has length {length:.9g}; a unit vector is needed")
+    return array / length

@@ -1,0 +1,164 @@
+"""Finite rotations in space: from axis and angle, back to them, and one after the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import finite_array, finite_number, unit_vector
+from spatial_pin.linalg import Array, aligned
+
+ROTATION_TOLERANCE = 1e-9  # greatest entry of R^T R - I accepted
+HALF_TURN_TOLERANCE = 2.0 * np.finfo(np.float64).eps  # cos(angle/2) of a half turn, round-off
+SIGN_TOLERANCE = 1e-9  # components below this do not decide the sign of a half turn's axis
+
+UNIT_AXES = dict(zip("xyz", np.eye(3), strict=True))
+
+
+class AxisAngle(NamedTuple):
+    """Axis and angle of a rotation.
+
+    Attributes:
+        axis: (3,) unit vector; z when there is no rotation.
+        angle: [rad] in [0, pi].
+    """
+
+    axis: Array
+    angle: float
+
+
+class Turn(NamedTuple):
+    """One step of a composite rotation.
+
+    Attributes:
+        axis: "x", "y", "z" or a unit vector (3,), in the fixed or in the moving frame.
+        angle: [rad], positive by the right-hand rule.
+        about: "fixed" or "moving", the frame that `axis` belongs to.
+    """
+
+    axis: Any
+    angle: float
+    about: str = "fixed"
+
+
+def rotation_matrix(axis: Any, angle: float) -> Array:
+    """Return R(u, angle) = I + sin(angle) [u] + vers(angle) (u u^T - I).
+
+    Source: Rodrigues' formula [EMT2431, eq. 32], with vers = 1 - cos = 2 sin^2(angle/2), so that
+    small angles keep their digits.
+
+    Args:
+        axis: "x", "y", "z" or a unit vector (3,).
+        angle: [rad], positive by the right-hand rule.
+
+    Raises:
+        ValueError: NaN, infinite, or an axis that is not of length 1.
+    """
+    u, angle = axis_vector(axis), finite_number(angle, "angle")
+    vers = 2.0 * math.sin(0.5 * angle) ** 2
+    return np.eye(3) + math.sin(angle) * pin.skew(u) + vers * (np.outer(u, u) - np.eye(3))
+
+
+def axis_angle_from_rotation(rotation: Any) -> AxisAngle:
+    """Return axis and angle of a rotation (3, 3), to round-off at all angles.
+
+    The unit quaternion (cos(angle/2), u sin(angle/2)) is taken from the largest of its components
+    [Shepperd1978]; neither arccos of the trace [EMT2431, Ex. 3.6] nor division by sin(angle) is
+    used, which lose half of the digits near 0 and all near pi. At a half turn u and -u are the
+    same rotation: the first component that is not zero is made positive.
+
+    Raises:
+        ValueError: NaN, infinite, another shape, or no rotation; see `nearest_rotation`.
+    """
+    quaternion = pin.Quaternion(checked_rotation(rotation)).coeffs()
+    v, w = quaternion[:3], float(quaternion[3])
+    size = math.hypot(*v)
+    if size == 0.0:
+        return AxisAngle(UNIT_AXES["z"].copy(), 0.0)
+    if abs(w) <= HALF_TURN_TOLERANCE:
+        return AxisAngle(_with_first_positive(v / size), math.pi)
+    return AxisAngle(math.copysign(1.0, w) * v / size, 2.0 * math.atan2(size, abs(w)))
+
+
+def composite_rotation(turns: Iterable[Turn | tuple[Any, ...]]) -> Array:
+    """Return the rotation (3, 3) of turns made one after the other from coincident frames.
+
+    A turn about a fixed axis premultiplies, one about a moving axis postmultiplies
+    [EMT2431, 3.2.4]. The result maps moving coordinates into fixed ones.
+
+    Raises:
+        ValueError: a turn has a bad axis or angle, or is about neither "fixed" nor "moving".
+    """
+    rotation = np.eye(3)
+    for axis, angle, about in (Turn(*turn) for turn in turns):
+        if about not in COMPOSITION:
+            raise ValueError(f"a turn is about {about!r}; {' or '.join(COMPOSITION)} is needed")
+        rotation = COMPOSITION[about](rotation, rotation_matrix(axis, angle))
+    return rotation
+
+
+def nearest_rotation(matrix: Any) -> Array:
+    """Return the rotation (3, 3) nearest to a matrix of few digits, in the least-squares sense.
+
+    Raises:
+        ValueError: NaN, infinite, another shape, or a matrix that mirrors or flattens space.
+    """
+    m = finite_array(matrix, (3, 3), "matrix")
+    if not np.linalg.det(m) > 0.0:
+        raise ValueError(f"the determinant is {np.linalg.det(m):.3g}: no rotation is near")
+    return aligned(np.eye(3), m)
+
+
+def axis_vector(axis: Any) -> Array:
+    """Return "x", "y", "z" or a unit vector as (3,).
+
+    Raises:
+        ValueError: another name, or no unit vector.
+    """
+    if isinstance(axis, str):
+        if axis not in UNIT_AXES:
+            raise ValueError(f"no axis {axis!r}; there are x, y, z and unit vectors")
+        return UNIT_AXES[axis]
+    return unit_vector(axis, "axis")
+
+
+def direction_between(start: Any, end: Any) -> Array:
+    """Return the unit vector (3,) that points from `start` (3,) to `end` (3,) [m].
+
+    Raises:
+        ValueError: NaN, infinite, or points that coincide.
+    """
+    line = finite_array(end, (3,), "end") - finite_array(start, (3,), "start")
+    length = math.hypot(*line)
+    if length == 0.0:
+        raise ValueError("start and end coincide: no direction")
+    return line / length
+
+
+def checked_rotation(rotation: Any) -> Array:
+    """Return a matrix (3, 3) after the checks that it is a rotation.
+
+    Raises:
+        ValueError: NaN, infinite, another shape, or not orthonormal and right-handed.
+    """
+    r = finite_array(rotation, (3, 3), "rotation")
+    off = float(np.abs(r.T @ r - np.eye(3)).max())
+    if off > ROTATION_TOLERANCE or np.linalg.det(r) < 0.0:
+        raise ValueError(f"rotation is off orthonormal and right-handed by {off:.3g}; "
+                         "nearest_rotation finds the rotation that a rounded matrix stands for")
+    return r
+
+
+def _with_first_positive(axis: Array) -> Array:
+    first = axis[np.argmax(np.abs(axis) > SIGN_TOLERANCE)]
+    return axis if first > 0.0 else -axis
+
+
+COMPOSITION: dict[str, Callable[[Array, Array], Array]] = {
+    "fixed": lambda rotation, turn: turn @ rotation,
+    "moving": lambda rotation, turn: rotation @ turn,
+}
