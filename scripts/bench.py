@@ -161,14 +161,16 @@ def check_closed_form(problem: Problem) -> str:
         return "closed form not checked (mpmath is not installed)"
     import mpmath
 
-    a, b, c, d, w = (mpmath.mpf(x) for x in (problem.a, problem.b, problem.c, problem.d, 25.13))
+    lengths = problem.a, problem.b, problem.c, problem.d
+    a, b, c, d, w = (mpmath.mpf(x) for x in (*lengths, problem.speed))
+    rest = b**2 - a**2 - c**2 - d**2
     exact, worst = problem.exact(), 0.0
     with mpmath.workdps(40):
         for i in range(0, STEPS, 15):
 
             def psi(t: Any, phi: float = problem.phi[i]) -> Any:
                 u = mpmath.cos(phi + w * t)
-                return mpmath.acos((b**2 - a**2 - c**2 - d**2 + 2 * a * d * u) / (d - a * u) / 2 / c)
+                return mpmath.acos((rest + 2 * a * d * u) / (2 * c * (d - a * u)))
 
             for order, value in enumerate((exact.angle, exact.rate, exact.acceleration)):
                 scale = problem.speed**order
@@ -207,18 +209,25 @@ def read_sweep(_: SimpleNamespace, result: tuple[sp.Motion, Any]) -> Answer:
 # Pinocchio by hand: tuned, and plain
 
 
+def point(x: float) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def add_frame(model: pin.Model, name: str, joint: int, x: float) -> int:
+    return model.addFrame(pin.Frame(name, joint, point(x), pin.FrameType.OP_FRAME))
+
+
 def setup_tuned(problem: Problem) -> SimpleNamespace:
     """Cut the loop at A: the crank is driven, so A moves along a path that is known beforehand."""
-    point = lambda x: pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))  # noqa: E731
     model = pin.Model()
     crank = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "crank")
     axis = np.array([0.0, 0.0, -1.0])
     rocker = model.addJoint(0, pin.JointModelRevoluteUnaligned(axis), point(-problem.d), "rocker")
     ball = model.addJoint(rocker, pin.JointModelSpherical(), point(-problem.c), "ball")
-    frame = lambda name, joint, x: model.addFrame(  # noqa: E731
-        pin.Frame(name, joint, point(x), pin.FrameType.OP_FRAME)
+    ends = (
+        add_frame(model, "coupler_a", ball, -problem.b),
+        add_frame(model, "crank_a", crank, -problem.a),
     )
-    ends = frame("coupler_a", ball, -problem.b), frame("crank_a", crank, -problem.a)
     relative = pin.exp3(-problem.guess * axis) @ problem.guessed_coupler()
     q0 = np.concatenate([[0.0, problem.guess], pin.Quaternion(relative).coeffs()])
     tool = SimpleNamespace(model=model, data=model.createData(), q0=q0, problem=problem)
@@ -229,15 +238,15 @@ def setup_tuned(problem: Problem) -> SimpleNamespace:
 def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     """Four rows of one frame Jacobian are the whole problem.
 
-    In the axes of the coupler (x along it) they are the velocity of its end A and its spin: the loop
-    and the passive freedom at once, nothing to assemble. The predictor integrates the cubic through
-    the last two velocities and accelerations, the corrector is Newton, the last factors serve both
-    rates. Everything is written in place: views on Pinocchio's data, LAPACK called directly with
-    positional arguments (keywords cost as much as the work).
+    In the axes of the coupler (x along it) they are the velocity of its end A and its spin: the
+    loop and the passive freedom at once, nothing to assemble. The predictor integrates the cubic
+    through the last two velocities and accelerations, the corrector is Newton, the last factors
+    serve both rates. Everything is written in place: views on Pinocchio's data, BLAS and LAPACK
+    called directly with positional arguments (keywords cost as much as the work).
     """
     model, data, tip, problem = tool.model, tool.data, tool.coupler, tool.problem
-    kinematics, jacobians, integrate = pin.forwardKinematics, pin.computeJointJacobians, pin.integrate
-    place, get_jacobian = pin.updateFramePlacement, pin.getFrameJacobian
+    kinematics, integrate, place = pin.forwardKinematics, pin.integrate, pin.updateFramePlacement
+    jacobians, get_jacobian = pin.computeJointJacobians, pin.getFrameJacobian
     get_acceleration, axes = pin.getFrameClassicalAcceleration, pin.LOCAL
     h, small, nv = problem.time_step, problem.tolerance**2, model.nv
     positions = np.empty((STEPS, model.nq))
@@ -287,19 +296,17 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
 
 def setup_plain(problem: Problem) -> SimpleNamespace:
     """Cut the loop at B, as a URDF does, and close it with a 3-D contact constraint."""
-    point = lambda x: pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))  # noqa: E731
     model = pin.Model()
     crank = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "crank")
     ball = model.addJoint(crank, pin.JointModelSpherical(), point(-problem.a), "ball")
     axis = np.array([0.0, 0.0, -1.0])
     rocker = model.addJoint(0, pin.JointModelRevoluteUnaligned(axis), point(-problem.d), "rocker")
-    frame = lambda name, joint, x: model.addFrame(  # noqa: E731
-        pin.Frame(name, joint, point(x), pin.FrameType.OP_FRAME)
+    ends = (
+        add_frame(model, "coupler_b", ball, problem.b),
+        add_frame(model, "rocker_b", rocker, -problem.c),
     )
-    ends = frame("coupler_b", ball, problem.b), frame("rocker_b", rocker, -problem.c)
-    contact = pin.RigidConstraintModel(
-        pin.ContactType.CONTACT_3D, model, ball, point(problem.b), rocker, point(-problem.c), pin.LOCAL
-    )
+    kind, at = pin.ContactType.CONTACT_3D, (ball, point(problem.b), rocker, point(-problem.c))
+    contact = pin.RigidConstraintModel(kind, model, *at, pin.LOCAL)
     coupler = pin.Quaternion(problem.guessed_coupler()).coeffs()
     q0 = np.concatenate([[0.0], coupler, [problem.guess]])
     tool = SimpleNamespace(model=model, data=model.createData(), q0=q0, problem=problem)
@@ -375,7 +382,7 @@ def run_fsolve(problem: Problem) -> Array:
     x, y, _ = problem.guessed_coupler()[:, 0]
     unknown, answers = np.array([problem.guess, math.atan2(y, x), 0.0]), []
     for phi in problem.phi.tolist():
-        unknown = scipy.optimize.fsolve(loop, unknown, args=(phi,), xtol=1e-12)
+        unknown = scipy.optimize.fsolve(loop, unknown, args=(phi,), xtol=1e-10)
         answers.append(unknown)
     return np.array(answers)
 
@@ -391,7 +398,7 @@ def run_fsolve_one(problem: Problem) -> Array:
 
     psi, answers = np.array([problem.guess]), []
     for phi in problem.phi.tolist():
-        psi = scipy.optimize.fsolve(squared_gap, psi, args=(phi,), xtol=1e-12)
+        psi = scipy.optimize.fsolve(squared_gap, psi, args=(phi,), xtol=1e-10)
         answers.append(psi)
     return np.array(answers)
 
@@ -549,8 +556,8 @@ def print_changes(old: dict[str, Any], new: dict[str, Any]) -> None:
         if key in old["rows"]:
             was = old["rows"][key]
             change = row["median"] / was["median"]
-            relative = row["relative"].get("tuned", math.nan) / was["relative"].get("tuned", math.nan)
-            print(f"{row['title']:<38}{change:8.2f} {relative:8.2f}")
+            now, before = (x["relative"].get("tuned", math.nan) for x in (row, was))
+            print(f"{row['title']:<38}{change:8.2f} {now / before:8.2f}")
 
 
 CASES = (
@@ -616,7 +623,8 @@ def main() -> None:
     cases = [*CASES, *(PEERS if options.peers else ())]
     unknown = set(options.rows or ()) - {case.key for case in cases}
     if unknown:
-        sys.exit(f"no such row: {', '.join(sorted(unknown))}; rows: {' '.join(c.key for c in cases)}")
+        known = " ".join(case.key for case in cases)
+        sys.exit(f"no such row: {' '.join(sorted(unknown))}; rows: {known}")
     cases = [case for case in cases if not options.rows or case.key in options.rows]
     missing = [case for case in cases if importlib.util.find_spec(case.needs) is None]
     cases = [case for case in cases if case not in missing]

@@ -1,9 +1,10 @@
 """The same four-bar on the Jacobians of MuJoCo and Drake, plain and tuned; rows of `bench.py`.
 
 Both engines are used as their documentation says: kinematics, Jacobian of a point, bias of its
-acceleration; Newton and the linear algebra are ours, and tuned in the same way as the Pinocchio loop
-(views kept, a predictor of the same order, LAPACK called directly, results written in place).
-All four cut the loop at A: the coupler hangs on the rocker, and A moves along the crank's path.
+acceleration; Newton and the linear algebra are ours. The coupler hangs on the rocker and the loop
+is cut at A. The plain loops take the difference of two Jacobians; the tuned ones are tuned like the
+Pinocchio loop: A moves along the known path of the crank, views kept, a predictor, LAPACK called
+directly, results written in place.
 """
 
 from __future__ import annotations
@@ -22,7 +23,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MAX_CORRECTIONS = 30
-ADAMS = ((1.0,), (-1 / 2, 3 / 2), (5 / 12, -16 / 12, 23 / 12), (-9 / 24, 37 / 24, -59 / 24, 55 / 24))
+ADAMS = (  # Adams-Bashforth weights of the last one to four rates, newest last
+    (1.0,),
+    (-1 / 2, 3 / 2),
+    (5 / 12, -16 / 12, 23 / 12),
+    (-9 / 24, 37 / 24, -59 / 24, 55 / 24),
+)
 
 FOUR_BAR = """
 <mujoco>
@@ -31,15 +37,15 @@ FOUR_BAR = """
     <body name="crank">
       <joint type="hinge" axis="0 1 0"/>
       <geom type="sphere" size="0.01"/>
-      <site name="crank_a" pos="{crank} 0 0"/>
+      <site name="crank_a" pos="{} 0 0"/>
     </body>
-    <body name="rocker" pos="{ground} 0 0">
+    <body name="rocker" pos="{} 0 0">
       <joint type="hinge" axis="0 0 -1"/>
       <geom type="sphere" size="0.01"/>
-      <body name="coupler" pos="{rocker} 0 0">
+      <body name="coupler" pos="{} 0 0">
         <joint type="ball"/>
         <geom type="sphere" size="0.01"/>
-        <site name="coupler_a" pos="{coupler} 0 0"/>
+        <site name="coupler_a" pos="{} 0 0"/>
       </body>
     </body>
   </worldbody>
@@ -59,8 +65,8 @@ def rocker_to_coupler(problem: Problem) -> Array:
 def setup_mujoco(problem: Problem) -> SimpleNamespace:
     import mujoco
 
-    lengths = {"crank": -problem.a, "ground": -problem.d, "rocker": -problem.c, "coupler": -problem.b}
-    model = mujoco.MjModel.from_xml_string(FOUR_BAR.format(**lengths))
+    lengths = -problem.a, -problem.d, -problem.c, -problem.b
+    model = mujoco.MjModel.from_xml_string(FOUR_BAR.format(*lengths))
     tool = SimpleNamespace(mujoco=mujoco, model=model, data=mujoco.MjData(model), problem=problem)
     tool.tip, tool.pin = model.site("coupler_a").id, model.site("crank_a").id
     tool.body = model.body("coupler").id
@@ -75,6 +81,7 @@ def run_mujoco(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     mujoco, model, data, problem = tool.mujoco, tool.model, tool.data, tool.problem
     data.qpos, data.qvel = tool.q0, 0.0
     positions, velocities, accelerations = [], [], []
+    rows, rhs, step = np.zeros((4, model.nv)), np.zeros(4), np.zeros(model.nv)
     on_tip, on_pin, turn = (np.zeros((3, model.nv)) for _ in range(3))
     sites = (on_tip, turn, tool.tip), (on_pin, None, tool.pin)
     for phi in problem.phi:
@@ -86,22 +93,24 @@ def run_mujoco(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
             for linear, angular, site in sites:
                 mujoco.mj_jacSite(model, data, linear, angular, site)
             axis = data.xmat[tool.body].reshape(3, 3)[:, 0]
-            rows = np.vstack([on_tip - on_pin, axis @ turn])
-            gap = data.site_xpos[tool.pin] - data.site_xpos[tool.tip]
-            if np.linalg.norm(gap) <= problem.tolerance:
+            rows[:3], rows[3] = on_tip - on_pin, axis @ turn
+            rhs[:3] = data.site_xpos[tool.pin] - data.site_xpos[tool.tip]
+            if np.linalg.norm(rhs) <= problem.tolerance:
                 break
-            step = np.linalg.solve(rows[:, 1:], np.append(gap, 0.0))
-            mujoco.mj_integratePos(model, data.qpos, np.append(0.0, step), 1.0)
+            step[1:] = np.linalg.solve(rows[:, 1:], rhs)
+            mujoco.mj_integratePos(model, data.qpos, step, 1.0)
         data.qvel[0] = problem.speed
         data.qvel[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * problem.speed)
         mujoco.mj_comVel(model, data)
         for linear, angular, site in sites:
             point, body = data.site_xpos[site], model.site_bodyid[site]
             mujoco.mj_jacDot(model, data, linear, angular, point, body)
-        bias = np.vstack([on_tip - on_pin, axis @ turn]) @ data.qvel
+        a, v = np.zeros(model.nv), data.qvel.copy()
+        bias = np.array([*((on_tip - on_pin) @ v), axis @ turn @ v])
+        a[1:] = np.linalg.solve(rows[:, 1:], -bias)
         positions.append(data.qpos.copy())
-        velocities.append(data.qvel.copy())
-        accelerations.append(np.append(0.0, np.linalg.solve(rows[:, 1:], -bias)))
+        velocities.append(v)
+        accelerations.append(a)
     return np.array(positions), np.array(velocities), np.array(accelerations)
 
 
@@ -193,24 +202,31 @@ def setup_drake(problem: Problem) -> SimpleNamespace:
     """The coupler lies along -z of its own frame: its spin and A's velocity are rows 2 to 5."""
     from pydrake.math import RigidTransform, RotationMatrix
     from pydrake.multibody.plant import MultibodyPlant
-    from pydrake.multibody.tree import BallRpyJoint, JacobianWrtVariable, RevoluteJoint, SpatialInertia
+    from pydrake.multibody.tree import (
+        BallRpyJoint,
+        FixedOffsetFrame,
+        JacobianWrtVariable,
+        RevoluteJoint,
+        SpatialInertia,
+    )
 
     plant = MultibodyPlant(0.0)
     inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.01)
     crank, rocker, coupler = (
         plant.AddRigidBody(name, inertia) for name in ("crank", "rocker", "coupler")
     )
-    world, here = plant.world_body(), RigidTransform()
-    there = RigidTransform([-problem.d, 0.0, 0.0])
-    plant.AddJoint(RevoluteJoint("crank", world.body_frame(), crank.body_frame(), [0, 1, 0]))
-    plant.AddJoint("rocker", RevoluteJoint, world, there, rocker, here, [0, 0, -1])
+    crank, rocker, coupler = (body.body_frame() for body in (crank, rocker, coupler))
     x, y, z = rocker_to_coupler(problem).T
     axes = RotationMatrix(np.column_stack([-z, y, x]))  # so that roll, pitch, yaw start at zero
-    at_b = RigidTransform(axes, [-problem.c, 0.0, 0.0])
-    plant.AddJoint("ball", BallRpyJoint, rocker, at_b, coupler, here)
+    there = RigidTransform([-problem.d, 0.0, 0.0]), RigidTransform(axes, [-problem.c, 0.0, 0.0])
+    pivot = plant.AddFrame(FixedOffsetFrame("pivot", plant.world_frame(), there[0]))
+    at_b = plant.AddFrame(FixedOffsetFrame("at_b", rocker, there[1]))
+    plant.AddJoint(RevoluteJoint("crank", plant.world_frame(), crank, [0, 1, 0]))
+    plant.AddJoint(RevoluteJoint("rocker", pivot, rocker, [0, 0, -1]))
+    plant.AddJoint(BallRpyJoint("ball", at_b, coupler))
     plant.Finalize()
     tool = SimpleNamespace(plant=plant, context=plant.CreateDefaultContext(), problem=problem)
-    tool.crank, tool.coupler = crank.body_frame(), coupler.body_frame()
+    tool.crank, tool.coupler = crank, coupler
     tool.world, tool.wrt = plant.world_frame(), JacobianWrtVariable.kV
     tool.q0 = np.array([0.0, problem.guess, 0.0, 0.0, 0.0])
     tool.tip, tool.pin = np.array([0.0, 0.0, -problem.b]), np.array([-problem.a, 0.0, 0.0])
@@ -222,8 +238,9 @@ def setup_drake(problem: Problem) -> SimpleNamespace:
 
 def run_drake(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     """Newton on spatial velocity Jacobians, from the last position moved on by its rates."""
-    plant, context, problem = tool.plant, tool.context, tool.problem
-    q, rates = tool.q0, np.zeros(5)
+    plant, context, world, problem = tool.plant, tool.context, tool.world, tool.problem
+    q, rates, step = tool.q0, np.zeros(5), np.zeros(5)
+    rows, rhs = np.zeros((4, 5)), np.zeros(4)
     positions, velocities, accelerations = [], [], []
     ends = (tool.coupler, tool.tip), (tool.crank, tool.pin)
     for phi in problem.phi:
@@ -231,33 +248,35 @@ def run_drake(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
         q[0] = phi
         while True:
             plant.SetPositions(context, q)
-            pose = plant.CalcRelativeTransform(context, tool.world, tool.coupler)
+            pose = plant.CalcRelativeTransform(context, world, tool.coupler)
             axis = pose.rotation().matrix()[:, 2]
             one, other = (
-                plant.CalcJacobianSpatialVelocity(context, tool.wrt, frame, p, tool.world, tool.world)
+                plant.CalcJacobianSpatialVelocity(context, tool.wrt, frame, p, world, world)
                 for frame, p in ends
             )
-            rows = np.vstack([one[3:] - other[3:], axis @ one[:3]])
+            rows[:3], rows[3] = one[3:] - other[3:], axis @ one[:3]
             p_tip, p_pin = (
-                plant.CalcPointsPositions(context, frame, p, tool.world).ravel() for frame, p in ends
+                plant.CalcPointsPositions(context, frame, p, world).ravel() for frame, p in ends
             )
-            gap = p_pin - p_tip
-            if np.linalg.norm(gap) <= problem.tolerance:
+            rhs[:3] = p_pin - p_tip
+            if np.linalg.norm(rhs) <= problem.tolerance:
                 break
-            step = np.append(0.0, np.linalg.solve(rows[:, 1:], np.append(gap, 0.0)))
+            step[1:] = np.linalg.solve(rows[:, 1:], rhs)
             q = q + plant.MapVelocityToQDot(context, step)
-        v = np.append(problem.speed, np.linalg.solve(rows[:, 1:], -rows[:, 0] * problem.speed))
+        v, a = np.zeros(5), np.zeros(5)
+        v[0] = problem.speed
+        v[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * problem.speed)
         plant.SetVelocities(context, v)
         rates = plant.MapVelocityToQDot(context, v)
         one, other = (
-            plant.CalcBiasSpatialAcceleration(context, tool.wrt, frame, p, tool.world, tool.world)
+            plant.CalcBiasSpatialAcceleration(context, tool.wrt, frame, p, world, world)
             for frame, p in ends
         )
-        spin = axis @ one.rotational()
-        bias = np.append(one.translational() - other.translational(), spin)
+        linear = one.translational() - other.translational()
+        a[1:] = np.linalg.solve(rows[:, 1:], -np.array([*linear, axis @ one.rotational()]))
         positions.append(q)
         velocities.append(v)
-        accelerations.append(np.append(0.0, np.linalg.solve(rows[:, 1:], -bias)))
+        accelerations.append(a)
     return np.array(positions), np.array(velocities), np.array(accelerations)
 
 

@@ -27,6 +27,17 @@ def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     return array
 
 
+def finite_points(values: Any, dimension: int, what: str) -> Array:
+    """Return one point (dimension,) or several (N, dimension) as float64.
+
+    Raises:
+        ValueError: NaN, infinite, or another shape.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    several = (len(array), dimension) if array.ndim == 2 else (dimension,)
+    return finite_array(array, several, what)
+
+
 def finite_number(value: Any, what: str) -> float:
     """Return `value` as a finite float.
 

@@ -17,7 +17,7 @@ import closed_forms
 import numpy as np
 import pinocchio as pin
 from closed_forms import Pose, rotation, vector
-from mpmath import acos, asin, atan, atan2, cos, findroot, mpf, sin, sqrt, tan
+from mpmath import acos, asin, atan2, cos, findroot, mpf, sin, sqrt, tan
 from mpmath import pi as mp_pi
 
 import spatial_pin as sp
@@ -136,7 +136,8 @@ def cut_at_crank_pin(folder: Path, wrap=str) -> sp.Mechanism:
 
 def cut_at_slide(folder: Path, wrap=str) -> sp.Mechanism:
     tree = (CRANK + turning("crank_pin", "crank", "rod", (R, 0, 0))
-            + turning("slider_pin", "rod", "slider", (L, 0, 0)) + point("rail", "ground", (0, E, 0)))
+            + turning("slider_pin", "rod", "slider", (L, 0, 0)) + point("rail", "ground", (0, E,
+                                                                                           0)))
     return load(folder, "cut_at_slide", wrap(tree), driver("crank", "main_pin") + closure(
         "slide", "prismatic", "rail", "slider", axis=(1, 0, 0)) + guess(crank_pin=-0.1))
 
@@ -145,7 +146,8 @@ def cut_at_main_pin(folder: Path, wrap=str) -> sp.Mechanism:
     tree = (RAIL + turning("wrist_pin", "slider", "rod") + point("bearing", "ground")
             + turning("crank_pin", "rod", "crank", (-L, 0, 0)) + point("hub", "crank", (-R, 0, 0)))
     return load(folder, "cut_at_main_pin", wrap(tree), driver("slider", "slide") + closure(
-        "main_pin", "revolute", "bearing", "hub") + guess(wrist_pin=-0.1, crank_pin=1.0, slide=0.17))
+        "main_pin", "revolute", "bearing", "hub") + guess(wrist_pin=-0.1, crank_pin=1.0,
+                                                          slide=0.17))
 
 
 def slider_crank(phi) -> Pose:
@@ -170,7 +172,8 @@ def slider_crank_from_slide(x) -> Pose:
 def rssr_with_a_rod(folder: Path) -> sp.Mechanism:
     """The RSSR whose coupler is one distance equation."""
     a, b, c, d = 0.102, 0.381, 0.254, 0.314
-    tree = (turning("crank_pin", "ground", "crank", axis=(0, 1, 0)) + point("a", "crank", (-a, 0, 0))
+    tree = (turning("crank_pin", "ground", "crank", axis=(0, 1, 0)) + point("a", "crank", (-a, 0,
+                                                                                           0))
             + turning("rocker_pin", "ground", "rocker", (-d, 0, 0), (0, 0, -1))
             + point("b", "rocker", (-c, 0, 0)))
     return load(folder, "rssr_with_a_rod", tree, driver("crank", "crank_pin") + closure(
@@ -182,7 +185,8 @@ RSSP = {"crank": 0.1, "rod": 0.4, "start": (0.15, 0.05, 0.0), "along": (0.6, 0.0
 
 def rssp(folder: Path) -> sp.Mechanism:
     """Crank about z, slider along an inclined line, rod with two balls."""
-    tree = (turning("crank_pin", "ground", "crank") + floating("ball_a", "crank", "rod", (0.1, 0, 0))
+    tree = (turning("crank_pin", "ground", "crank") + floating("ball_a", "crank", "rod", (0.1, 0,
+                                                                                          0))
             + point("rod_b", "rod", (0, 0, 0.4))
             + sliding("slide", "ground", "slider", RSSP["start"], RSSP["along"]))
     toml = (refine("ball_a", "spherical") + driver("crank", "crank_pin")
@@ -205,7 +209,8 @@ RSCR_CRANK = (0.1, -0.2, 0.25)  # centre of the input crank
 def rscr(folder: Path) -> sp.Mechanism:
     """Crank about z with the ball, output about an inclined axis with the cylindrical pair."""
     side = np.cross(RSCR_N0, (0, 0, 1.0))  # from the cylinder's axis to the ball
-    tree = (turning("crank_pin", "ground", "crank", RSCR_CRANK) + point("ball", "crank", (0.1, 0, 0))
+    tree = (turning("crank_pin", "ground", "crank", RSCR_CRANK) + point("ball", "crank", (0.1, 0,
+                                                                                          0))
             + turning("output_pin", "ground", "output", axis=RSCR_AXIS)
             + floating("guide", "output", "coupler", RSCR_P0)
             + point("coupler_ball", "coupler", RSCR_H * side))
@@ -246,7 +251,7 @@ def hooke_closure(folder: Path) -> sp.Mechanism:
 
 
 def hooke_tree(folder: Path) -> sp.Mechanism:
-    """The same with the universal joint in the tree; its output is welded to a wheel in bearings."""
+    """The same with the universal joint in the tree; its output is welded to a wheel."""
     tree = (turning("input", "ground", "in", axis=(1, 0, 0)) + floating("cross", "in", "out")
             + turning("output", "ground", "wheel", axis=OUT)
             + point("bearing", "wheel", rpy=rpy_facing(OUT, PIN2))
@@ -257,9 +262,9 @@ def hooke_tree(folder: Path) -> sp.Mechanism:
 
 
 def hooke_answer(angle) -> Pose:
-    turns = mpf(round(float(angle / mp_pi)))
-    out = atan(cos(mpf(B)) * tan(angle - turns * mp_pi)) + turns * mp_pi
-    return Pose({"input": angle, "output": out}, {}, {})
+    """tan out = cos B tan in, as in + (out - in) to be smooth over turns."""
+    c, x, y = cos(mpf(B)), cos(angle), sin(angle)
+    return Pose({"input": angle, "output": angle + atan2((c - 1) * x * y, x**2 + c * y**2)}, {}, {})
 
 
 # ---------------------------------------------------------------- couplings and screws
@@ -525,6 +530,16 @@ def four_bar(**lengths) -> sp.Mechanism:
     return sp.load("four_bar", **lengths)
 
 
+def bare_four_bar(folder: Path, r1: float, r2: float, r3: float, r4: float) -> sp.Mechanism:
+    """The same in the x-y plane, without parts to draw and without a guess."""
+    tree = (turning("crank_pin", "ground", "crank") + turning("rocker_pin", "ground", "rocker",
+                                                              (r1, 0, 0))
+            + turning("coupler_pin", "crank", "coupler", (r2, 0, 0))
+            + point("tip", "coupler", (r3, 0, 0)) + point("end", "rocker", (r4, 0, 0)))
+    return load(folder, "bare_four_bar", tree, driver("crank", "crank_pin") + closure(
+        "output_pin", "revolute", "tip", "end"))
+
+
 class Known(NamedTuple):
     """A mechanism, the driver and values to sweep, and the answer."""
 
@@ -537,6 +552,12 @@ class Known(NamedTuple):
 
 TURN = np.linspace(0.0, 2 * np.pi, 37)
 TURNS = np.linspace(-2.0, 30.0, 81)
+
+
+def rod_answer(phi) -> Pose:
+    return Pose(closed_forms.rssr(phi).coordinates, {}, {})
+
+
 KNOWN = {
     "slider-crank cut at wrist pin": Known(cut_at_wrist_pin, "crank", TURN, slider_crank),
     "slider-crank cut at crank pin": Known(cut_at_crank_pin, "crank", TURN, slider_crank),
@@ -550,7 +571,7 @@ KNOWN = {
     "tilted slider-crank cut at main pin": Known(
         lambda f: cut_at_main_pin(f, tilted), "slider", np.linspace(0.12, 0.2, 33),
         slider_crank_from_slide),
-    "RSSR, rod as distance": Known(rssr_with_a_rod, "crank", TURN, closed_forms.rssr),
+    "RSSR, rod as distance": Known(rssr_with_a_rod, "crank", TURN, rod_answer),
     "RSSP": Known(rssp, "crank", TURN, rssp_answer),
     "RSCR": Known(rscr, "crank", TURN, rscr_answer),
     "Hooke's joint as closure": Known(hooke_closure, "input", TURN, hooke_answer),

@@ -119,7 +119,8 @@ def tree_with(folder, joint: str, frames: tuple[str, str], kind: str, seed: int,
 
 def two_bodies(folder, kind: str, **keys) -> sp.Mechanism:
     tree = floating("to_a", "ground", "a") + floating("to_b", "ground", "b", (0.5, 0, 0))
-    return load(folder, "two_bodies", tree, closure("c", kind, "a", "b", **KEYS.get(kind, {}), **keys))
+    return load(folder, "two_bodies", tree, closure("c", kind, "a", "b", **KEYS.get(kind, {}),
+                                                    **keys))
 
 
 def relative(mechanism: sp.Mechanism, q: np.ndarray) -> pin.SE3:
@@ -206,7 +207,8 @@ def test_value_with_another_axis_is_that_of_turned_frames(tmp_path, kind):
                  "point_on_plane": (1,), "parallel": (2,), "perpendicular": (1,)}[kind]
         starts = np.cumsum([0, *sizes])
         for start, size, square in zip(starts, sizes, expected, strict=False):
-            assert np.sum(value[start : start + size] ** 2) == pytest.approx(square, rel=1e-13, abs=1e-14)
+            assert np.sum(value[start : start + size] ** 2) == pytest.approx(square, rel=1e-13,
+                                                                             abs=1e-14)
 
 
 @every_type
@@ -244,7 +246,8 @@ def test_coupling_rows(tmp_path):
     tree = (turning("a", "ground", "la") + floating("b", "la", "lb", (0.4, 0, 0))
             + floating("c", "ground", "lc"))
     toml = (refine("b", "cylindrical") + refine("c", "universal")
-            + coupling("one", "a", "b.slide", 0.02, 0.3) + coupling("two", "b.slide", "c.second", 7.0)
+            + coupling("one", "a", "b.slide", 0.02, 0.3) + coupling("two", "b.slide", "c.second",
+                                                                    7.0)
             + coupling("three", "c.first", "b.angle", -2.0, 0.1))
     mechanism = load(tmp_path, "coupled", tree, toml)
     evaluation = Evaluation(Constraints(mechanism))
@@ -260,7 +263,8 @@ def test_coupling_rows(tmp_path):
 
 
 def test_passive_row_is_the_spin_of_the_body(tmp_path):
-    tree = floating("ball", "ground", "a", (0.1, 0.2, 0.3)) + floating("ball2", "a", "b", (0, 0.3, 0))
+    tree = floating("ball", "ground", "a", (0.1, 0.2, 0.3)) + floating("ball2", "a", "b", (0, 0.3,
+                                                                                           0))
     tree += point("tip", "b", (0.1, 0.2, -0.2))
     toml = (refine("ball", "spherical") + refine("ball2", "spherical")
             + '[passive.spin]\nbody = "b"\naxis = ["ball2", "tip"]\n')
@@ -273,7 +277,8 @@ def test_passive_row_is_the_spin_of_the_body(tmp_path):
 
         def spin(t, q=q, v=v):
             data = mechanism.model.createData()
-            pin.forwardKinematics(mechanism.model, data, pin.integrate(mechanism.model, q, t * v), v)
+            pin.forwardKinematics(mechanism.model, data, pin.integrate(mechanism.model, q, t * v),
+                                  v)
             return data.v[2].angular @ along_b
 
         evaluation.update(q)
@@ -353,7 +358,8 @@ def test_an_axis_the_wrong_way_round_is_a_mirror_image(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", ["weld", "prismatic", "revolute"])
 def test_assembly_from_any_orientation_ends_in_the_right_one(tmp_path, kind):
-    tree = floating("free", "ground", "body", (0.2, 0.1, 0)) + point("place", "ground", (0.3, 0, 0.2))
+    tree = floating("free", "ground", "body", (0.2, 0.1, 0)) + point("place", "ground", (0.3, 0,
+                                                                                         0.2))
     mechanism = load(tmp_path, "loose", tree, closure("c", kind, "place", "body"))
     rng = np.random.default_rng(13)
     for _ in range(40):

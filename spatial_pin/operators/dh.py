@@ -129,17 +129,17 @@ def model_from_dh(table: Iterable[Any], name: str = "dh") -> pin.Model:
     """
     model = pin.Model()
     model.name = name
-    parent, placement = 0, pin.SE3.Identity()
+    parent, frame, placement = 0, 0, pin.SE3.Identity()
     for row in checked_table(table):
         placement = placement * dh_placement(row.a, row.alpha, row.d, row.theta)
         joint = DH_JOINTS[row.joint].model
         if joint is None:
-            model.addFrame(pin.Frame(row.name, parent, placement, pin.FrameType.FIXED_JOINT))
+            frame = model.addFrame(
+                pin.Frame(row.name, parent, frame, placement, pin.FrameType.FIXED_JOINT))
         else:
             parent = model.addJoint(parent, joint(row.lead), placement, row.name)
-            model.addJointFrame(parent)
-            placement = pin.SE3.Identity()
-        model.addBodyFrame(row.link, parent, placement, model.nframes - 1)
+            frame, placement = model.addJointFrame(parent, frame), pin.SE3.Identity()
+        frame = model.addBodyFrame(row.link, parent, placement, frame)
     return model
 
 
@@ -147,10 +147,12 @@ def checked_table(table: Iterable[Any]) -> list[DHRow]:
     """Return the rows of a table as `DHRow`, numbers checked and names filled in.
 
     Raises:
-        ValueError: NaN, infinite, an unknown joint, a lead that the joint does not have, or a
-            name that occurs twice.
+        ValueError: no rows, NaN, infinite, an unknown joint, a lead that the joint does not have,
+            or a name that occurs twice.
     """
     rows = [_checked_row(i, DHRow(*row)) for i, row in enumerate(table, start=1)]
+    if not rows:
+        raise ValueError("the table has no rows")
     names = [name for row in rows for name in (row.name, row.link)]
     twice = sorted({n for n in names if names.count(n) > 1 or n == "universe"})
     if twice:

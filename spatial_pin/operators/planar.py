@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.checks import finite_array, finite_number, finite_points
 from spatial_pin.linalg import Array
 
 RIGID_TOLERANCE = 1e-9  # greatest misfit of a rigid motion, as a fraction of the figure's size
@@ -109,9 +109,7 @@ def rotation_angle(displacement: Any) -> float:
 def displaced_planar(displacement: Any, points: Any) -> Array:
     """Return `points` (2,) or (N, 2) [m] after a 3x3 displacement."""
     d = checked_displacement(displacement)
-    p = np.asarray(points, dtype=np.float64)
-    p = finite_array(p, (2,) if p.ndim == 1 else (len(p), 2), "points")
-    return p @ d[:2, :2].T + d[:2, 2]
+    return finite_points(points, 2, "points") @ d[:2, :2].T + d[:2, 2]
 
 
 def planar_motion_from_points(
@@ -169,8 +167,7 @@ def checked_displacement(displacement: Any) -> Array:
 
 
 def _complex_points(points: Any, what: str) -> np.ndarray[Any, Any]:
-    p = np.asarray(points, dtype=np.float64)
-    p = finite_array(p, (len(p) if p.ndim else 0, 2), what)
+    p = np.atleast_2d(finite_points(points, 2, what))
     return p[:, 0] + 1j * p[:, 1]
 
 

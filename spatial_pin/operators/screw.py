@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.checks import finite_array, finite_number, finite_points
 from spatial_pin.linalg import Array
 from spatial_pin.operators.rotation import (
     axis_angle_from_rotation,
@@ -138,9 +138,8 @@ def screw_from_placement(
 
 def displaced_points(placement: Any, points: Any) -> Array:
     """Return `points` (3,) or (N, 3) [m] after a displacement (pin.SE3 or (4, 4))."""
-    m, p = as_placement(placement), np.asarray(points, dtype=np.float64)
-    p = finite_array(p, (3,) if p.ndim == 1 else (len(p), 3), "points")
-    return p @ m.rotation.T + m.translation
+    m = as_placement(placement)
+    return finite_points(points, 3, "points") @ m.rotation.T + m.translation
 
 
 def displaced_frame(placement: Any, frame: Any) -> pin.SE3:

@@ -1,0 +1,332 @@
+"""The command line: what it prints, what it writes, how it fails."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.cli import main
+from spatial_pin.units import quantity
+
+RPM_240 = 8 * np.pi
+
+
+@pytest.fixture(autouse=True)
+def warnings_as_python_shows_them(monkeypatch):
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+
+
+@pytest.fixture
+def run(capfd):
+    """Run a command that succeeds without a word on stderr; returns what it prints."""
+
+    def run(*words: object) -> str:
+        assert main([str(w) for w in words]) == 0
+        out, err = capfd.readouterr()
+        assert err == ""
+        return out
+
+    return run
+
+
+@pytest.fixture
+def fail(capfd):
+    """Run a command that fails; returns its exit code and what it says on stderr."""
+
+    def fail(*words: object) -> tuple[int, str]:
+        try:
+            code = main([str(w) for w in words])
+        except SystemExit as end:  # argparse
+            code = end.code
+        return code, capfd.readouterr().err
+
+    return fail
+
+
+def pure(text: str):
+    """Content of JSON text that every reader accepts: no NaN, nothing around it."""
+
+    def refuse(name: str):
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+# ---------------------------------------------------------------- list, info, check
+
+
+def test_list_names_every_mechanism_of_the_library(run):
+    names = sp.list_mechanisms()
+    assert [line.split()[0] for line in run("list").splitlines()] == names
+    rows = pure(run("list", "--json", "-"))
+    assert [row["name"] for row in rows] == names
+    assert rows[names.index("rssr")]["title"] == "RSSR spatial four-bar"
+
+
+def test_info_says_what_a_mechanism_consists_of(run):
+    text = run("info", "rssr")
+    for word in ("rssr: RSSR spatial four-bar", "ball_b", "coupler_b - rocker_b", "ball_a.z",
+                 "rocker_pin", "prescribes crank_pin", "no spin of 'coupler'"):
+        assert word in text
+    content = pure(run("info", "rssr", "--json", "-"))
+    assert content["joints"] == {"crank_pin": "revolute", "ball_a": "spherical",
+                                 "rocker_pin": "revolute"}
+    assert content["coordinates"]["rocker_pin"] == "rad"
+    mobility = content["mobility"]
+    assert (mobility["rank"], mobility["instantaneous"], mobility["kutzbach"]) == (3, 2, 2)
+    assert "coupler" in " ".join(mobility["passive"])
+    assert content["closure_error"] < 1e-12
+
+
+def test_info_of_what_does_not_close_says_so_and_is_no_failure(run):
+    assert "does not close" in run("info", "rssr", "--set", "d=5")
+    content = pure(run("info", "rssr", "--set", "d=5", "--json", "-"))
+    assert content["mobility"] is None and content["closure_error"] > 0.1
+
+
+def test_check_of_good_and_bad_files(run, fail, tmp_path):
+    text = run("check", "four_bar")
+    assert "four_bar.toml: good" in text
+    bad = tmp_path / "bad.toml"
+    bad.write_text('name = "bad"\ntree = "bad.urdf"\ntitel = "x"\n')
+    (tmp_path / "bad.urdf").write_text('<robot name="bad"><link name="base"/></robot>')
+    code, err = fail("check", bad)
+    assert code == 1 and "bad.toml: titel" in err and "did you mean 'title'?" in err
+
+
+# ---------------------------------------------------------------- assemble
+
+
+@pytest.mark.parametrize(("words", "degrees"), [
+    (("crank=60deg",), 88.4246436),
+    (("crank=60deg", "--set", "d=315mm"), 88.65583201),
+    (("crank=0", "--set", "d=0.315"), 70.97299137),
+])
+def test_assemble_gives_the_printed_rocker_angle(run, words, degrees):
+    """EMT 2431, Example 7.3."""
+    assert "rocker_pin" in run("assemble", "rssr", *words)
+    content = pure(run("assemble", "rssr", *words, "--json", "-"))
+    assert np.degrees(content["coordinates"]["rocker_pin"]) == pytest.approx(degrees, abs=6e-8)
+    assert content["closure_error"] < 1e-12
+
+
+def test_assemble_goes_to_the_branch_of_the_guess(run, tmp_path):
+    path = tmp_path / "state.json"
+    for guess, sign in (("1.8rad", 1), ("-100deg", -1)):
+        text = run("assemble", "four_bar", "crank=0", "--guess", f"rocker_pin={guess}",
+                   "--json", path)
+        assert "closed to" in text
+        rocker = pure(path.read_text())["coordinates"]["rocker_pin"]
+        assert rocker == pytest.approx(sign * np.arccos(-0.2), abs=1e-12)  # links 200, 280, 240 mm
+
+
+# ---------------------------------------------------------------- sweep
+
+
+def test_a_sweep_is_written_in_every_form_that_is_asked_for(run, tmp_path):
+    files = {kind: tmp_path / f"turn.{kind}" for kind in ("csv", "json", "npz", "png", "html")}
+    text = run("sweep", "four_bar", "crank", "0", "360deg", "--steps", "13", "--speed", "240rpm",
+               "--csv", files["csv"], "--json", files["json"], "--npz", files["npz"],
+               "--plot", files["png"], "--html", files["html"])
+    assert "13 steps" in text and "closure error at most" in text
+    for path in files.values():
+        assert str(path) in text
+    expected = sp.sweep(sp.load("four_bar"), "crank", np.linspace(0, 2 * np.pi, 13), RPM_240)
+    rocker = expected.coordinate("rocker_pin")
+    with files["csv"].open(newline="", encoding="utf-8") as file:
+        table = {row[0]: np.array(row[1:], float) for row in zip(*csv.reader(file), strict=True)}
+    assert table["rocker_pin [rad]"].tolist() == rocker.value.tolist()
+    assert table["rocker_pin rate [rad/s]"].tolist() == rocker.rate.tolist()
+    assert set(table["crank_pin rate [rad/s]"]) == {RPM_240}
+    np.testing.assert_allclose(table["time [s]"], np.linspace(0, 0.25, 13), rtol=0, atol=1e-15)
+    columns = pure(files["json"].read_text())["columns"]
+    assert {name: values.tolist() for name, values in table.items()} == columns
+    assert sp.Motion.load(files["npz"], expected.mechanism).q.tolist() == expected.q.tolist()
+    assert files["png"].read_bytes().startswith(b"\x89PNG")
+    page = files["html"].read_text(encoding="utf-8")
+    assert page.lower().startswith("<!doctype html>") and expected.mechanism.title in page
+
+
+@pytest.mark.parametrize(("words", "first", "last", "rate"), [
+    (("0", "360deg"), 0.0, 2 * np.pi, 1.0),
+    (("-60deg", "60deg"), -np.pi / 3, np.pi / 3, 1.0),
+    (("1turn", "0"), 2 * np.pi, 0.0, -1.0),
+    (("-1e-1", "-.3"), -0.1, -0.3, -1.0),
+    (("0", "1", "--speed", "-90deg/s"), 0.0, 1.0, -np.pi / 2),
+    (("0", "1", "--speed=-60rpm", "--acceleration", "2"), 0.0, 1.0, -2 * np.pi),
+])
+def test_a_sweep_runs_between_quantities_of_either_sign(run, words, first, last, rate):
+    text = run("sweep", "four_bar", "crank", *words, "--steps", 3, "--json", "-")
+    columns = pure(text)["columns"]
+    assert columns["crank_pin [rad]"] == pytest.approx([first, (first + last) / 2, last], abs=1e-15)
+    assert columns["crank_pin rate [rad/s]"] == pytest.approx([rate] * 3, rel=1e-15)
+
+
+def test_a_sweep_of_the_default_length_has_a_row_per_degree(run):
+    columns = pure(run("sweep", "rssr", "crank", "0", "360deg", "--json", "-"))["columns"]
+    degrees = np.degrees(columns["crank [rad]"])
+    np.testing.assert_allclose(degrees, np.arange(361), rtol=0, atol=1e-12)
+
+
+def test_a_sweep_past_a_limit_fails_unless_it_may_stop_there(run, fail):
+    words = "sweep", "rssr", "rocker_pin", "1.5", "3", "--steps", "31"
+    code, err = fail(*words)
+    assert code == 1 and "rocker_pin" in err
+    content = pure(run(*words, "--stop", "--json", "-"))
+    (event,) = content["events"]
+    reached = content["columns"]["rocker_pin [rad]"]
+    assert event["kind"] == "limit" and reached[-1] <= event["value"] < 3
+
+
+# ---------------------------------------------------------------- export
+
+
+@pytest.mark.parametrize(("mechanism", "setting"), [
+    ("rssr", None), ("rssr", "d=315mm"), ("four_bar", None), ("four_bar", "r1=32cm"),
+])
+def test_what_is_exported_loads_as_the_same_mechanism(run, tmp_path, mechanism, setting):
+    settings = () if setting is None else ("--set", setting)
+    text = run("export", mechanism, *settings, "--urdf", tmp_path / "out.urdf")
+    assert str(tmp_path / "out.urdf") in text and str(tmp_path / "out.toml") in text
+    parameters = {} if setting is None else {setting[: setting.index("=")]:
+                                             quantity(setting.partition("=")[2])}
+    original, copy = sp.load(mechanism, **parameters), sp.load(tmp_path / "out.toml")
+    assert copy.coordinates == original.coordinates
+    for attribute in ("name", "title", "source", "drivers", "springs", "passives", "guess"):
+        assert getattr(copy, attribute) == getattr(original, attribute)
+    states = [sp.solve_rates(m, sp.assemble(m, {"crank": 1.0}), {"crank": RPM_240}, {"crank": 3.0})
+              for m in (original, copy)]
+    for values, expected in zip(*((s.q, s.v, s.a) for s in states), strict=True):
+        np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
+    shapes = [m.visual_model.geometryObjects for m in (original, copy)]
+    assert [s.name for s in shapes[0]] == [s.name for s in shapes[1]]
+
+
+def test_an_exported_tree_still_finds_its_meshes(run, tmp_path):
+    (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"><visual><geometry><mesh filename="part.obj"/>'
+        "</geometry></visual></link></robot>")
+    (tmp_path / "copies").mkdir()
+    run("export", tmp_path / "arm.urdf", "--urdf", tmp_path / "copies" / "arm.urdf")
+    assert len(sp.load(tmp_path / "copies" / "arm.urdf").visual_model.geometryObjects) == 1
+
+
+@pytest.mark.parametrize("target", ["arm.urdf.xacro", "arm.toml", "other.toml", "gone/arm.urdf"])
+def test_export_overwrites_no_source_and_writes_no_half(fail, tmp_path, target):
+    xacro = '<robot name="arm"><link name="base"/></robot>'
+    toml = 'name = "arm"\ntree = "arm.urdf.xacro"\n'
+    (tmp_path / "arm.urdf.xacro").write_text(xacro)
+    (tmp_path / "arm.toml").write_text(toml)
+    code, err = fail("export", tmp_path / "arm.toml", "--urdf", tmp_path / target)
+    assert code == 1 and target.rpartition("/")[2] in err
+    assert (tmp_path / "arm.urdf.xacro").read_text() == xacro
+    assert (tmp_path / "arm.toml").read_text() == toml
+    assert {p.name for p in tmp_path.iterdir()} == {"arm.urdf.xacro", "arm.toml"}
+
+
+# ---------------------------------------------------------------- failures
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (("info", "rsrr"), "did you mean 'rssr'?"),
+    (("info", "gone.toml"), "gone.toml: no such file"),
+    (("check", "gone.urdf"), "gone.urdf: no such file"),
+    (("info", "rssr", "--set", "dd=1"), "did you mean 'd'?"),
+    (("assemble", "rssr", "crankk=1"), "did you mean 'crank'?"),
+    (("assemble", "rssr", "ball_a.x=1"), "spherical"),
+    (("assemble", "rssr", "--set", "d=5"), "closure 'ball_b' stays open by"),
+    (("assemble", "rssr", "--guess", "rocker_pim=1"), "did you mean 'rocker_pin'?"),
+    (("check", "rssr", "--set", "d=5"), "closure 'ball_b' stays open by"),
+    (("sweep", "rssr", "krank", "0", "1"), "did you mean 'crank'?"),
+    (("sweep", "rssr", "rocker_pin", "0", "1"), "cannot be closed"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--csv", "gone/x.csv"), "gone/x.csv"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--npz", "gone/x.npz"), "gone/x.npz"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--plot", "gone/x.png"), "gone/x.png"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--html", "gone/x.html"), "gone/x.html"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--json", "gone/x.json"), "gone/x.json"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--plot", "x.foo"), "foo"),
+    (("sweep", "rssr", "crank", "0", "1", "--steps", "3", "--plot", "x.png", "--output", "rocker"),
+     "rocker"),
+    (("export", "rssr", "--urdf", "gone/x.urdf"), "gone/x.urdf"),
+])
+def test_an_error_is_one_paragraph_on_stderr(fail, tmp_path, monkeypatch, words, says):
+    monkeypatch.chdir(tmp_path)
+    code, err = fail(*words)
+    assert code == 1
+    assert err.startswith("spatial-pin: ") and err.count("\n") == 1
+    assert says in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("words", [
+    (), ("bogus",), ("info",), ("info", "rssr", "--bogus"), ("assemble", "rssr", "crank"),
+    ("assemble", "rssr", "crank=sixty"), ("assemble", "rssr", "crank=nan"),
+    ("assemble", "rssr", "crank=60degrees"), ("sweep", "rssr", "crank"), ("export", "rssr"),
+    ("sweep", "rssr", "crank", "0", "inf"), ("sweep", "rssr", "crank", "0", "1", "--steps", "many"),
+    ("sweep", "rssr", "crank", "0", "1", "--steps", "0"),
+    ("assemble", "rssr", "crank=1", "crank=2"),
+])
+def test_wrong_usage_is_exit_code_2_and_says_how(fail, words):
+    code, err = fail(*words)
+    assert code == 2
+    assert "usage: spatial-pin" in err and "Traceback" not in err
+
+
+def test_two_values_for_one_coordinate_are_refused(fail):
+    code, err = fail("assemble", "rssr", "crank=1", "crank_pin=2")
+    assert code == 1 and "crank_pin" in err
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_a_line_on_stderr_and_json_stays_pure(capfd, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text('<robot name="arm"><link name="base"><visual><geometry><mesh '
+                    'filename="gone.stl"/></geometry></visual></link></robot>')
+    assert main(["info", str(path), "--json", "-"]) == 0
+    out, err = capfd.readouterr()
+    assert pure(out)["links"] == ["base"]
+    assert err.startswith("spatial-pin: warning: ") and "gone.stl" in err and err.count("\n") == 1
+
+
+def test_a_reader_that_closes_early_is_no_error(capfd, monkeypatch):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w", encoding="utf-8") as stdout:
+        monkeypatch.setattr(sys, "stdout", stdout)
+        main(["info", "rssr"])
+    assert capfd.readouterr().err == ""
+
+
+def test_the_version_is_printed(capfd):
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0 and sp.__version__ in capfd.readouterr().out
+
+
+# ---------------------------------------------------------------- units
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    ("60deg", np.pi / 3), ("-60°", -np.pi / 3), ("0.5turn", np.pi), ("240rpm", RPM_240),
+    ("12mm", 0.012), ("3.5cm", 0.035), ("1in", 0.0254), ("2.5", 2.5), ("+.5 m", 0.5),
+    ("1e-3", 1e-3), ("1E3um", 1e-3), (" 90 deg ", np.pi / 2), ("-90deg/s", -np.pi / 2),
+    ("3000rpm/s", 100 * np.pi), ("20mm/s2", 0.02), ("-0", 0.0), ("7rad", 7.0),
+])
+def test_a_quantity_is_a_number_with_a_unit(text, value):
+    assert quantity(text) == pytest.approx(value, rel=1e-15, abs=0)
+
+
+@pytest.mark.parametrize("text", [
+    "", "deg", "sixty", "60 degrees", "nan", "inf", "-inf", "1e999", "1,5", "0x10", "1_000", "--5",
+    "5m m", "5MM", "5%",
+])
+def test_what_is_no_quantity_is_refused_with_the_units_there_are(text):
+    with pytest.raises(ValueError, match=r"deg|finite"):
+        quantity(text)
