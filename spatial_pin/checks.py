@@ -19,7 +19,10 @@ def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     Raises:
         ValueError: NaN, infinite, or another shape.
     """
-    array = np.asarray(values, dtype=np.float64)
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{what} must be finite numbers, not {str(values)[:60]}") from None
     if array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}; {shape} is needed")
     if not np.all(np.isfinite(array)):

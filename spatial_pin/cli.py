@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 import warnings
@@ -29,6 +30,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.showwarning = _show_warning
     try:
         options.run(options)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough; nothing is left to flush at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (sp.SpatialPinError, ValueError) as error:
         print(f"spatial-pin: {error}", file=sys.stderr)
         return 1
@@ -52,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     def command(name: str, run: Callable[[argparse.Namespace], None], text: str,
                 mechanism: bool = True) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(run=run)
+        sub.set_defaults(run=run, usage_error=sub.error)
         if mechanism:
             sub.add_argument("mechanism", metavar="M", help=MECHANISM_HELP)
             sub.add_argument("--set", dest="parameters", action="append", default=[], type=_setting,
@@ -101,7 +106,7 @@ def _sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
     sub.add_argument("driver", nargs=None if needed else "?", help="driver or coordinate")
     sub.add_argument("first", nargs=None if needed else "?", type=_quantity, default=0.0)
     sub.add_argument("last", nargs=None if needed else "?", type=_quantity, default=2 * np.pi)
-    sub.add_argument("--steps", type=int, default=361, help="number of values (361)")
+    sub.add_argument("--steps", type=_count, default=361, help="number of values (361)")
     sub.add_argument("--speed", type=_quantity, help="of the driver, as 240rpm (default 1)")
     sub.add_argument("--acceleration", type=_quantity, default=0.0)
     sub.add_argument("--stop", action="store_true",
@@ -116,6 +121,19 @@ def _quantity(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def _count(text: str) -> int:
+    if not text.strip().isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    return int(text)
+
+
+def _unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> dict[str, float]:
+    values = dict(settings)
+    if len(values) < len(settings):
+        options.usage_error("a name is given two values")
+    return values
+
+
 def _setting(text: str) -> tuple[str, float]:
     name, equals, value = text.partition("=")
     if not (name and equals):
@@ -127,7 +145,7 @@ def _setting(text: str) -> tuple[str, float]:
 
 
 def _load(options: argparse.Namespace) -> sp.Mechanism:
-    return sp.load(options.mechanism, **dict(options.parameters))
+    return sp.load(options.mechanism, **_unique(options, options.parameters))
 
 
 def _list(options: argparse.Namespace) -> None:
@@ -151,8 +169,8 @@ def _info(options: argparse.Namespace) -> None:
 
 def _assemble(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    state = sp.assemble(mechanism, dict(options.values), dict(options.guess) or None,
-                        limits=options.limits)
+    state = sp.assemble(mechanism, _unique(options, options.values),
+                        _unique(options, options.guess) or None, limits=options.limits)
     if options.json:
         values = {name: state.coordinate(name).value for name in mechanism.coordinates}
         _write_json({"mechanism": mechanism.name, "coordinates": values, "q": state.q.tolist(),
@@ -162,14 +180,12 @@ def _assemble(options: argparse.Namespace) -> None:
 
 
 def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    if options.steps < 1:
-        raise ValueError(f"--steps is {options.steps}; at least 1 is needed")
     values = np.linspace(options.first, options.last, options.steps)
     speed = options.speed
     if speed is None:
         speed = 1.0 if options.last >= options.first else -1.0
     return sp.sweep(mechanism, options.driver, values, speed, options.acceleration,
-                    guess=dict(options.guess) or None, progress=True,
+                    guess=_unique(options, options.guess) or None, progress=True,
                     on_limit="stop" if options.stop else "raise")
 
 
@@ -193,6 +209,7 @@ def _sweep(options: argparse.Namespace) -> None:
         columns = {name: column.tolist() for name, column in motion.columns().items()}
         _write_json({"mechanism": mechanism.name, "columns": columns,
                      "events": [event._asdict() for event in motion.events]}, options.json)
+        written.append(options.json)
     if options.json != "-":
         for path in written:
             print(f"wrote {path}")

@@ -69,10 +69,12 @@ def assemble(
         ValueError: a value is NaN or infinite.
     """
     accuracy = accuracy or Accuracy.named("engineering")
-    held = {
-        mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
-        for name, value in (drivers or {}).items()
-    }
+    held: dict[str, float] = {}
+    for name, value in (drivers or {}).items():
+        coordinate = mechanism.driven_coordinate(name).name
+        if coordinate in held:
+            raise ValueError(f"{coordinate!r} is given two values")
+        held[coordinate] = finite_number(value, f"driver {name!r}")
     start = _read_guess(mechanism, guess)
     named = {name: value for name, value in start.named.items() if name not in held}
     search = _Search(mechanism, held, named, limits, accuracy)

@@ -44,7 +44,9 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
         if key in by_joint:
             coordinates = by_joint[key]
             shape = () if len(coordinates) == 1 else (len(coordinates),)
-            if isinstance(value, str | bool):
+            if isinstance(value, str | bool) or (
+                isinstance(value, list | tuple) and any(isinstance(x, str | bool) for x in value)
+            ):
                 raise ValueError(f"{key!r} must be a number, not {value!r}")
             numbers = np.atleast_1d(finite_array(value, shape, f"{key!r}"))
             values.update({c.name: float(x) for c, x in zip(coordinates, numbers, strict=True)})

@@ -24,16 +24,21 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     """
     path = Path(path)
     toml = path.with_suffix(".toml")
-    has_file = mechanism.path is not None and mechanism.path.suffix == ".toml"
+    if path.suffix != ".urdf":
+        raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
+    source = mechanism.path
+    content: dict[str, Any] = {}
+    sources = {source.resolve()} if source is not None else set()
+    if source is not None and source.suffix == ".toml":
+        content = tomllib.loads(source.read_text(encoding="utf-8"))
+        sources.add((source.parent / content["tree"]).resolve())
     for target in (path, toml):
-        if mechanism.path is not None and target.resolve() == mechanism.path.resolve():
+        if target.resolve() in sources:
             raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
     try:
         path.write_text(mechanism.urdf, encoding="utf-8")
-        if not has_file:
+        if not content:
             return [path]
-        assert mechanism.path is not None
-        content = tomllib.loads(mechanism.path.read_text(encoding="utf-8"))
         content["tree"] = path.name
         toml.write_text(_toml(content), encoding="utf-8")
     except OSError as error:

@@ -30,7 +30,7 @@ from spatial_pin.mechanism.pairs import (
     PairGeometry,
     axes_from_z,
 )
-from spatial_pin.mechanism.urdf import JointRefinement, Tree, read_tree
+from spatial_pin.mechanism.urdf import JointRefinement, Tree, read_text, read_tree
 
 _REQUIRED: Any = object()
 
@@ -87,13 +87,16 @@ def _find(source: str | Path) -> Path:
 
 def _load_toml(path: Path, parameters: Mapping[str, float]) -> Mechanism:
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
         raise MechanismFileError(f"{path}: not valid TOML: {error}") from error
     top = _Table(content, str(path))
     name = top.text("name")
     refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
-    tree = read_tree(path.parent / top.text("tree"), parameters, refinements)
+    file = path.parent / top.text("tree")
+    if not file.is_file():
+        top.fail("tree", f"is {top.text('tree')!r}: no such file {file}")
+    tree = read_tree(file, parameters, refinements)
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")
     parts = {
@@ -206,6 +209,13 @@ def _passive(name: str, table: _Table) -> Passive:
     return passive
 
 
+def _is_finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond float
+        return False
+
+
 class _Table:
     """A TOML table that is read key by key; every complaint names file, table and key."""
 
@@ -248,15 +258,15 @@ class _Table:
         value = self.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, f"must be a number, not {value!r}")
-        if not math.isfinite(value) or value < least:
-            self.fail(key, f"is {value}; it must be finite" +
+        if not _is_finite(value) or value < least:
+            self.fail(key, f"is {str(value)[:24]}; it must be finite" +
                       (f" and at least {least:g}" if least > -math.inf else ""))
         return float(value)
 
     def vector(self, key: str) -> Array:
         value = self.get(key)
         numbers = isinstance(value, list) and len(value) == 3 and all(
-            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+            isinstance(x, int | float) and not isinstance(x, bool) and _is_finite(x)
             for x in value
         )
         if not numbers:

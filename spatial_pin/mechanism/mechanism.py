@@ -188,6 +188,12 @@ class Mechanism:
             UnknownNameError: there is none.
             MechanismFileError: it is a component of a rotation vector.
         """
+        components = [c.name for c in self.coordinate_table.values() if c.joint == name]
+        if len(components) > 1 and name not in self.drivers:
+            raise MechanismFileError(
+                f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
+                f"coordinates: {', '.join(components)}"
+            )
         coordinate = self.coordinate(name)
         if coordinate.q < 0:
             raise MechanismFileError(
@@ -308,16 +314,42 @@ def check_mechanism(mechanism: Mechanism, where: str) -> None:
     _check_unique([s.name for s in mechanism.springs], f"{where}: springs")
     for closure in mechanism.closures:
         _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
-    for driver in mechanism.drivers.values():
-        _named(mechanism.driven_coordinate, driver.joint, f"{where}: drivers.{driver.name}.joint: ")
+    _check_drivers(mechanism, where)
     for spring in mechanism.springs:
-        for name in spring.frames:
-            _named(mechanism.frame_id, name, f"{where}: spring {spring.name!r}: ")
+        bodies = [_named(mechanism.frame_on_joint, name, f"{where}: spring {spring.name!r}: ")[0]
+                  for name in spring.frames]
+        if len(bodies) == 2 and bodies[0] == bodies[1]:
+            raise MechanismFileError(
+                f"{where}: spring {spring.name!r}: frames {spring.frames[0]!r} and "
+                f"{spring.frames[1]!r} are fixed to the same body"
+            )
         if spring.joint is not None:
             _named(mechanism.driven_coordinate, spring.joint,
                    f"{where}: spring {spring.name!r}: ")
     for passive in mechanism.passives:
         _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
+
+
+def _check_drivers(mechanism: Mechanism, where: str) -> None:
+    driven: dict[str, str] = {}
+    for driver in mechanism.drivers.values():
+        here = f"{where}: drivers.{driver.name}"
+        table = mechanism.coordinate_table
+        if driver.joint in mechanism.drivers and driver.joint not in table:
+            raise MechanismFileError(
+                f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
+                f"there are: {', '.join(table)}"
+            )
+        _named(mechanism.driven_coordinate, driver.joint, f"{here}.joint: ")
+        if driver.name in table and driver.name != driver.joint:
+            raise MechanismFileError(
+                f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
+            )
+        if driver.joint in driven:
+            raise MechanismFileError(
+                f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
+            )
+        driven[driver.joint] = driver.name
 
 
 def _check_unique(names: Iterable[str], where: str) -> None:

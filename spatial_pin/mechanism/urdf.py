@@ -82,12 +82,12 @@ def expand(path: Path, parameters: Mapping[str, float]) -> str:
             raise MechanismFileError(
                 f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
             )
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     valid = xacro_arguments(path)
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
-        if isinstance(value, float) and not math.isfinite(value):
+        if isinstance(value, float | np.floating) and not math.isfinite(value):
             raise ValueError(f"parameter {name!r} is {value}; a finite number is needed")
     import xacro
 
@@ -95,7 +95,8 @@ def expand(path: Path, parameters: Mapping[str, float]) -> str:
     try:
         return str(xacro.process_file(str(path), mappings=mappings).toxml())
     except Exception as error:  # xacro raises a family of its own and what `${...}` raised
-        raise MechanismFileError(f"{path}: xacro cannot expand it: {error}") from error
+        reason = " ".join(str(error).split())
+        raise MechanismFileError(f"{path}: xacro cannot expand it: {reason}") from error
 
 
 def _xacro_text(value: object) -> str:
@@ -103,12 +104,33 @@ def _xacro_text(value: object) -> str:
 
 
 def xacro_arguments(path: Path) -> dict[str, str]:
-    """Return the names and default values of the arguments that a xacro file declares."""
-    root = _parse(path.read_text(encoding="utf-8"), path)
-    return {
-        element.get("name", ""): element.get("default", "")
-        for element in root.iter("{http://www.ros.org/wiki/xacro}arg")
-    }
+    """Return names and defaults of the arguments that a xacro file and its includes declare."""
+    arguments: dict[str, str] = {}
+    files, seen = [path], set()
+    while files:
+        file = files.pop()
+        if file in seen or (file != path and not file.is_file()):
+            continue  # `$(find ...)` and the like are for xacro to complain about
+        seen.add(file)
+        for element in _parse(read_text(file), file).iter():
+            namespace, _, tag = str(element.tag).rpartition("}")
+            if "xacro" in namespace and tag == "arg":
+                arguments.setdefault(element.get("name", ""), element.get("default", ""))
+            elif "xacro" in namespace and tag == "include":
+                files.append(file.parent / element.get("filename", ""))
+    return arguments
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a UTF-8 file.
+
+    Raises:
+        MechanismFileError: it is not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise MechanismFileError(f"{path}: not UTF-8 text: {error}") from error
 
 
 def read_tree(
@@ -126,9 +148,14 @@ def read_tree(
     robot = _parse(urdf, path)
     _check_structure(robot, path)
     inertias = _check_links(robot, path)
+    mimics = _mimics(robot, path)
     pairs = _joint_pairs(robot, refinements, path)
+    for joint in robot.findall("joint"):
+        _check_joint(joint, f"{path}: joint {joint.get('name')!r}")
     _resolve_meshes(robot, path)
     text = ET.tostring(robot, encoding="unicode")
+    if robot.find("link/*/geometry/mesh") is not None:
+        urdf = text  # with absolute paths, so that it can be exported to another folder
     try:
         model = pin.buildModelFromXML(text)
         visual, collision = (
@@ -136,11 +163,12 @@ def read_tree(
             for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
         )
     except Exception as error:
-        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {error}") from error
-    elements = {joint.get("name", ""): joint for joint in robot.iter("joint")}
+        reason = " ".join(str(error).split())
+        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
+    elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     rebuilt = _rebuild(model, pairs, elements, refinements, path)
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
-    return Tree(rebuilt, visual, collision, order, inertias, _mimics(robot, path), urdf)
+    return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf)
 
 
 def _parse(text: str, path: Path) -> ET.Element:
@@ -249,30 +277,60 @@ def _check_links(robot: ET.Element, path: Path) -> dict[str, pin.Inertia]:
         where = f"{path}: link {link.get('name')!r}"
         for shape in (*link.findall("visual"), *link.findall("collision")):
             _placement(shape.find("origin"), where)
+            _check_shape(shape, where)
         inertial = link.find("inertial")
         if inertial is not None:
             inertias[link.get("name", "")] = _inertia(inertial, where)
-    for joint in robot.findall("joint"):
-        where = f"{path}: joint {joint.get('name')!r}"
-        _placement(joint.find("origin"), where)
-        for tag, attributes in (("limit", ("lower", "upper", "effort", "velocity")),
-                                ("dynamics", ("damping", "friction"))):
-            element = joint.find(tag)
-            for attribute in attributes:
-                if element is None or attribute not in element.attrib:
-                    continue
-                if not _is_number(element.get(attribute, "")):
-                    raise MechanismFileError(
-                        f"{where}: <{tag} {attribute}={element.get(attribute)!r}> is not a number"
-                    )
     return inertias
 
 
-def _is_number(text: str) -> bool:
-    try:
-        return not math.isnan(float(text))
-    except ValueError:
-        return False
+SHAPE_SIZES = {  # shape -> its attributes with their number of entries
+    "box": {"size": 3}, "sphere": {"radius": 1}, "mesh": {},
+    "cylinder": {"radius": 1, "length": 1}, "capsule": {"radius": 1, "length": 1},
+}
+
+
+def _check_shape(shape: ET.Element, where: str) -> None:
+    """Refuse what the URDF reader would leave out."""
+    geometry = shape.find("geometry")
+    solid = next(iter(geometry), None) if geometry is not None else None
+    if solid is None or solid.tag not in SHAPE_SIZES:
+        raise MechanismFileError(
+            f"{where}: <{shape.tag}> needs a <geometry> with one of: {', '.join(SHAPE_SIZES)}"
+        )
+    for attribute, count in SHAPE_SIZES[solid.tag].items():
+        if np.any(_numbers(solid, attribute, count, where) < 0.0):
+            raise MechanismFileError(f"{where}: <{solid.tag}> has a negative {attribute}")
+    if "scale" in solid.attrib:
+        _numbers(solid, "scale", 3, where)
+    colour = shape.find("material/color")
+    if colour is not None:
+        _numbers(colour, "rgba", 4, where)
+
+
+def _check_joint(joint: ET.Element, where: str) -> None:
+    """Refuse numbers that the URDF reader refuses without saying where, or takes as they are."""
+    _placement(joint.find("origin"), where)
+    axis, limit, dynamics = (joint.find(tag) for tag in ("axis", "limit", "dynamics"))
+    kind = joint.get("type", "")
+    if axis is not None:
+        _numbers(axis, "xyz", 3, where)
+    if limit is None and kind in ("revolute", "prismatic"):
+        raise MechanismFileError(
+            f"{where}: a {kind} joint needs <limit lower upper effort velocity> in URDF"
+            + (" (or type=\"continuous\")" if kind == "revolute" else "")
+        )
+    if limit is not None:
+        for attribute in ("effort", "velocity"):
+            if _numbers(limit, attribute, 1, where)[0] < 0.0:
+                raise MechanismFileError(f"{where}: <limit {attribute}> is negative")
+        lower, upper = (float(_numbers(limit, key, 1, where)[0]) if key in limit.attrib else 0.0
+                        for key in ("lower", "upper"))
+        if lower > upper:
+            raise MechanismFileError(f"{where}: limit: lower {lower} is above upper {upper}")
+    for attribute in ("damping", "friction"):
+        if dynamics is not None and attribute in dynamics.attrib:
+            _numbers(dynamics, attribute, 1, where)
 
 
 def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
@@ -287,10 +345,14 @@ def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
     xx, xy, xz, yy, yz, zz = (float(_numbers(matrix_element, k, 1, where)[0]) for k in keys)
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     a, b, c = np.linalg.eigvalsh(matrix)
-    if a < -1e-12 * c or a + b < c * (1.0 - 1e-9):
+    if a < -1e-12 * abs(c):
+        raise MechanismFileError(
+            f"{where}: a principal moment of inertia is negative: {a:.4g} kg·m²"
+        )
+    if a + b < c * (1.0 - 1e-9):
         warnings.warn(
             f"{where}: no body has the principal moments of inertia {a:.4g}, {b:.4g}, {c:.4g} "
-            "kg·m² (each must be positive and at most the sum of the other two)",
+            "kg·m² (each must be at most the sum of the other two)",
             stacklevel=2,
         )
     rotation = placement.rotation
@@ -310,9 +372,10 @@ def _resolve_meshes(robot: ET.Element, path: Path) -> None:
                     continue
                 name = mesh.get("filename", "")
                 file = _mesh_file(name, path.parent)
-                if file is None:
+                reason = "not found" if file is None else _mesh_fault(file)
+                if reason:
                     warnings.warn(
-                        f"{path}: link {link.get('name')!r}: mesh {name!r} not found, left out",
+                        f"{path}: link {link.get('name')!r}: mesh {name!r} {reason}, left out",
                         stacklevel=2,
                     )
                     link.remove(shape)
@@ -330,6 +393,16 @@ def _mesh_file(name: str, folder: Path) -> Path | None:
     else:
         candidates = [folder / name.removeprefix("file://")]
     return next((file.resolve() for file in candidates if file.is_file()), None)
+
+
+def _mesh_fault(file: Path) -> str:
+    import coal
+
+    try:
+        coal.MeshLoader().load(str(file), np.ones(3))
+    except Exception as error:  # whatever assimp says
+        return f"cannot be read ({str(error).split('message:')[-1].split(chr(10))[1]})"
+    return ""
 
 
 # ---------------------------------------------------------------- joints
@@ -388,6 +461,7 @@ def _rebuild(
         limits = (_copied_limits(model, i) if same
                   else _read_limits(elements[name], joint.nq, joint.nv))
         new.addJoint(model.parents[i], joint, model.jointPlacements[i], name, *limits)
+    new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
     for i in range(model.njoints):
         new.inertias[i] = model.inertias[i]
     for frame in list(model.frames)[1:]:
@@ -412,6 +486,8 @@ def joint_axes(
         axis = np.array(pair.axis)
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
     axis = axis / np.linalg.norm(axis)
+    if element.get("type") == "planar" and refined is not None and refined.type != "planar":
+        _check_within_plane(refined.type, axis, tag, where)
     if pair.uses_axis2:
         axis2 = axis2 / np.linalg.norm(axis2)
         if abs(axis @ axis2) > 1e-9:
@@ -419,6 +495,17 @@ def joint_axes(
                 f"{where}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
             )
     return axis, axis2
+
+
+def _check_within_plane(kind: str, axis: Array, tag: ET.Element | None, where: str) -> None:
+    normal = _numbers(tag, "xyz", 3, where) if tag is not None else np.array([1.0, 0.0, 0.0])
+    cosine = abs(float(axis @ normal)) / float(np.linalg.norm(normal))
+    if abs(cosine - (1.0 if kind == "revolute" else 0.0)) > 1e-9:
+        along = "about" if kind == "revolute" else "square to"
+        raise MechanismFileError(
+            f"{where} is planar in the URDF: a {kind} pair in it must have its axis {along} the "
+            f"plane's normal; make it \"floating\" there"
+        )
 
 
 def _copied_limits(model: pin.Model, i: int) -> tuple[Array, ...]:
