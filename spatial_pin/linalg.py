@@ -95,20 +95,23 @@ def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.
     return np.sort(pivots[:r] - 1)
 
 
-def determinant_sign(lu: Array, pivots: NDArray[np.int32], tolerance: float = 0.0) -> int:
-    """Return the sign (-1, 1) of the determinant from LAPACK's LU factors.
+def pivots_of(lu: Array, pivots: NDArray[np.int32]) -> tuple[int, float]:
+    """Return the sign of the determinant from LAPACK's LU factors, and smallest over largest pivot.
 
-    It is 0 when the smallest pivot is not above `tolerance` times the largest.
+    Both are 0 for a singular matrix, both 1 for an empty one.
     """
     diagonal = lu.diagonal().tolist()
+    if not diagonal:
+        return 1, 1.0
     sizes = [abs(d) for d in diagonal]
-    if sizes and not min(sizes) > tolerance * max(sizes):
-        return 0
+    smallest, largest = min(sizes), max(sizes)
+    if not smallest > 0.0:
+        return 0, 0.0
     sign = 1
     for i, (d, p) in enumerate(zip(diagonal, pivots.tolist(), strict=True)):
         if (d < 0.0) != (p != i):
             sign = -sign
-    return sign
+    return sign, smallest / largest
 
 
 def determinant_sign_of(a: Array) -> int:
@@ -116,4 +119,4 @@ def determinant_sign_of(a: Array) -> int:
     if not len(a):
         return 1
     lu, pivots, _ = lapack.dgetrf(a)
-    return determinant_sign(lu, pivots)
+    return pivots_of(lu, pivots)[0]

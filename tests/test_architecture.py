@@ -8,7 +8,7 @@ import pytest
 import spatial_pin as sp
 
 PACKAGE = Path(sp.__file__).parent
-LAYERS = ["errors", "linalg", "settings", "units", "operators", "mechanism", "kinematics",
+LAYERS = ["errors", "linalg", "checks", "settings", "units", "operators", "mechanism", "kinematics",
           "dynamics", "accuracy", "view", "cli"]
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 

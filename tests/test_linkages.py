@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closed_forms import Pose, Rates, placement, rotation, vector
-from mpmath import atan2, cos, mpf, sin
+from mpmath import acos, atan2, cos, mp, mpf, sin, sqrt
 from test_mechanisms import inertias, solid, urdf
 
 import spatial_pin as sp
@@ -23,6 +23,8 @@ import spatial_pin as sp
 SPEED, ACCELERATION = 2.5, 7.0  # of every driver [rad/s and rad/s2, or m and s]
 TOLERANCE = 1e-11
 X, Y, Z = np.eye(3, dtype=int)
+DEGREE = np.pi / 180
+INNER = 0.12 - 2.4 * 0.06 * 0.12  # radius at which the spherical four-bar's coupler is drawn
 UPRIGHT = np.eye(3, dtype=int)  # the orientation of what does not turn
 
 
@@ -56,7 +58,7 @@ def along_x(length, twist) -> np.ndarray:
     return placement(rotation(X, twist), vector(length, 0, 0))
 
 
-def bennett(crank, a=0.10, alpha=np.radians(40), beta=np.radians(110)) -> Pose:
+def bennett(crank, a=0.10, alpha=40 * DEGREE, beta=110 * DEGREE) -> Pose:
     a, alpha, beta = map(mpf, (a, alpha, beta))
     b = a * sin(beta) / sin(alpha)
     k = sin((beta + alpha) / 2) / sin((beta - alpha) / 2)
@@ -69,6 +71,80 @@ def bennett(crank, a=0.10, alpha=np.radians(40), beta=np.radians(110)) -> Pose:
         links={"crank": first, "coupler": second, "follower": last},
         points={"coupler_b": second.dot(vector(b, 0, 0, 1))[:3],
                 "follower_b": last.dot(vector(-a, 0, 0, 1))[:3]},
+    )
+
+
+def peaucellier(crank, L=0.25, s=0.10, d=0.10) -> Pose:
+    L, s, d = map(mpf, (L, s, d))
+    along = crank / 2  # the direction of O, Q and P
+    to_q = 2 * d * cos(along)
+    to_p = (L**2 - s**2) / to_q
+    arm, side = acos((to_q + to_p) / (2 * L)), acos((to_p - to_q) / (2 * s))  # against that line
+    x_q, z_q = to_q * cos(along), to_q * sin(along)
+    x_a, z_a = L * cos(along + arm), L * sin(along + arm)
+    x_b, z_b = L * cos(along - arm), L * sin(along - arm)
+    p = vector(to_p * cos(along), 0, to_p * sin(along))
+    return Pose(
+        coordinates={
+            "crank_pin": crank, "upper_arm_pin": along + arm, "lower_arm_pin": along - arm,
+            "upper_inner_pin": along + side - crank, "lower_inner_pin": along - side - crank,
+            "upper_outer_pin": -side - arm, "lower_outer_pin": side + arm,
+        },
+        links={
+            "crank": plane_link(crank, d, 0),
+            "upper_arm": plane_link(along + arm, 0, 0),
+            "lower_arm": plane_link(along - arm, 0, 0),
+            "upper_inner": plane_link(along + side, x_q, z_q),
+            "lower_inner": plane_link(along - side, x_q, z_q),
+            "upper_outer": plane_link(along - side, x_a, z_a),
+            "lower_outer": plane_link(along + side, x_b, z_b),
+        },
+        points={"upper_outer_p": p, "lower_outer_p": p},
+    )
+
+
+def spherical_four_bar(crank, alpha1=80 * DEGREE, alpha2=30 * DEGREE, alpha3=70 * DEGREE,
+                       alpha4=65 * DEGREE) -> Pose:
+    alpha1, alpha2, alpha3, alpha4 = map(mpf, (alpha1, alpha2, alpha3, alpha4))
+    shaft = rotation(Y, -mp.pi / 2)  # z of this frame is the crank's axis, x is up
+    output = rotation(Z, -alpha1).dot(shaft)
+    first = shaft.dot(rotation(Z, crank))
+    second = first.dot(rotation(Y, alpha2))
+    u = output.T.dot(second[:, 2])  # the coupler's first hinge as the rocker's bearing sees it
+    # u . (sin alpha4 cos rocker, sin alpha4 sin rocker, cos alpha4) = cos alpha3
+    across = (cos(alpha3) - u[2] * cos(alpha4)) / sin(alpha4)
+    rocker = atan2(u[1], u[0]) + acos(across / sqrt(u[0] ** 2 + u[1] ** 2))
+    last = output.dot(rotation(Z, rocker))
+    hinge = last.dot(vector(sin(alpha4), 0, cos(alpha4)))
+    seen = second.T.dot(hinge)
+    coupler = atan2(seen[1], seen[0])
+    second = second.dot(rotation(Z, coupler))
+    centre = vector(0, 0, 0)
+    return Pose(
+        coordinates={"crank_pin": crank, "coupler_pin": coupler, "rocker_pin": rocker},
+        links={"crank": placement(first, centre), "coupler": placement(second, centre),
+               "rocker": placement(last, centre)},
+        points={"coupler_b": mpf(INNER) * hinge, "rocker_b": mpf(INNER) * hinge},
+    )
+
+
+def sarrus(rise, r=0.06, l=0.10) -> Pose:  # noqa: E741 (l as in the URDF)
+    r, l = mpf(r), mpf(l)  # noqa: E741
+    height, bend = 2 * l * sin(rise), mp.pi - 2 * rise
+    out = r + l * cos(rise)
+    side = rotation(Z, -mp.pi / 2)  # from chain a to chain b
+    return Pose(
+        coordinates={"a_low": rise, "a_mid": bend, "a_top": rise - mp.pi, "b_low": rise,
+                     "b_mid": bend},
+        links={
+            "a_lower": plane_link(rise, r, 0),
+            "a_upper": plane_link(mp.pi - rise, out, height / 2),
+            "b_lower": placement(side.dot(rotation(-Y, rise)), vector(0, -r, 0)),
+            "b_upper": placement(side.dot(rotation(-Y, mp.pi - rise)),
+                                 vector(0, -out, height / 2)),
+            "platform": placement(UPRIGHT, vector(r, 0, height)),
+        },
+        points={"platform_middle": vector(0, 0, height), "b_upper_end": vector(0, -r, height)},
     )
 
 
@@ -98,6 +174,18 @@ CASES = {
     "bennett": Case("bennett", "crank", turn(0.4), bennett, (-2, 1)),
     "bennett, other links": Case("bennett", "crank", turn(0.4), bennett, (-2, 1),
                                  {"a": 0.13, "alpha": 1.0, "beta": 0.6}),
+    "peaucellier": Case("peaucellier", "crank", np.linspace(-1.2, 1.2, 17), peaucellier, (-8, 1)),
+    "peaucellier, other links": Case(
+        "peaucellier", "crank", np.linspace(-1.0, 1.0, 9), peaucellier, (-8, 1),
+        {"L": 0.4, "s": 0.15, "d": 0.17}),
+    "spherical_four_bar": Case(
+        "spherical_four_bar", "crank", turn(0.0), spherical_four_bar, (-2, 1)),
+    "spherical_four_bar, other links": Case(
+        "spherical_four_bar", "crank", turn(0.0), spherical_four_bar, (-2, 1),
+        {"alpha1": 1.5, "alpha2": 0.4, "alpha3": 1.3, "alpha4": 1.2}),
+    "sarrus": Case("sarrus", "arm", np.linspace(0.2, 1.4, 13), sarrus, (0, 1)),
+    "sarrus, other links": Case(
+        "sarrus", "arm", np.linspace(0.4, 1.2, 7), sarrus, (0, 1), {"r": 0.05, "l": 0.14}),
 }
 MECHANISMS = sorted({case.mechanism for case in CASES.values()})
 
@@ -153,10 +241,10 @@ def test_coordinates(name):
     expected, turned, mechanism = truth(name), motion(name), loaded(name)
     for coordinate, value in expected.value.coordinates.items():
         actual = turned.coordinate(coordinate)
-        unit = mechanism.coordinate(coordinate).unit
-        gap = (actual[0] - value)[0]
-        whole_turns = 2 * np.pi * np.round(gap / (2 * np.pi)) if unit == "rad" else 0.0
-        check(actual[0], value + whole_turns, coordinate)
+        if mechanism.coordinate(coordinate).unit == "rad":  # as counted from the first row on
+            value = np.unwrap(value)
+            value += 2 * np.pi * np.round((actual[0] - value)[0] / (2 * np.pi))
+        check(actual[0], value, coordinate)
         check(actual[1], expected.rate.coordinates[coordinate], f"rate of {coordinate}")
         check(actual[2], expected.acceleration.coordinates[coordinate],
               f"acceleration of {coordinate}")
@@ -240,6 +328,42 @@ def test_scotch_yoke_is_simple_harmonic():
 def test_bennett_half_angles_have_a_constant_product():
     turned = motion("bennett")
     crank, follower = (turned.coordinate(f"{name}_pin")[0] for name in ("crank", "follower"))
-    k = np.sin(np.radians(75)) / np.sin(np.radians(35))
+    k = np.sin(75 * DEGREE) / np.sin(35 * DEGREE)
     check(np.sin(crank / 2) * np.sin(follower / 2), k * np.cos(crank / 2) * np.cos(follower / 2),
           "tan tan = k")
+
+
+def test_peaucellier_draws_a_straight_line():
+    p = motion("peaucellier").frame("upper_outer_p")
+    assert np.max(np.abs(p.position[:, 0] - (0.25**2 - 0.1**2) / (2 * 0.1))) < 1e-13
+    assert np.max(np.abs(p.position[:, 1])) < 1e-13
+    assert np.max(np.abs(p.velocity[:, :2])) < 1e-12
+    assert np.max(np.abs(p.acceleration[:, :2])) < 1e-11
+
+
+def test_peaucellier_stops_where_the_rhombus_is_flat():
+    with pytest.raises(sp.LimitError) as caught:
+        sp.sweep(loaded("peaucellier"), "crank", np.linspace(0.0, 2.0, 21))
+    assert caught.value.limit == pytest.approx(2 * np.arccos((0.25 - 0.1) / 0.2), abs=1e-7)
+
+
+def test_spherical_four_bar_is_the_primal_part_of_rccc():
+    """A sin t4 + B cos t4 + C = 0, angles counted between the planes of neighbouring links."""
+    turned = motion("spherical_four_bar")
+    t1, t4 = (turned.coordinate("crank_pin")[0] + np.pi / 2,
+              np.pi / 2 - turned.coordinate("rocker_pin")[0])
+    (s1, s3, s4), (c1, c3, c4) = (f(np.radians([30, 65, 80])) for f in (np.sin, np.cos))
+    residual = (s3 * s1 * np.sin(t1) * np.sin(t4)
+                - s3 * (c1 * s4 + s1 * c4 * np.cos(t1)) * np.cos(t4)
+                + c3 * (c1 * c4 - s1 * s4 * np.cos(t1)) - np.cos(70 * DEGREE))
+    assert np.max(np.abs(residual)) < 1e-12
+
+
+def test_sarrus_rises_straight():
+    platform = motion("sarrus").frame("platform_middle")
+    rise = CASES["sarrus"].values
+    for vectors in (platform.position, platform.velocity, platform.acceleration):
+        assert np.max(np.abs(vectors[:, :2])) < 1e-12
+    assert np.max(np.abs(platform.angular_velocity)) < 1e-12
+    assert np.max(np.abs(platform.angular_acceleration)) < 1e-11
+    check(platform.position[:, 2], 0.2 * np.sin(rise), "height")

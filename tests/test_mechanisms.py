@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import closed_forms
+import lecture_forms
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -24,7 +25,7 @@ TOLERANCE = 1e-11
 SPEED = 25.13  # rad/s
 ACCELERATION = 314.16  # rad/s2
 TURN = np.linspace(0.0, 2 * np.pi, 361)[:-1]
-LENGTHS = ("slide", "guide.slide")  # coordinates that are not angles
+EVERY_4_DEGREES = TURN[::4]
 
 
 class Case(NamedTuple):
@@ -34,9 +35,19 @@ class Case(NamedTuple):
     closed_form: Callable[..., Pose]
     parameters: dict[str, float] = {}  # noqa: RUF012 (never changed)
     spinless: dict[str, tuple[str, str]] = {}  # noqa: RUF012  {link: two points of its line}
+    driver: str = "crank"  # or a coordinate
+    values: np.ndarray = TURN  # of the driver
+
+
+def lecture(
+    mechanism: str, driver: str = "crank", spinless: dict | None = None, **dimensions: float
+) -> Case:
+    return Case(mechanism, getattr(lecture_forms, mechanism), dimensions, spinless or {}, driver,
+                EVERY_4_DEGREES)
 
 
 RSSR_COUPLER = {"coupler": ("coupler", "coupler_b")}
+SLIPPER = {"slipper": ("slipper", "slipper_foot")}
 CASES = {
     "rssr": Case("rssr", closed_forms.rssr, spinless=RSSR_COUPLER),
     "rssr, d = 0.315": Case("rssr", closed_forms.rssr, {"d": 0.315}, RSSR_COUPLER),
@@ -57,6 +68,27 @@ CASES = {
         "rspc",
         closed_forms.rspc,
         {"alpha": 0.7, "h": 0.32, "d": 0.2, "l1": 0.08, "l2": 0.18, "a": 0.1, "rod": 0.4},
+    ),
+    "swash_plate": lecture("swash_plate", "shaft", SLIPPER),
+    "swash_plate, other links": lecture("swash_plate", "shaft", SLIPPER, r=0.08, tilt=0.3, h=0.02),
+    "inverted_slider_crank": lecture("inverted_slider_crank", "bar"),
+    "inverted_slider_crank, other links": lecture(
+        "inverted_slider_crank", "bar", ac=0.2, bc=0.3, ad=0.55
+    ),
+    "elliptic_trammel": lecture("elliptic_trammel", "pin_a"),
+    "elliptic_trammel, other links": lecture("elliptic_trammel", "pin_a", l=0.3, handle=0.1),
+    "crank_collar": lecture("crank_collar"),
+    "crank_collar, other links": lecture("crank_collar", a=0.04, h=0.09, l=0.2),
+    "hooke_joint": lecture("hooke_joint", "input"),
+    "hooke_joint, other angle": lecture("hooke_joint", "input", beta=-0.7),
+    "double_cardan": lecture("double_cardan", "input"),
+    "double_cardan, other angles": lecture(
+        "double_cardan", "input", beta_1=0.3, beta_2=-0.6, phase=0.5, span=0.3
+    ),
+    "screw_press": lecture("screw_press", "screw"),
+    "rssr_crossed": lecture("rssr_crossed", spinless=RSSR_COUPLER),
+    "rssr_crossed, other links": lecture(
+        "rssr_crossed", spinless=RSSR_COUPLER, a=0.08, b=0.4, c=0.24, x0=0.05, y0=0.3
     ),
 }
 MECHANISMS = sorted({case.mechanism for case in CASES.values()})
@@ -79,8 +111,9 @@ def truth_at(name: str, angle: float) -> Rates:
 
 
 @cache
-def truth(name: str, angles: tuple[float, ...] = tuple(TURN)) -> Rates:
-    """What the closed form says, one row per crank angle."""
+def truth(name: str, angles: tuple[float, ...] | None = None) -> Rates:
+    """What the closed form says, one row per crank angle, by default those of the case."""
+    angles = tuple(CASES[name].values) if angles is None else angles
     rows = [truth_at(name, angle) for angle in angles]
     return Rates(*(Pose(*({k: np.stack([t[k] for t in tables]) for k in tables[0]}
                           for tables in zip(*poses, strict=True)))
@@ -99,8 +132,9 @@ def mass_centre(name: str, link: str, turn: Rates) -> list[np.ndarray]:
     """Position, velocity and acceleration of a link's centre of mass."""
     centre = inertias(CASES[name].mechanism, **CASES[name].parameters)[link].lever
     if link in CASES[name].spinless:
-        start, end = CASES[name].spinless[link]  # the coupler lies along y of its frame
-        share = centre[1] / CASES[name].parameters.get("b", 0.381)
+        start, end = CASES[name].spinless[link]  # the link's origin, and a point beyond its centre
+        length = np.linalg.norm(turn.value.points[end][0] - turn.value.points[start][0])
+        share = np.linalg.norm(centre) / length
         return [(1 - share) * p.points[start] + share * p.points[end] for p in turn]
     position = np.array([*centre, 1.0])
     return [(p.links[link] @ position)[..., :3] for p in turn]
@@ -146,14 +180,16 @@ def loaded(name: str) -> sp.Mechanism:
 
 @cache
 def motion(name: str) -> sp.Motion:
-    return sp.sweep(loaded(name), "crank", TURN, speed=SPEED, acceleration=ACCELERATION)
+    case = CASES[name]
+    return sp.sweep(loaded(name), case.driver, case.values, speed=SPEED, acceleration=ACCELERATION)
 
 
 def state(name: str, angle: float) -> sp.State:
     mechanism = loaded(name)
-    closed = sp.assemble(mechanism, {"crank": angle})
+    driver = CASES[name].driver
+    closed = sp.assemble(mechanism, {driver: angle})
     return sp.solve_rates(
-        mechanism, closed, speeds={"crank": SPEED}, accelerations={"crank": ACCELERATION}
+        mechanism, closed, speeds={driver: SPEED}, accelerations={driver: ACCELERATION}
     )
 
 
@@ -174,8 +210,7 @@ def check(actual, expected, what: str) -> None:
 @every_case
 def test_turn_is_closed(name):
     turn = motion(name)
-    assert turn.q.shape[0] == len(TURN)
-    np.testing.assert_allclose(turn.driver, TURN, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(turn.driver, CASES[name].values, rtol=0, atol=1e-14)
     assert np.max(turn.closure_error) < 1e-12
     assert not turn.events
 
@@ -235,10 +270,11 @@ def test_mass_centres_over_a_turn(name):
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_angles_count_turns(name):
     turns = 4 * np.pi
-    twice = sp.sweep(sp.load(name), "crank", np.linspace(0.0, turns, 181))
-    for coordinate in truth_at(name, 0.0).value.coordinates:
+    twice = sp.sweep(sp.load(name), CASES[name].driver, np.linspace(0.0, turns, 181))
+    first, last = (truth_at(name, angle).value.coordinates for angle in (0.0, turns))
+    for coordinate in first:
         value = twice.coordinate(coordinate)[0]
-        gain = {"crank_pin": turns, "coupler_pin": -turns}.get(coordinate, 0.0)
+        gain = last[coordinate] - first[coordinate]
         assert value[-1] - value[0] == pytest.approx(gain, abs=1e-11)
 
 
@@ -274,10 +310,10 @@ def test_state(name, angle):
 def test_every_position_assembles_on_the_branch_of_the_guess(name):
     mechanism = loaded(name)
     for angle in TURN[::30]:
-        closed = sp.assemble(mechanism, {"crank": angle})
+        closed = sp.assemble(mechanism, {CASES[name].driver: angle})
         for coordinate, expected in truth_at(name, angle).value.coordinates.items():
             error = closed.coordinate(coordinate)[0] - expected
-            if coordinate not in LENGTHS:
+            if mechanism.coordinate(coordinate).unit == "rad":
                 error = np.remainder(error + np.pi, 2 * np.pi) - np.pi
             assert abs(error) < TOLERANCE, f"{coordinate} at {angle:.3f} rad"
 
@@ -360,6 +396,14 @@ MOBILITY = {  # Kutzbach, degrees of freedom, passive freedoms
     "four_bar": (-2, 1, 0),
     "slider_crank": (-2, 1, 0),
     "rspc": (1, 1, 0),
+    "swash_plate": (2, 2, 1),
+    "inverted_slider_crank": (-2, 1, 0),
+    "elliptic_trammel": (-2, 1, 0),
+    "crank_collar": (1, 1, 0),
+    "hooke_joint": (-2, 1, 0),
+    "double_cardan": (-5, 1, 0),
+    "screw_press": (-3, 1, 0),
+    "rssr_crossed": (2, 2, 1),
 }
 
 

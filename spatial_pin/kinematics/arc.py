@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,13 +10,15 @@ import pinocchio as pin
 from scipy.optimize import brentq
 
 from spatial_pin.kinematics.newton import SquareSystem, close
-from spatial_pin.linalg import Array, decompose, determinant_sign_of
+from spatial_pin.linalg import Array, decompose, determinant_sign_of, independent_rows
 
 FIRST_STEP = 1e-3  # rad or characteristic lengths
 LARGEST_STEP = 0.1
 SMALLEST_STEP = 1e-9
 STRAIGHT = 0.98  # least cosine between the directions at the two ends of a step
 MOST_STEPS = 2000
+NEAR_CROSSING = 1e-3  # distance from a crossing at which it is looked at
+CROSSING = 1e-5  # smallest over largest singular value of the curve's rows where branches cross
 
 
 class Arrival(NamedTuple):
@@ -33,50 +35,90 @@ class Arrival(NamedTuple):
     value: float
 
 
+class _Point(NamedTuple):
+    """A closed configuration of the curve.
+
+    Attributes:
+        q: (nq,) configuration.
+        t: (nv,) scaled unit tangent.
+        sign: sign of the determinant of [regular rows; tangent].
+        angles, slopes: relative angles of screw closures, and their scaled derivatives.
+    """
+
+    q: Array
+    t: Array
+    sign: int
+    angles: Array
+    slopes: Array
+
+
 class _Curve:
     """The curve of closed configurations through a point, the first driver set free."""
 
     def __init__(self, system: SquareSystem, tolerance: float) -> None:
         self.system, self.evaluation = system, system.evaluation
         self.model = system.evaluation.model
-        self.scale = system.evaluation.mechanism.velocity_scale
-        self.tolerance = tolerance
+        self.scale = system.scale
+        self.tolerance = max(tolerance, 1e-14)
         self.driver = system.driven[0]
+        self.drive = system.matrix[system.driver_rows][1:]
+        self.selected = system.rows
 
     def rows(self, q: Array) -> Array:
-        """Return the (nv - 1, nv) scaled regular rows of the curve at q."""
+        """Return the (nv - 1, nv) regular rows of the curve at q."""
         self.evaluation.update(q)
         jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
-        drive = self.system.matrix[self.system._drivers][1:]
-        parts = [jacobian[self.system.rows], jacobian[n:], drive / self.scale, self.system.passive]
-        return np.vstack(parts) * self.scale
+        parts = [jacobian[self.selected], jacobian[n:], self.drive, self.system.passive]
+        return np.vstack(parts)
 
-    def tangent(self, q: Array, along: Array) -> tuple[Array, int]:
-        """Return the scaled unit tangent nearest to `along`, and the sign of [rows; tangent]."""
+    def settle(self, q: Array, along: Array) -> _Point | None:
+        """Return the point at q whose tangent is nearest to `along`; None where branches cross."""
         rows = self.rows(q)
-        null_space = decompose(rows).null_space
-        t = null_space.T @ (null_space @ along)
+        if self.system.has_redundant_rows:
+            n = self.evaluation.constraints.n_rows
+            self.selected = independent_rows(self.evaluation.jacobian[:n], CROSSING)
+            if len(self.selected) < len(self.system.rows):
+                return None
+            rows = self.rows(q)
+        svd = decompose(rows, CROSSING)
+        if svd.rank < len(rows):
+            return None
+        t = svd.null_space.T @ (svd.null_space @ along)
         t /= np.linalg.norm(t)
-        return t, determinant_sign_of(np.vstack([rows, t])) if len(null_space) == 1 else 0
+        evaluation = self.evaluation
+        return _Point(q, t, determinant_sign_of(np.vstack([rows, t])), evaluation.angles.copy(),
+                      evaluation.angle_jacobian.copy())
 
-    def correct(self, q: Array, t: Array) -> Array | None:
-        """Close the loops from q by steps normal to the scaled tangent t."""
+    def ahead(self, point: _Point, length: float) -> Array | None:
+        """Return the closed configuration `length` ahead along the tangent."""
+        step = length * point.t
+        self.evaluation.turns[:] = point.angles + point.slopes @ step
+        q = pin.integrate(self.model, point.q, self.scale * step)
         for _ in range(8):
             rows = self.rows(q)
             residual = self.evaluation.residual
-            if residual @ residual <= max(self.tolerance, 1e-14) ** 2:
+            if residual @ residual <= self.tolerance**2:
                 return q
             rhs = np.zeros(len(rows) + 1)
-            rhs[: len(self.system.rows)] = -residual[self.system.rows]
-            x = decompose(np.vstack([rows, t])).minimum_norm(rhs)
+            rhs[: len(self.selected)] = -residual[self.selected]
+            x = decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
             if not np.abs(x).max() < 0.1:
                 return None
             q = pin.integrate(self.model, q, self.scale * x)
         return q if residual @ residual <= 1e-22 else None
 
-    def at(self, q: Array, t: Array, length: float) -> Array | None:
-        """Return the closed configuration `length` ahead of q along t."""
-        return self.correct(pin.integrate(self.model, q, self.scale * (length * t)), t)
+    def direction(self, q: Array, along: Array) -> tuple[Array, int]:
+        """Return tangent and determinant sign at q with the rows of the last `settle`."""
+        rows = self.rows(q)
+        null_space = decompose(rows, 1e-12).null_space
+        t = null_space.T @ (null_space @ along)
+        t /= np.linalg.norm(t)
+        return t, determinant_sign_of(np.vstack([rows, t]))
+
+    def determinant(self, q: Array, along: Array) -> float:
+        """Return the determinant of [rows; tangent], a simple zero where two branches cross."""
+        t, _ = self.direction(q, along)
+        return float(np.linalg.det(np.vstack([self.rows(q), t])))
 
     def slope(self, t: Array) -> float:
         """Rate of the driver along the scaled tangent."""
@@ -101,63 +143,101 @@ def march(
     curve = _Curve(system, tolerance)
     at = curve.driver.q
     heading = np.sign(target - q[at])
-    t, sign = curve.tangent(q, heading * direction / curve.scale)
-    length = FIRST_STEP
+    point = curve.settle(q, heading * direction / curve.scale)
+    if point is None:
+        return Arrival("branch point", q, float(q[at]))
+    last, length = point, FIRST_STEP
     for _ in range(MOST_STEPS):
-        if sign == 0:
-            return Arrival("singular", q, float(q[at]))
-        ahead = curve.at(q, t, length)
-        t_ahead, sign_ahead = curve.tangent(ahead, t) if ahead is not None else (t, 0)
-        if ahead is None or t_ahead @ t < STRAIGHT or sign_ahead != sign:
+        if point is None:
+            return _crossing(curve, last, q)
+        q, last = point.q, point
+        ahead = curve.ahead(point, length)
+        t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
+        if ahead is None or t @ point.t < STRAIGHT or sign != point.sign:
             length *= 0.5
+            if length < NEAR_CROSSING and ahead is not None and sign != point.sign:
+                return _crossing(curve, point, q)
             if length < SMALLEST_STEP:
-                crossed = ahead is not None and sign_ahead != sign
-                return Arrival("branch point" if crossed else "lost", q, float(q[at]))
+                return Arrival("lost", q, float(q[at]))
             continue
         if heading * (ahead[at] - target) >= 0.0:
-            return _arrive(curve, q, t, length, target)
-        if heading * curve.slope(t_ahead) <= 0.0:
-            turning = _turning_point(curve, q, t, length)
-            limit = _point(curve, q, t, turning)
+            return _arrive(curve, point, length, target)
+        if heading * curve.slope(t) <= 0.0:
+            turning = _turning_point(curve, point, length)
+            limit = _place(curve, point, turning)
             if heading * (limit[at] - target) >= 0.0:
-                return _arrive(curve, q, t, turning, target)
+                return _arrive(curve, point, turning, target)
             return Arrival("limit", limit, float(limit[at]))
-        q, t = ahead, t_ahead
+        q, point = ahead, curve.settle(ahead, t)
         length = min(2.0 * length, LARGEST_STEP)
     return Arrival("lost", q, float(q[at]))
 
 
-def _turning_point(curve: _Curve, q: Array, t: Array, length: float) -> float:
+def _turning_point(curve: _Curve, point: _Point, length: float) -> float:
     """Return the length, at most `length`, after which the driver turns back."""
 
     def slope(x: float) -> float:
-        ahead = curve.at(q, t, x)
-        return curve.slope(curve.tangent(ahead, t)[0]) if ahead is not None else np.nan
+        ahead = curve.ahead(point, x)
+        return curve.slope(curve.direction(ahead, point.t)[0]) if ahead is not None else np.nan
 
     return _root(slope, length)
 
 
-def _arrive(curve: _Curve, q: Array, t: Array, length: float, target: float) -> Arrival:
-    """Return the configuration at the target value, reached within `length` of q."""
+def _arrive(curve: _Curve, point: _Point, length: float, target: float) -> Arrival:
+    """Return the configuration at the target value, reached within `length` of the point."""
     at = curve.driver.q
 
     def gap(x: float) -> float:
-        return float(_point(curve, q, t, x)[at]) - target
+        return float(_place(curve, point, x)[at]) - target
 
-    ahead = _point(curve, q, t, _root(gap, length))
+    ahead = _place(curve, point, _root(gap, length))
     ahead[at] = target
     free = np.ones(curve.model.nv, dtype=bool)
     free[[c.v for c in curve.system.driven]] = False
     ahead, error = close(curve.evaluation, ahead, free, curve.tolerance)
-    return Arrival("reached" if error <= 1e-11 else "lost", ahead, target)
+    if error > 1e-11:
+        return Arrival("lost", ahead, target)
+    if curve.settle(ahead, point.t) is None:
+        return _crossing(curve, point, ahead)
+    return Arrival("reached", ahead, target)
 
 
-def _point(curve: _Curve, q: Array, t: Array, x: float) -> Array:
-    found = curve.at(q, t, x)
-    return q if found is None else found
+def _crossing(curve: _Curve, point: _Point, q: Array) -> Arrival:
+    """Locate the crossing of two branches just ahead of a point, near q.
+
+    On the crossing itself nothing can be solved; the driver values at four places before and
+    behind it are interpolated over the determinant, which is zero there.
+    """
+    at = curve.driver.q
+    start = curve.ahead(point, -2.0 * NEAR_CROSSING)
+    base = curve.settle(start, point.t) if start is not None else None
+    coarse = _places(curve, base, (0.0, 0.5 * NEAR_CROSSING))
+    if base is None or coarse is None:
+        return Arrival("branch point", q, float(q[at]))
+    first, second = (curve.determinant(x, base.t) for x in coarse)
+    distance = 0.5 * NEAR_CROSSING * first / (first - second)
+    places = _places(curve, base, distance * np.array([0.4, 0.7, 1.3, 1.6]))
+    if places is None:
+        return Arrival("branch point", q, float(q[at]))
+    d = np.array([curve.determinant(x, base.t) for x in places])
+    s = np.array([x[at] for x in places])
+    value = sum(s[i] * np.prod(np.delete(d, i) / (np.delete(d, i) - d[i])) for i in range(len(d)))
+    return Arrival("branch point", q, float(value))
+
+
+def _place(curve: _Curve, point: _Point, x: float) -> Array:
+    found = curve.ahead(point, x)
+    return point.q.copy() if found is None else found
 
 
 def _root(function: Callable[[float], float], length: float) -> float:
     if function(0.0) * function(length) > 0.0:
         return length
     return float(brentq(function, 0.0, length, xtol=1e-14, rtol=1e-14))
+
+
+def _places(curve: _Curve, base: _Point | None, lengths: Iterable[float]) -> list[Array] | None:
+    """Return the configurations at several lengths ahead of `base`, if all of them close."""
+    places = [] if base is None else [curve.ahead(base, x) for x in lengths]
+    found = [place for place in places if place is not None]
+    return found if found and len(found) == len(places) else None

@@ -78,6 +78,8 @@ def assemble(
     start = _read_guess(mechanism, guess)
     named = {name: value for name, value in start.named.items() if name not in held}
     search = _Search(mechanism, held, named, limits, accuracy)
+    if isinstance(guess, State):
+        search.evaluation.turns[:] = guess.angles
     for k, q in enumerate(_starts(mechanism, start.q, held, named)):
         search.attempt(q)
         if search.done(k):
@@ -207,6 +209,8 @@ def _read_guess(
         named = joint_values(mechanism, guess)
         return _Guess(with_values(mechanism, mechanism.neutral, base | named), named)
     q = finite_array(guess, (mechanism.model.nq,), "guess q")
+    if not pin.isNormalized(mechanism.model, q, 0.5):
+        raise ValueError("guess q has a quaternion whose length is far from 1")
     q = pin.normalize(mechanism.model, q)
     joints = list(mechanism.model.names)[1:]
     named = {}
@@ -231,6 +235,7 @@ def _starts(
     table = mechanism.coordinate_table
     is_held = np.array([name in held for name in table], dtype=bool)
     is_named = np.array([name in named for name in table], dtype=bool)
+    is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
     if not np.any(~is_held):
         return
     open_ones = ~is_held & ~is_named
@@ -238,7 +243,7 @@ def _starts(
         reach = np.where(open_ones, np.pi, 0.0)
         if k > MAX_STARTS // 2 or not open_ones.any():
             reach = np.where(is_named, 1.0 if k < 3 * MAX_STARTS // 4 else np.pi, reach)
-        reach = reach * np.where(scale == 1.0, 1.0, scale * 0.2)
+        reach = reach * np.where(is_angle, 1.0, scale * 0.2)
         yield pin.integrate(model, fixed, rng.uniform(-1.0, 1.0, model.nv) * reach)
 
 
@@ -314,7 +319,7 @@ def _within_limits(
 
     def jacobian(x: Array) -> Array:  # exact for coordinates with limits, near zero for the rest
         evaluation.update(at(x))
-        return evaluation.jacobian[:n, free].copy()
+        return evaluation.jacobian[:n, free] / mechanism.velocity_scale[free]
 
     fit = least_squares(residual, np.zeros(int(free.sum())), jacobian,
                         bounds=(low[free], high[free]), x_scale=mechanism.velocity_scale[free],

@@ -4,14 +4,15 @@ With G the joint placements stacked as rows (columns of R, then p, of each joint
 that a row is made of is linear in G: A, B, X = C_A G, C_B G, C_X G. Row i is then
 
     value      r  = A . B - c
-    Jacobian   J  = sign * (W J6),  W = (f B, X x B)
+    Jacobian   J  = sign * scale * (W J6),  W = (f B, X x B)
     bias       r'' at zero joint acceleration = A'' . B + 2 A' . B' + A . B''
 
 where W is the wrench of the row at the world origin, J6 Pinocchio's world joint Jacobian and sign
-is +1 (-1) for the freedoms that move body 2 (body 1) only. Bodies' rates enter through
-G' = H^T G and G'' = (H^T H^T + H'^T) G with H the 4 x 4 matrix of the body twist. Pinocchio's
-`computeJointJacobiansTimeVariation` is not used: in 4.1 it is wrong for joints whose motion
-subspace varies (universal, composite).
+is +1 (-1) for the freedoms that move body 2 (body 1) only. Columns are scaled by
+`Mechanism.velocity_scale`, so that ranks and steps mean the same at every size. Bodies' rates
+enter through G' = H^T G and G'' = (H^T H^T + H'^T) G with H the 4 x 4 matrix of the body twist.
+Pinocchio's `computeJointJacobiansTimeVariation` is not used: in 4.1 it is wrong for joints whose
+motion subspace varies (universal, composite).
 
 A screw row adds -k * angle, the angle of two directions, from two auxiliary dot rows.
 A coupling row is linear in the joint coordinates. A passive row is the absolute spin of a body
@@ -28,7 +29,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.sparse
 
-from spatial_pin.kinematics.views import accelerations, placements, twists
+from spatial_pin.kinematics.views import accelerations, joint_jacobian, placements, twists
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
@@ -102,7 +103,8 @@ class Constraints:
         self.rate_sum = np.hstack([np.eye(len(a)), 2.0 * np.eye(len(a)), np.eye(len(a))])
         self.constants = np.array(self._constants)
         self.factors = np.array(self._factors).reshape(-1, 1)
-        self.signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
+        signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
+        self.signs = signs * mechanism.velocity_scale
         self.spin_bias = np.array(spin).reshape(self.n_passive, 6 * n)
 
     def _frames(self, closure: Closure) -> tuple[tuple[int, Any], tuple[int, Any]]:
@@ -225,10 +227,12 @@ class Evaluation:
 
     Attributes:
         residual: (n_rows,) closure rows [-]; lengths divided by the characteristic length.
-        jacobian: (n_rows + n_passive, nv) derivative of the rows; the last ones are spin rates.
+        jacobian: (n_rows + n_passive, nv) derivative of the rows with respect to the scaled
+            velocities v / `velocity_scale`; the last ones are spin rates.
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
             one in `turns`.
         turns: (n_angles,) the angles to which `angles` stays nearest.
+        angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
         is_plain: whether all rows are products (no screw, no coupling, at least one row).
         wrenches: (rows, 6) force and moment about the world origin of each product row.
         placements: (njoints, 4, 3) view on the joint placements.
@@ -243,12 +247,13 @@ class Evaluation:
         self._n_all = r
         self.angles = np.zeros(c.n_angles)
         self.turns = np.zeros(c.n_angles)
+        self.angle_jacobian = np.zeros((c.n_angles, nv))
         self._zero = np.zeros(nv)
         self.placements = placements(self.data)
         self._g = self.placements.reshape(4 * n, 3)
         self._twists, self._accelerations = twists(self.data), accelerations(self.data)
         self._spins = self._accelerations.reshape(-1)
-        self._joint_jacobian = self.data.J
+        self._joint_jacobian = joint_jacobian(self.data, nv)
         self._make_buffers(n, nv, r)
         self._plain = not (c.screws or c.couplings)
         self.is_plain = self._plain and r > 0 and isinstance(c.c_abx, np.ndarray)
@@ -327,6 +332,7 @@ class Evaluation:
         angle += 2.0 * math.pi * round((self.turns[k] - angle) / (2.0 * math.pi))
         self.angles[k] = angle
         slope = (c * self._products[sine] - s * self._products[sine + 1]) / (s * s + c * c)
+        self.angle_jacobian[k] = slope
         self.residual[at] -= pitch * angle
         self.jacobian[at] -= pitch * slope
 
@@ -335,10 +341,11 @@ class Evaluation:
         c = self.constraints
         for k, closure in enumerate(c.couplings, start=c.n_products):
             a, b = (self.mechanism.coordinate(name) for name in closure.joints)
+            size = self.mechanism.velocity_scale
             scale = 1.0 if b.unit == "rad" else c.scale
             self.residual[k] = scale * (q[b.q] - closure.ratio * q[a.q] - closure.offset)
-            self.jacobian[k, a.v] = -scale * closure.ratio
-            self.jacobian[k, b.v] = scale
+            self.jacobian[k, a.v] = -scale * closure.ratio * size[a.v]
+            self.jacobian[k, b.v] = scale * size[b.v]
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n_rows + n_passive,) second derivatives of the rows at zero joint acceleration.

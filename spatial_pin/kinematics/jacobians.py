@@ -26,7 +26,8 @@ def closure_jacobian(mechanism: Mechanism, q: Array) -> Array:
     """
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.update(finite_array(q, (mechanism.model.nq,), "q"))
-    return evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+    rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+    return rows / mechanism.velocity_scale
 
 
 def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:

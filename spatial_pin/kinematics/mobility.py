@@ -13,6 +13,7 @@ from spatial_pin.kinematics.assembly import ACCEPTED, assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import close, passive_freedoms
 from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, independent_rows, null_space, rank, row_space
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
@@ -169,7 +170,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
         )
     n = evaluation.constraints.n_rows
-    jacobian = evaluation.jacobian[:n] * mechanism.velocity_scale
+    jacobian = evaluation.jacobian[:n].copy()
     independent = independent_rows(jacobian, SINGULAR)
     labels = evaluation.constraints.labels
     redundant = tuple(f"{labels[i].closure}[{labels[i].equation}]"
@@ -218,7 +219,7 @@ def _finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
         moved = pin.difference(evaluation.model, q, found) / scale
         if error > ACCEPTED or np.linalg.norm(moved) < MOVED * PROBE:
             continue
-        best = max(best, len(scale) - rank(evaluation.jacobian[:n] * scale, SINGULAR))
+        best = max(best, len(scale) - rank(evaluation.jacobian[:n], SINGULAR))
         if best == len(tangents):
             break
     return best
@@ -233,7 +234,8 @@ def _loop(evaluation: Evaluation, closure: Closure) -> Loop:
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
     joints = loop_joints(mechanism, closure)
     size = np.array([constraints.scale] * 3 + [1.0] * 3)
-    twists = [evaluation.data.J[:, mechanism.model.idx_vs[i] + k] * size
+    columns = joint_jacobian(evaluation.data, mechanism.model.nv)
+    twists = [columns[:, mechanism.model.idx_vs[i] + k] * size
               for i in joints for k in range(mechanism.model.nvs[i])]
     wrenches = evaluation.wrenches[rows] / size
     own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
@@ -291,7 +293,7 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     drive = np.zeros((len(mechanism.drivers), len(scale)))
     for row, driver in zip(drive, mechanism.drivers.values(), strict=True):
         row[mechanism.driven_coordinate(driver.joint).v] = 1.0
-    tangents = null_space(np.vstack([evaluation.jacobian[:n] * scale, drive]), SINGULAR) * scale
+    tangents = null_space(np.vstack([evaluation.jacobian[:n], drive]), SINGULAR) * scale
     if not len(tangents):
         return []
     joined = _pairs_of_bodies(mechanism)
@@ -315,7 +317,7 @@ def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     """Name the motion v (nv,) of the one body that it moves."""
     mechanism, model = evaluation.mechanism, evaluation.model
     i = mechanism.joint_id(joint)
-    twist = evaluation.data.J @ (v * evaluation.constraints.support(i))
+    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(i))
     link = next(f.name for f in model.frames
                 if f.type == pin.FrameType.BODY and f.parentJoint == i)
     spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length

@@ -168,7 +168,7 @@ class _Search:
             system = square_system(state, self.held)
         except SingularError:
             return ""
-        return "" if len(system.passive) else {1: "+", -1: "-"}[system.sign]
+        return "" if len(system.passive) else {1: "+", -1: "-"}[system.pivots()[0]]
 
     def _order(self, state: State) -> list[float]:
         fixed = [c for c in self.mechanism.coordinate_table.values()

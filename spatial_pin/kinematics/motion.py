@@ -97,6 +97,7 @@ class Motion:
         closure_error: (N,) largest closure row of each row [-].
         driver_speed: (N,) [rad/s or m/s].
         events: limits and singular configurations met.
+        angles: (N, n) relative angle of every screw closure [rad], counting turns.
     """
 
     mechanism: Mechanism
@@ -109,6 +110,7 @@ class Motion:
     closure_error: Array
     driver_speed: Array
     events: list[Event] = field(default_factory=list)
+    angles: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def __len__(self) -> int:
         return len(self.q)
@@ -127,9 +129,10 @@ class Motion:
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     def state(self, row: int) -> State:
-        """Return one row as a State (its screw closures count turns from this row on)."""
+        """Return one row as a State."""
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
-                     closure_error=self.closure_error[row])
+                     closure_error=self.closure_error[row],
+                     angles=self.angles[row] if self.angles.size else None)
 
     @cached_property
     def _bodies(self) -> _Bodies:
@@ -253,7 +256,7 @@ class Motion:
             path, driver=self.driver, driver_name=self.driver_name,
             time=self.time if self.time is not None else np.empty(0),
             q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
-            driver_speed=self.driver_speed, mechanism=self.mechanism.name,
+            driver_speed=self.driver_speed, angles=self.angles, mechanism=self.mechanism.name,
             coordinates=np.array(self.mechanism.coordinates),
             event_kind=np.array([e.kind for e in self.events], dtype=str),
             event_value=np.array([e.value for e in self.events], dtype=float),
@@ -282,7 +285,7 @@ class Motion:
             mechanism, content["driver"], str(content["driver_name"]),
             content["time"] if content["time"].size else None,
             content["q"], content["v"], content["a"], content["closure_error"],
-            content["driver_speed"], [Event(*e) for e in events],
+            content["driver_speed"], [Event(*e) for e in events], content["angles"],
         )
 
     def __repr__(self) -> str:

@@ -11,11 +11,14 @@ from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
-from spatial_pin.linalg import Array, aligned, decompose, determinant_sign, independent_rows
+from spatial_pin.kinematics.views import joint_jacobian
+from spatial_pin.linalg import Array, aligned, decompose, independent_rows, pivots_of
 from spatial_pin.mechanism.mechanism import Coordinate
 
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
-PIVOT_TOLERANCE = 1e-11  # smallest over largest pivot of a regular square system
+# A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
+# and its rates to round-off over s squared: below this nothing is left of them.
+SINGULAR_PIVOT = 1e-7
 
 
 def close(
@@ -43,7 +46,7 @@ def close(
     for _ in range(iterations):
         if error <= tolerance:
             break
-        svd = decompose(evaluation.jacobian[:n, free] * scale)
+        svd = decompose(evaluation.jacobian[:n, free])
         r = svd.rank
         weights = svd.u[:, :r].T @ evaluation.residual
         improved = False
@@ -77,7 +80,7 @@ def _polish(
     for _ in range(6):
         if error == 0.0 or not n:
             break
-        svd = decompose(evaluation.jacobian[:n, free] * scale)
+        svd = decompose(evaluation.jacobian[:n, free])
         step[free] = -scale * svd.minimum_norm(evaluation.residual)
         trial = pin.integrate(evaluation.model, q, step)
         evaluation.update(trial)
@@ -94,24 +97,27 @@ class SquareSystem:
     """The square linear system of a mechanism whose freedoms are all driven or passive.
 
     Its rows are independent closure rows, resolved passive freedoms, drivers, and for each
-    passive freedom that is not resolved a row that asks for the least motion.
+    passive freedom that is not resolved a row that asks for the least motion; its unknowns are
+    scaled velocities.
 
     Attributes:
         evaluation: the closure equations at the current configuration.
         driven: the prescribed coordinates.
         rows: indices of the independent closure rows.
-        sign: sign of the determinant at the last factorisation.
-        passive: (k, nv) unresolved passive freedoms at the last `refresh`, orthonormal rows.
+        scale: (nv,) velocity of a unit of each unknown.
+        passive: (k, nv) unresolved passive freedoms at the last `refresh_passive`, orthonormal.
+        selected_pivot: smallest over largest pivot where the rows were selected.
     """
 
     def __init__(self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array) -> None:
         self.evaluation = evaluation
         self.driven = tuple(driven)
-        self._scale = evaluation.mechanism.velocity_scale
+        self.scale = evaluation.mechanism.velocity_scale
         nv = evaluation.model.nv
         self._drive = np.zeros((len(self.driven), nv))
         for row, coordinate in zip(self._drive, self.driven, strict=True):
             row[coordinate.v] = 1.0
+        self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.matrix = np.zeros((nv, nv))
         self.select(q)
 
@@ -121,19 +127,18 @@ class SquareSystem:
         Raises:
             SingularError: the drivers are not independent there, or a freedom is not driven.
         """
-        evaluation, scale = self.evaluation, self._scale
+        evaluation = self.evaluation
         evaluation.update(q)
         n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.driven)
-        self.rows = independent_rows(evaluation.jacobian[:n] * scale)
+        self.rows = independent_rows(evaluation.jacobian[:n])
         r = len(self.rows)
-        regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:],
-                             self._drive / self._scale]) * scale
+        regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:], self._drive])
         svd = decompose(regular)
         if svd.rank < r + p + d:
-            raise SingularError(self._dependence(regular[: r + p]))
-        self.passive = svd.null_space / scale
+            raise SingularError(self._dependence(regular[: r + p], q))
+        self.passive = svd.null_space
         if len(self.passive):
-            self._check_passive(svd.null_space * scale)
+            self._check_passive(q)
         self._whole = r == n and not len(self.passive)
         self._closure = slice(0, r)
         self._spin = slice(r, r + p)
@@ -149,8 +154,14 @@ class SquareSystem:
         self._thrice = np.repeat(np.arange(len(evaluation.constraints.constants)), 3)
         evaluation.update(q)
         self.factor()
+        self.selected_pivot = self.pivots()[1]
 
-    def _dependence(self, closures: Array) -> str:
+    @property
+    def has_redundant_rows(self) -> bool:
+        """Whether closure rows were left out because they follow from the others."""
+        return len(self.rows) < self.evaluation.constraints.n_rows
+
+    def _dependence(self, closures: Array, q: Array) -> str:
         names = ", ".join(repr(c.name) for c in self.driven)
         where = f"mechanism {self.evaluation.mechanism.name!r}: "
         freedom = closures.shape[1] - decompose(closures).rank
@@ -161,16 +172,23 @@ class SquareSystem:
                 "of each other or of the closed loops there (a limit position, or a resolved "
                 "passive freedom that is not free)")
 
-    def _check_passive(self, null_space: Array) -> None:
-        """Refuse freedoms that are not the spin of one link: somebody must drive them."""
-        mechanism = self.evaluation.mechanism
-        passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space))
-        if passive == len(null_space):
+    def _check_passive(self, q: Array) -> None:
+        """Refuse freedoms that are not the motion of one link: somebody must drive them."""
+        mechanism, null_space = self.evaluation.mechanism, self.passive
+        passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space * self.scale))
+        missing = len(null_space) - passive
+        if not missing:
             return
+        if len(self.rows) < generic_rank(self.evaluation, q):
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: singular configuration: the loops lose "
+                f"{missing} independent equation(s) there and branches cross; the motion is not "
+                "determined by the drivers"
+            )
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
         raise SingularError(
-            f"mechanism {mechanism.name!r}: {len(null_space) - passive} of its freedoms are not "
+            f"mechanism {mechanism.name!r}: {missing} of its freedoms are not "
             f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
         )
 
@@ -190,24 +208,22 @@ class SquareSystem:
         """Recompute the unresolved passive freedoms, oriented as before."""
         if not len(self.passive):
             return
-        n = self.evaluation.constraints.n_rows
-        jacobian = self.evaluation.jacobian
-        regular = np.vstack([jacobian[self.rows], jacobian[n:], self._drive / self._scale])
-        null_space = decompose(regular * self._scale).null_space
+        n, jacobian = self.evaluation.constraints.n_rows, self.evaluation.jacobian
+        regular = np.vstack([jacobian[self.rows], jacobian[n:], self._drive])
+        null_space = decompose(regular).null_space
         if len(null_space) == len(self.passive):
-            self.passive = aligned(null_space, self.passive * self._scale) / self._scale
+            self.passive = aligned(null_space, self.passive)
 
-    @property
-    def sign(self) -> int:
-        """Sign of the determinant at the last factorisation, 0 when it is numerically singular."""
-        return determinant_sign(self._lu, self._pivots, PIVOT_TOLERANCE)
+    def pivots(self) -> tuple[int, float]:
+        """Return the sign of the determinant, and smallest over largest pivot, as last factored."""
+        return pivots_of(self._lu, self._pivots)
 
     def solve(self, rhs: Array) -> Array:
-        """Solve the factored system for (nv,) or (nv, k) right-hand sides."""
-        return lapack.dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
+        """Solve the factored system for (nv,) or (nv, k) right-hand sides; unknowns are scaled."""
+        return lapack.dgetrs(self._lu, self._pivots, rhs, 1)[0]
 
     def correction(self, spun: Sequence[float] = ()) -> Array:
-        """Return the Newton correction (nv,) that closes the loops, drivers held.
+        """Return the Newton correction (nv,), scaled, that closes the loops, drivers held.
 
         Args:
             spun: spin of each resolved passive freedom to take back [rad].
@@ -217,12 +233,12 @@ class SquareSystem:
             rhs[k] = -angle
         residual = self.evaluation.residual
         np.negative(residual if self._whole else residual[self.rows], out=rhs[self._closure])
-        return lapack.dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
+        return lapack.dgetrs(self._lu, self._pivots, rhs, 1)[0]
 
     @property
-    def first_driver_row(self) -> int:
-        """Row of the matrix that prescribes the first driver."""
-        return self._drivers.start
+    def driver_rows(self) -> slice:
+        """Rows of the matrix that prescribe the drivers."""
+        return self._drivers
 
     def stack(self, jacobians: Array) -> Array:
         """Return the matrices (m, nv, nv) for Jacobians (m, n_rows + n_passive, nv)."""
@@ -242,7 +258,7 @@ class SquareSystem:
             (n_passive, nv): what takes away a unit of each spin.
         """
         constants = self.evaluation.constraints.constants
-        inverse = lapack.dgetri(self._lu, self._pivots)[0].T
+        inverse = lapack.dgetri(self._lu, self._pivots)[0].T * self.scale[:, None]
         chord = np.zeros((len(self.matrix), len(constants)))
         chord[:, self.rows] = -inverse[:, self._closure]
         thrice = chord.take(self._thrice, axis=1)
@@ -258,8 +274,8 @@ class SquareSystem:
     def driver_rates(self) -> Array:
         """Return (nv, n_drivers): joint velocities per unit speed of each driver."""
         rhs = np.zeros((len(self.matrix), len(self.driven)))
-        rhs[self._drivers] = np.eye(len(self.driven))
-        return self.solve(rhs)
+        rhs[self._drivers] = np.diag(1.0 / self._drive_scale)
+        return self.scale[:, None] * self.solve(rhs)
 
     def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
         """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
@@ -268,8 +284,23 @@ class SquareSystem:
         rhs = np.zeros(len(self.matrix))
         np.negative(bias[:n] if self._whole else bias[self.rows], out=rhs[self._closure])
         np.negative(bias[n:], out=rhs[self._spin])
-        rhs[self._drivers] = drive
-        return self.solve(rhs)
+        rhs[self._drivers] = drive / self._drive_scale
+        return self.scale * self.solve(rhs)
+
+
+def generic_rank(evaluation: Evaluation, q: Array) -> int:
+    """Return the closure rank at closed configurations near q; `evaluation` comes back to q."""
+    n, model = evaluation.constraints.n_rows, evaluation.model
+    free = np.ones(model.nv, dtype=bool)
+    rng = np.random.default_rng(3)
+    best = 0
+    for _ in range(4):
+        step = evaluation.mechanism.velocity_scale * rng.uniform(-0.02, 0.02, model.nv)
+        _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
+        if error <= 1e-11:
+            best = max(best, len(independent_rows(evaluation.jacobian[:n])))
+    evaluation.update(q)
+    return best
 
 
 def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[str, Array]]:
@@ -281,7 +312,8 @@ def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[st
     """
     model, c = evaluation.model, evaluation.constraints
     twists = np.array([
-        (evaluation.data.J * c.support(i)) @ null_space.T for i in range(1, model.njoints)
+        (joint_jacobian(evaluation.data, model.nv) * c.support(i)) @ null_space.T
+        for i in range(1, model.njoints)
     ])  # (bodies, 6, k)
     size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
     twists = twists * size[:, None]

@@ -8,7 +8,7 @@ import numpy as np
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import PIVOT_TOLERANCE, SquareSystem
+from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -38,10 +38,11 @@ def square_system(state: State, names: Iterable[str]) -> SquareSystem:
         system = SquareSystem(evaluation, driven_coordinates(mechanism, names), state.q)
     except SingularError as error:
         raise SingularError(str(error), state=state) from None
-    if system.sign == 0:
+    _, pivot = system.pivots()
+    if pivot < SINGULAR_PIVOT:
         raise SingularError(
-            f"mechanism {mechanism.name!r}: singular configuration at {state}: its smallest pivot "
-            f"is below {PIVOT_TOLERANCE:g} of the largest", state=state,
+            f"mechanism {mechanism.name!r}: singular configuration, {state}: smallest pivot "
+            f"{pivot:.1e} of the largest; the rates have no reliable digit there", state=state,
         )
     return system
 
@@ -93,7 +94,7 @@ def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
     """
     evaluation = system.evaluation
     n = evaluation.constraints.n_rows
-    opening = np.abs(evaluation.jacobian[:n] @ v)
+    opening = np.abs(evaluation.jacobian[:n] @ (v / state.mechanism.velocity_scale))
     largest = np.abs(v / state.mechanism.velocity_scale).max(initial=0.0)
     if n and opening.max() > 1e-7 * max(largest, 1e-300):
         worst = evaluation.constraints.labels[int(opening.argmax())].closure

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.kinematics.views import accelerations, twists
+from spatial_pin.kinematics.views import accelerations, joint_jacobian, twists
 from spatial_pin.linalg import Array
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ LONGEST = 512  # rows that are judged together
 CHORDS = 4  # corrections with a kept matrix before a step is given up
 CONTRACTION = 1e-2  # square of the factor by which corrections with a kept matrix must shrink
 STRAIGHT = 0.9  # least cosine between the path directions at the two ends of a step
+LONGEST_STEP = 0.5  # rad, characteristic lengths, that a joint may move in a step
+SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
+WORN = 1e-2  # the same where redundant rows might better be chosen anew
 UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
 _EXTRAPOLATION = np.array(
     [(-1.0) ** (HISTORY - 1 - k) * math.comb(HISTORY, k) for k in range(HISTORY)]
@@ -42,12 +45,14 @@ class Rows(NamedTuple):
         t, c: (m, nv) first and second derivative of the path with respect to the driver.
         residual: (m, rows) closure rows.
         sign: (m,) sign of the determinant, 0 when singular.
+        magnitude: (m,) logarithm of its size.
     """
 
     t: Array
     c: Array
     residual: Array
     sign: Array
+    magnitude: Array
 
 
 def is_possible(branch: Branch) -> bool:
@@ -177,23 +182,22 @@ def _rates(branch: Branch, q: Array) -> Rows:
     sign[~np.isfinite(magnitude)] = 0.0
     if not sign.all():  # judged singular: leave the solver something regular to do
         matrices[sign == 0.0] = np.eye(matrices.shape[1])
-    drive = np.zeros((m, matrices.shape[1], 1))
-    drive[:, system.first_driver_row] = 1.0
-    t = np.linalg.solve(matrices, drive)[:, :, 0]
-    rhs = np.zeros_like(drive)
+    drive = np.broadcast_to(branch.unit[:, None], (m, len(branch.unit), 1))
+    t = branch.scale * np.linalg.solve(matrices, drive)[:, :, 0]
+    rhs = np.zeros((m, len(branch.unit), 1))
     system.put_bias(rhs[:, :, 0], _bias(branch, q, t, placed, g))
-    second = np.linalg.solve(matrices, rhs)[:, :, 0]
-    return Rows(t, second, residual[:, : c.n_rows], sign)
+    second = branch.scale * np.linalg.solve(matrices, rhs)[:, :, 0]
+    return Rows(t, second, residual[:, : c.n_rows], sign, magnitude)
 
 
 def _placements(branch: Branch, q: Array) -> tuple[Array, Array]:
     """Return Pinocchio's joint Jacobians (m, 6, nv) and joint placements (m, njoints, 4, 3)."""
     model, data, placement = branch.model, branch.evaluation.data, branch.evaluation.placements
     jacobians, placed = np.empty((len(q), 6, model.nv)), np.empty((len(q), *placement.shape))
-    joint_jacobian = data.J
+    columns = joint_jacobian(data, model.nv)
     for k, x in enumerate(q):
         pin.computeJointJacobians(model, data, x)
-        jacobians[k] = joint_jacobian
+        jacobians[k] = columns
         placed[k] = placement
     return jacobians, placed
 
@@ -249,18 +253,22 @@ def _cross(x: Array, y: Array, out: Array) -> None:
 
 def _good(branch: Branch, h: float, q: Array, rows: Rows) -> int:
     """Return how many rows pass; q (m + 1, nq) begins with the row before them."""
-    linear = branch.linear
     t = np.vstack([branch.t, rows.t])
     c = np.vstack([branch.c, rows.c])
-    # Hermite: q1 - q0 = h (t0 + t1)/2 + h² (c0 - c1)/12, in the joints where dq/ds = t
-    moved = np.diff(q[:, linear[0]], axis=0)
+    at, v = branch.linear
+    # Hermite, as in `Branch`
+    moved = np.diff(q[:, at], axis=0)
     told = (0.5 * h) * (t[:-1] + t[1:]) + (h * h / 12.0) * (c[:-1] - c[1:])
-    size, gap = (np.linalg.norm(x, axis=1) for x in (moved, moved - told[:, linear[1]]))
+    size, gap = (np.linalg.norm(x, axis=1) for x in (moved, moved - told[:, v]))
     length = np.sqrt(np.vecdot(t, t))
     cosine = np.vecdot(t[:-1], t[1:]) / (length[:-1] * length[1:])
+    magnitude = np.concatenate([[rows.magnitude[0]], rows.magnitude])
+    worn = WORN if branch.system.has_redundant_rows else SINGULAR
     bad = (
         (np.abs(rows.residual).max(axis=1) > branch.accuracy.tolerance)
         | (rows.sign != branch.sign)
+        | (magnitude[1:] < magnitude.max() + math.log(worn))
+        | (np.abs(h * rows.t / branch.scale).max(axis=1) > LONGEST_STEP)
         | (gap > UNEXPLAINED * size + 1e-12)
         | ~(cosine > STRAIGHT)
         | ~np.isfinite(rows.c).all(axis=1)

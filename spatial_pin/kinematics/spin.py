@@ -35,6 +35,10 @@ class Spin:
         self._d = self._next = [0.0, 0.0, 0.0]
         self._h = 1.0
 
+    def continues(self, h: float) -> bool:
+        """Whether a step h goes on from the last one: same sense, of comparable length."""
+        return self.has_history and 0.0 < h / self._h < 4.0
+
     def forget(self) -> None:
         """Forget the past, after a jump."""
         self.has_history = False
@@ -42,6 +46,7 @@ class Spin:
     def begin(self, before: Array, h: float) -> None:
         """Take the present rotation as accepted, `before` (3, 3, transposed) a step h earlier."""
         self._before, self.has_history = before, True
+        self._d, self._h = [0.0, 0.0, 0.0], h
         self.error(h)
         self.accept(h)
 

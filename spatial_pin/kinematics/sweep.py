@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,7 @@ from spatial_pin.kinematics.arc import Arrival, march
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
@@ -26,10 +27,13 @@ from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
 
 MAX_CORRECTIONS = 6
-EXPLAINED = 0.1  # a correction may be this fraction of the predicted step
+LONGEST_STEP = 1.0  # rad, characteristic lengths: joints never move further in one step
+EXPLAINED = 0.1  # part of a step that prediction, or the rates at its ends, may leave unexplained
 CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
+NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
+WORN = 0.03  # reselect redundant rows when the pivots have worn down to this fraction
 
 
 class Branch:
@@ -40,6 +44,7 @@ class Branch:
         s: driver value [rad or m].
         t: (nv,) dq/ds.
         c: (nv,) d²q/ds².
+        angles: relative angle of every screw closure, counting turns.
     """
 
     def __init__(self, state: State, driven: Sequence[Coordinate], accuracy: Accuracy) -> None:
@@ -54,16 +59,17 @@ class Branch:
         self.q = state.q.copy()
         self.s = float(state.q[self.at])
         self.system = SquareSystem(self.evaluation, driven, state.q)
-        self.sign = self.system.sign
-        if self.sign == 0:
+        self.scale = self.system.scale
+        self.sign, pivot = self.system.pivots()
+        if pivot < SINGULAR_PIVOT:
             raise SingularError(
                 f"mechanism {self.mechanism.name!r}: singular configuration at the start, {state}",
                 state=state,
             )
         table = self.mechanism.coordinate_table.values()
         self.linear = np.array([(c.q, c.v) for c in table if c.q >= 0], dtype=int).reshape(-1, 2).T
-        self._unit = np.zeros(len(self.system.matrix))
-        self._unit[self.system.first_driver_row] = 1.0
+        self.unit = np.zeros(len(self.system.matrix))
+        self.unit[self.system.driver_rows.start] = 1.0 / self.scale[driven[0].v]
         self._drive = np.zeros(len(driven))
         self._previous: tuple[float, Array] | None = None
         self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
@@ -71,9 +77,11 @@ class Branch:
         self._set_rates()
 
     def _set_rates(self) -> None:
-        self.t = self.system.solve(self._unit)
+        self.t = self.scale * self.system.solve(self.unit)
         self.c = self.system.acceleration(self.q, self.t, self._drive)
         self.residual = self.evaluation.residual.copy()
+        self.angles = self.evaluation.angles.copy()
+        self.evaluation.turns[:] = self.angles
 
     def jump(self, before: Array, q: Array, s: float, h: float) -> None:
         """Go to a closed configuration of the same branch, `before` being a step h earlier."""
@@ -119,61 +127,94 @@ class Branch:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
         step = self.predict(h)
-        if self.spins and not self.spins[0].has_history:
+        scaled = step / self.scale
+        size = math.sqrt(scaled.dot(scaled))
+        if not size <= LONGEST_STEP:
+            return False
+        if self.spins and not self.spins[0].continues(h):
             back = (0.5 * h * h) * self.c - h * self.t
             self._begin_spins(pin.integrate(self.model, self.q, back), h)
-        found = self._correct(pin.integrate(self.model, self.q, step), target, step, h)
-        if found is None:
+        evaluation = self.evaluation
+        if len(self.angles):
+            evaluation.turns[:] = self.angles + evaluation.angle_jacobian @ scaled
+        found = self._correct(pin.integrate(self.model, self.q, step), target, size, h)
+        if found is None or not self._arrive(found, h):
+            evaluation.turns[:] = self.angles
+            if len(self.angles):
+                evaluation.update(self.q)
             return False
-        before = self.q, self.s, self.t, self.c, self.residual
-        self.q, self.s = found, target
-        self.system.refresh_passive()
-        if not self.system.factor() or self.system.sign != self.sign:
-            self.q, self.s = before[:2]
-            return False
-        self._set_rates()
-        t = before[2]
-        cosine = (t @ self.t) / np.sqrt((t @ t) * (self.t @ self.t))
-        if cosine < TURNED:
-            self.q, self.s, self.t, self.c, self.residual = before
-            return False
-        self._previous = (h, before[3])
+        self.s = target
         for spin in self.spins:
             spin.accept(h)
-        self.evaluation.turns[:] = self.evaluation.angles
         return True
 
-    def _correct(self, q: Array, target: float, predicted: Array, h: float) -> Array | None:
+    def _arrive(self, found: Array, h: float) -> bool:
+        """Take `found` as the new point if it lies on the same stretch of the same branch."""
+        before = self.q, self.t, self.c, self.residual, self.angles
+        system = self.system
+        system.refresh_passive()
+        if not system.factor():
+            return False
+        sign, pivot = system.pivots()
+        if sign != self.sign or pivot < NEAR_SINGULAR:
+            return False
+        self.q = found
+        worn = system.has_redundant_rows and pivot < WORN * system.selected_pivot
+        if worn:
+            self.reselect()
+        self._set_rates()
+        if not self._is_explained(before[0], before[1], before[2], h):
+            self.q, self.t, self.c, self.residual, self.angles = before
+            if worn:
+                self.reselect()
+            return False
+        self._previous = (h, before[2])
+        return True
+
+    def _is_explained(self, q: Array, t: Array, c: Array, h: float) -> bool:
+        """Whether the rates at both ends, (t, c) and ours, account for the way from q to here.
+
+        Hermite: q1 - q0 = h (t0 + t1)/2 + h² (c0 - c1)/12, in the joints where dq/ds = t.
+        """
+        t1 = self.t
+        if t.dot(t1) < TURNED * math.sqrt(t.dot(t) * t1.dot(t1)):
+            return False
+        at, v = self.linear
+        moved = (self.q - q)[at]
+        missing = moved - ((0.5 * h) * (t + t1) + (h * h / 12.0) * (c - self.c))[v]
+        return missing.dot(missing) <= EXPLAINED**2 * moved.dot(moved) + 1e-24
+
+    def _correct(self, q: Array, target: float, predicted: float, h: float) -> Array | None:
         """Newton from a predicted configuration, drivers held; None when it goes astray."""
         evaluation, system, tolerance = self.evaluation, self.system, self.accuracy.tolerance
         fixed = self.accuracy.corrections
-        allowed = EXPLAINED * float(np.sqrt(predicted @ predicted))
+        allowed = EXPLAINED * predicted
         last = np.inf
         for k in range((MAX_CORRECTIONS if fixed is None else fixed) + 1):
             self.hold(q, target)
             evaluation.update(q)
             residual = evaluation.residual
-            error = float(residual @ residual)
+            error = float(residual.dot(residual))
             spun = [spin.error(h) for spin in self.spins]
             if k == fixed or (fixed is None and error <= tolerance * tolerance):
                 return q
             if not system.factor():
                 return None
             correction = system.correction(spun)
-            size = float(np.sqrt(correction @ correction))
+            size = math.sqrt(correction.dot(correction))
             if k == 0 and not size <= allowed + 1e-9 and self.accuracy.order:
                 return None
             if k and not size <= CONTRACTION * last:
                 # round-off, not divergence, ends the contraction of a closed loop
                 return q if error <= 1e-22 else None
             last = max(size, 1e-13)
-            q = pin.integrate(self.model, q, correction)
+            q = pin.integrate(self.model, q, self.scale * correction)
         return None
 
     def reselect(self) -> None:
         """Choose the independent rows anew at the present point."""
         self.system.select(self.q)
-        self.sign = self.system.sign
+        self.sign = self.system.pivots()[0]
 
     def reach(self, target: float) -> None:
         """Move to `target` by as many steps as the branch needs.
@@ -202,13 +243,11 @@ class Branch:
         if arrival.kind != "reached":
             raise _Stop(arrival)
         self.q, self.s = arrival.q, target
-        self.evaluation.turns[:] = self.evaluation.angles
         try:
-            self.system.select(self.q)
+            self.reselect()
         except SingularError:
             raise _Stop(Arrival("singular", arrival.q, target)) from None
-        self.sign = self.system.sign
-        if self.sign == 0:
+        if self.system.pivots()[1] < SINGULAR_PIVOT:
             raise _Stop(Arrival("singular", arrival.q, target))
         self._previous = None
         for spin in self.spins:
@@ -233,19 +272,21 @@ class _Record:
     t: Array
     c: Array
     residual: Array
+    angles: Array
 
     @classmethod
     def empty(cls, n: int, branch: Branch) -> _Record:
         model = branch.model
         rows = branch.evaluation.constraints.n_rows
         return cls(np.empty((n, model.nq)), np.empty((n, model.nv)), np.empty((n, model.nv)),
-                   np.empty((n, rows)))
+                   np.empty((n, rows)), np.empty((n, len(branch.angles))))
 
     def put(self, k: int, branch: Branch) -> None:
         self.q[k] = branch.q
         self.t[k] = branch.t
         self.c[k] = branch.c
         self.residual[k] = branch.residual
+        self.angles[k] = branch.angles
 
     def put_rows(self, k: int, rows: run.Rows) -> None:
         end = k + len(rows.t)
@@ -297,8 +338,7 @@ def sweep(
         raise ValueError(f"on_limit is {on_limit!r}; it is \"raise\" or \"stop\"")
     values = np.atleast_1d(np.asarray(values, dtype=np.float64))
     values = finite_array(values, (max(values.size, 1),), "values")
-    speeds = finite_array(np.broadcast_to(speed, values.shape), values.shape, "speed")
-    accels = finite_array(np.broadcast_to(acceleration, values.shape), values.shape, "acceleration")
+    speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
     coordinate = mechanism.driven_coordinate(driver)
     hold = dict(hold or {})
     state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=accuracy)
@@ -322,6 +362,13 @@ def sweep(
         if on_limit == "raise" or stop.kind != "limit":
             raise _error(motion, stop, driver, coordinate, float(values[n]))
     return motion
+
+
+def _rows(value: Any, values: Array, what: str) -> Array:
+    """Return one number, or one for every row, as (N,)."""
+    numbers = np.asarray(value, dtype=np.float64)
+    return finite_array(np.full(values.shape, numbers) if numbers.ndim == 0 else numbers,
+                        values.shape, what)
 
 
 def _follow(branch: Branch, values: Array, record: _Record) -> Iterator[int]:
@@ -369,7 +416,7 @@ def _motion(
         a=c * (speeds * speeds)[:, None] + t * accels[:, None],
         closure_error=error,
         driver_speed=speeds.copy(),
-        events=[],
+        angles=record.angles[:n],
     )
 
 

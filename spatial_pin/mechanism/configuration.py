@@ -130,10 +130,13 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
     phi = Rotation.from_quat(quaternions.copy()).as_rotvec()
     for i in range(1, len(phi)):
         angle = float(np.linalg.norm(phi[i]))
+        before = phi[i - 1]
         if angle > 1e-12:
             axis = phi[i] / angle
-            turns = np.round((axis @ phi[i - 1] - angle) / (2.0 * np.pi))
-            phi[i] += 2.0 * np.pi * turns * axis
+            phi[i] += 2.0 * np.pi * np.round((axis @ before - angle) / (2.0 * np.pi)) * axis
+        elif before.any():  # a whole number of turns: the axis is that of the row before
+            length = float(np.linalg.norm(before))
+            phi[i] = 2.0 * np.pi * np.round(length / (2.0 * np.pi)) * before / length
     return phi
 
 
@@ -144,14 +147,16 @@ def rotation_vector_rates(phi: Array, omega: Array, alpha: Array) -> tuple[Array
     eye = np.eye(3)
     skew = np.cross(eye[None], phi[:, None])  # skew @ x = phi × x
     jacobian = eye - b[:, None, None] * skew + c[:, None, None] * (skew @ skew)
-    rate = np.linalg.solve(jacobian, omega[..., None])[..., 0]
+    # at whole turns the vector only tells the spin about its axis: least norm
+    inverse = np.linalg.pinv(jacobian, rcond=1e-10)
+    rate = (inverse @ omega[..., None])[..., 0]
     dt = 2.0 * np.sum(phi * rate, axis=1)
     u = np.cross(phi, rate)
     uu = np.cross(phi, u)
     bias = (
         -(db * dt)[:, None] * u + (dc * dt)[:, None] * uu + c[:, None] * np.cross(rate, u)
     )
-    acceleration = np.linalg.solve(jacobian, (alpha - bias)[..., None])[..., 0]
+    acceleration = (inverse @ (alpha - bias)[..., None])[..., 0]
     return rate, acceleration
 
 

@@ -5,7 +5,7 @@ Sources cited in this package:
 - [Chasles1830] M. Chasles, Bulletin des sciences mathematiques 14, 321-326, 1830.
 - [Craig2005] J. J. Craig, Introduction to Robotics: Mechanics and Control, 3rd ed., 2005.
 - [EMT2431] W. Nyaga, Spatial Mechanisms, lecture notes EMT 2431.
-- [PP] A Novel Method for Spatial Structural Kinematic Analysis (perpendicular projection).
+- [Pham] V.-S. Pham, L. Nguyen, A Novel Method for Spatial Structural Kinematic Analysis.
 - [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1, 1978.
 - [Umeyama1991] S. Umeyama, Least-squares estimation of transformation parameters between two point
   patterns, IEEE Trans. PAMI 13, 1991.

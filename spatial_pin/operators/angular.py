@@ -1,7 +1,7 @@
 """Angular velocity and acceleration from a direction-cosine matrix A and its time derivatives.
 
 A (3, 3) maps body coordinates into fixed ones. dA/dt A^T and A^T dA/dt are the skew matrices of the
-angular velocity in fixed and in body axes [PP, eq. 19-20].
+angular velocity in fixed and in body axes [Pham, eq. 19-20].
 """
 
 from __future__ import annotations

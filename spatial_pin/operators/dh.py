@@ -1,7 +1,8 @@
 """Denavit-Hartenberg tables in Craig's convention, and the Pinocchio models they describe.
 
 A row takes frame i-1 to frame i: turn by alpha about x, move by a along x, turn by theta about the
-new z, move by d along it [Craig2005, 3.4; PP, 1.3]. Frame i is fixed in link i with z along joint i.
+new z, move by d along it [Craig2005, 3.4; Pham, 1.3]. Frame i moves with link i; its z is the axis
+of joint i.
 
 To add a joint type, add one entry to `DH_JOINTS`: its Pinocchio joint about z as a function of the
 lead, and the (2, n) matrix that takes its n coordinates to the angle and the slide that they add.
@@ -64,7 +65,7 @@ class DirectionCosines(NamedTuple):
 def dh_placement(a: float, alpha: float, d: float, theta: float) -> pin.SE3:
     """Return frame i in frame i-1: Rot_x(alpha) Trans_x(a) Rot_z(theta) Trans_z(d).
 
-    Source: [Craig2005, eq. 3.6]; the matrix of [PP, eq. 18] is misprinted. Lengths [m], angles
+    Source: [Craig2005, eq. 3.6]; the matrix of [Pham, eq. 18] is misprinted. Lengths [m], angles
     [rad].
 
     Raises:
@@ -95,7 +96,7 @@ def dh_link_placements(table: Iterable[Any], q: Any) -> list[pin.SE3]:
 
 
 def dh_direction_cosines(table: Iterable[Any], q: Any, v: Any, a: Any) -> list[DirectionCosines]:
-    """Return every link's direction cosines and their derivatives by the product rule [PP, 1.3].
+    """Return every link's direction cosines and their derivatives by the product rule [Pham, 1.3].
 
     Args:
         table: rows, `DHRow` or tuples in its order.

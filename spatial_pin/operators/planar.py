@@ -172,7 +172,7 @@ def _complex_points(points: Any, what: str) -> np.ndarray[Any, Any]:
 
 
 def _checked_distances(z: Any, w: Any, tolerance: float) -> float:
-    """Return the largest distance of the figure z, after comparing its distances with those of w."""
+    """Return the largest distance in z, after comparing its distances with those in w."""
     before, after = (np.abs(p[:, None] - p) for p in (z, w))
     size = float(before.max())
     if size == 0.0:

@@ -93,7 +93,7 @@ def composite_rotation(turns: Iterable[Turn | tuple[Any, ...]]) -> Array:
     Raises:
         ValueError: a turn has a bad axis or angle, or is about neither "fixed" nor "moving".
     """
-    rotation = np.eye(3)
+    rotation: Array = np.eye(3)
     for axis, angle, about in (Turn(*turn) for turn in turns):
         if about not in COMPOSITION:
             raise ValueError(f"a turn is about {about!r}; {' or '.join(COMPOSITION)} is needed")
