@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 from closed_forms import Pose, placement, plane_link, rotation, vector
-from mpmath import asin, atan2, cos, mpf, pi, sin, sqrt, tan
+from mpmath import acos, asin, atan2, cos, mpf, pi, sin, sqrt, tan
 
 X, Y, Z = vector(1, 0, 0), vector(0, 1, 0), vector(0, 0, 1)
 TWENTY_DEGREES, THIRTY_DEGREES = math.radians(20), math.radians(30)
@@ -93,13 +93,13 @@ def crank_collar(phi, a=0.050, h=0.075, l=0.175) -> Pose:  # noqa: E741 (l as in
     )
 
 
-def rssr_crossed(phi, a=0.10, b=0.38, c=0.24, x0=0.20, y0=0.20) -> Pose:
+def rssr_crossed(phi, a=0.10, b=0.44, c=0.24, x0=0.20, y0=0.30) -> Pose:
     """General RSSR of section 7.4, eq. 48 and 49: E sin psi + F cos psi + G = 0, upper root."""
     a, b, c, x0, y0 = map(mpf, (a, b, c, x0, y0))
     A = vector(a * sin(phi), 0, a * cos(phi))
     E, F = -2 * c * y0, -2 * c * A[2]
     G = (x0 - A[0]) ** 2 + y0**2 + c**2 + A[2] ** 2 - b**2
-    psi = 2 * atan2(-E - sqrt(E**2 + F**2 - G**2), G - F)
+    psi = atan2(E, F) + acos(-G / sqrt(E**2 + F**2))
     B = vector(x0, y0 - c * sin(psi), c * cos(psi))
     return Pose(
         coordinates={"crank_pin": phi, "rocker_pin": psi},

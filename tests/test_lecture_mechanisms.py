@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mechanisms
 import numpy as np
 import pytest
 
@@ -109,3 +110,76 @@ def test_crank_collar_example_7_2():
     check_printed(1e3 * state.velocity("collar").linear, "0.000000 -250.000000 0.000000")
     check_printed(state.angular_velocity("link"), "2.307692 3.076923 1.538462")
     assert abs(state.angular_velocity("link") @ (50 * X - 75 * Z)) < TOLERANCE
+
+
+def test_crossed_rssr_velocity_ratio_of_section_7_4():
+    a, c, x0, y0 = 0.10, 0.24, 0.20, 0.30
+    turn = sp.sweep(sp.load("rssr_crossed"), "crank", np.linspace(0, 2 * np.pi, 73))
+    phi, psi = turn.driver, turn.coordinate("rocker_pin").value
+    eq_50 = (a * (x0 * np.cos(phi) - c * np.sin(phi) * np.cos(psi))
+             / (c * (a * np.cos(phi) * np.sin(psi) - y0 * np.cos(psi))))
+    check(turn.coordinate("rocker_pin").rate, eq_50)
+
+
+def test_screw_press_stroke():
+    turns = np.linspace(0, 8 * np.pi, 97)
+    motion = sp.sweep(sp.load("screw_press"), "screw", turns, speed=3.0)
+    stroke = 0.010 * turns / (2 * np.pi)
+    check(motion.coordinate("slide").value, stroke)
+    check(motion.coordinate("slide").rate, np.full(97, 0.010 * 3.0 / (2 * np.pi)))
+    check(motion.frame("platen").position, np.outer(0.27 - stroke, Z))
+    check(motion.frame("spindle").angular_velocity, np.tile(-3.0 * Z, (97, 1)))
+
+
+def demonstrator(folder, kind: str, origin, axis, **keys) -> sp.Mechanism:
+    """One body on the ground by one joint `pair`."""
+    return mechanisms.load(
+        folder, kind, mechanisms.floating("pair", "ground", "body", origin),
+        mechanisms.refine("pair", kind, axis=axis, **keys),
+    )
+
+
+def test_screw_joint_of_section_5(tmp_path):
+    screw = demonstrator(tmp_path, "screw", (2.0, -3.0, 2.0), Z, lead=0.125)
+    for theta in (np.pi, -2.0, 7.5, 30.0):
+        M = sp.assemble(screw, {}, guess={"pair": theta}).placement("body")
+        c, s = np.cos(theta), np.sin(theta)
+        check(M.rotation, [[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        check(M.translation, [2.0, -3.0, 2.0 + 0.125 * theta / (2 * np.pi)])
+    # tutorial question 2
+    M = sp.assemble(screw, {}, guess={"pair": np.pi}).placement("body")
+    check_printed(M.act(2.0 * Y), "2.0000 -5.0000 2.0625")
+
+
+def test_cylindrical_joint_of_section_5(tmp_path):
+    cylindrical = demonstrator(tmp_path, "cylindrical", (0.3, 0.0, 0.0), Y)
+    for psi, b in ((0.4, 0.2), (-2.5, -0.7)):
+        M = sp.assemble(cylindrical, {}, guess={"pair": [psi, b]}).placement("body")
+        c, s = np.cos(psi), np.sin(psi)
+        check(M.rotation, [[c, 0, s], [0, 1, 0], [-s, 0, c]])
+        check(M.translation, [0.3, b, 0.0])
+
+
+@pytest.mark.parametrize("beta", [-40, 10, 30])
+def test_hooke_joint(beta):
+    beta = np.radians(beta)
+    turn = sp.sweep(sp.load("hooke_joint", beta=beta), "input", np.linspace(0, 2 * np.pi, 73))
+    out = turn.coordinate("output")
+    check(np.sin(out.value) * np.cos(turn.driver) * np.cos(beta),
+          np.cos(out.value) * np.sin(turn.driver))
+    check(out.rate, np.cos(beta) / (1 - (np.sin(beta) * np.cos(turn.driver)) ** 2))
+
+
+def test_double_cardan_turns_evenly_when_phased():
+    turn = sp.sweep(sp.load("double_cardan"), "input", np.linspace(0, 2 * np.pi, 73), speed=5.0)
+    check(turn.coordinate("output").value, turn.driver)
+    check(turn.coordinate("output").rate, np.full(73, 5.0))
+    check(turn.coordinate("output").acceleration, np.zeros(73))
+    assert np.ptp(turn.coordinate("middle").rate) > 1.0
+
+
+def test_double_cardan_out_of_phase_is_twice_as_uneven():
+    mechanism = sp.load("double_cardan", phase=np.pi / 2)
+    ratio = sp.sweep(mechanism, "input", np.linspace(0, 2 * np.pi, 73)).coordinate("output").rate
+    assert ratio.max() == pytest.approx(1 / np.cos(np.radians(30)) ** 2, abs=1e-11)
+    assert ratio.min() == pytest.approx(np.cos(np.radians(30)) ** 2, abs=1e-11)

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closed_forms import Pose, Rates, placement, rotation, vector
-from mpmath import acos, atan2, cos, mp, mpf, sin, sqrt
+from mpmath import acos, asin, atan2, cos, mp, mpf, sin, sqrt
 from test_mechanisms import inertias, solid, urdf
 
 import spatial_pin as sp
@@ -148,6 +148,18 @@ def sarrus(rise, r=0.06, l=0.10) -> Pose:  # noqa: E741 (l as in the URDF)
     )
 
 
+def bricard(crank, l=0.15) -> Pose:  # noqa: E741
+    l = mpf(l)  # noqa: E741
+    even = asin(1 / (1 + sin(crank)) - 1)
+    coordinates = {f"hinge_{k}": crank if k % 2 else even for k in range(1, 6)}
+    links, pose = {}, placement(UPRIGHT, vector(0, 0, 0))
+    for k, (axis, along) in enumerate(zip((Y, Z, X, Y, Z), (X, -Y, Z, -X, Y), strict=True), 1):
+        pose = pose.dot(placement(rotation(axis, coordinates[f"hinge_{k}"]), vector(0, 0, 0)))
+        links[f"rod_{k}"] = pose
+        pose = pose.dot(placement(UPRIGHT, l * along))
+    return Pose(coordinates, links, {"rod_5_end": vector(0, 0, l)})
+
+
 # ---------------------------------------------------------------- the cases
 
 
@@ -186,6 +198,8 @@ CASES = {
     "sarrus": Case("sarrus", "arm", np.linspace(0.2, 1.4, 13), sarrus, (0, 1)),
     "sarrus, other links": Case(
         "sarrus", "arm", np.linspace(0.4, 1.2, 7), sarrus, (0, 1), {"r": 0.05, "l": 0.14}),
+    "bricard": Case("bricard", "crank", np.linspace(-0.45, 3.6, 19), bricard, (0, 1)),
+    "bricard, l = 1": Case("bricard", "crank", np.linspace(0.0, 3.0, 7), bricard, (0, 1), {"l": 1.0}),
 }
 MECHANISMS = sorted({case.mechanism for case in CASES.values()})
 
@@ -367,3 +381,16 @@ def test_sarrus_rises_straight():
     assert np.max(np.abs(platform.angular_velocity)) < 1e-12
     assert np.max(np.abs(platform.angular_acceleration)) < 1e-11
     check(platform.position[:, 2], 0.2 * np.sin(rise), "height")
+
+
+def test_bricard_sines_have_a_constant_product():
+    turned = motion("bricard")
+    hinges = [1 + np.sin(turned.coordinate(f"hinge_{k}")[0]) for k in range(1, 6)]
+    for odd, even in ((0, 1), (2, 3), (4, 1)):
+        check(hinges[odd] * hinges[even], np.ones(len(turned.driver)), "product")
+
+
+def test_bricard_ends_at_210_degrees():
+    with pytest.raises(sp.LimitError) as caught:
+        sp.sweep(loaded("bricard"), "crank", np.linspace(0.0, 4.0, 21))
+    assert caught.value.limit == pytest.approx(np.radians(210), abs=1e-7)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import brentq
 
 from spatial_pin.kinematics.newton import SquareSystem, close
 from spatial_pin.linalg import Array, decompose, determinant_sign_of, independent_rows
@@ -231,6 +230,8 @@ def _place(curve: _Curve, point: _Point, x: float) -> Array:
 
 
 def _root(function: Callable[[float], float], length: float) -> float:
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
     if function(0.0) * function(length) > 0.0:
         return length
     return float(brentq(function, 0.0, length, xtol=1e-14, rtol=1e-14))

@@ -27,7 +27,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
-import scipy.sparse
 
 from spatial_pin.kinematics.views import accelerations, joint_jacobian, placements, twists
 from spatial_pin.linalg import Array
@@ -190,7 +189,11 @@ def _rate_rows(a: list[Array], b: list[Array], n: int) -> list[Array]:
 
 def _matrix(rows: list[Array], width: int) -> Any:
     dense = np.array(rows).reshape(len(rows), width)
-    return dense if dense.size <= DENSE_LIMIT else scipy.sparse.csr_array(dense)
+    if dense.size <= DENSE_LIMIT:
+        return dense
+    from scipy.sparse import csr_array  # imported on use: it takes a tenth of a second
+
+    return csr_array(dense)
 
 
 def _product(matrix: Any, vectors: Array, out: Array) -> None:

@@ -261,7 +261,7 @@ class SquareSystem:
         inverse = lapack.dgetri(self._lu, self._pivots)[0].T * self.scale[:, None]
         chord = np.zeros((len(self.matrix), len(constants)))
         chord[:, self.rows] = -inverse[:, self._closure]
-        thrice = chord.take(self._thrice, axis=1)
+        thrice = np.asfortranarray(chord.take(self._thrice, axis=1))  # as BLAS likes it
         offset = -np.dot(chord, constants) if constants.any() else None
         return thrice, offset, -inverse[:, self._spin].T
 

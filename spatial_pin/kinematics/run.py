@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg.blas import dgemv
 
 from spatial_pin.kinematics.views import accelerations, joint_jacobian, twists
 from spatial_pin.linalg import Array
@@ -31,7 +32,7 @@ CONTRACTION = 1e-2  # square of the factor by which corrections with a kept matr
 STRAIGHT = 0.9  # least cosine between the path directions at the two ends of a step
 LONGEST_STEP = 0.5  # rad, characteristic lengths, that a joint may move in a step
 SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
-WORN = 1e-2  # the same where redundant rows might better be chosen anew
+WORN = 0.1  # the same where redundant rows might better be chosen anew
 UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
 _EXTRAPOLATION = np.array(
     [(-1.0) ** (HISTORY - 1 - k) * math.comb(HISTORY, k) for k in range(HISTORY)]
@@ -119,24 +120,26 @@ class _Corrector:
     def __init__(self, branch: Branch, h: float) -> None:
         self.branch, self.h = branch, h
         self.model, self.data = branch.model, branch.evaluation.data
-        self.g, self.c_ab, self.ab, self.a, self.b, self.terms = branch.evaluation.product_buffers()
-        self.flat_terms = self.terms.reshape(-1)
+        self.buffers = branch.evaluation.product_buffers()
+        self.flat_terms = self.buffers[-1].reshape(-1)
         last = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
         self.last = last * last
         self.is_stale = True
 
     def close(self, x: Array, value: float) -> Array | None:
         """Return the closed configuration near x at the driver value, None when it goes astray."""
-        model, branch, terms = self.model, self.branch, self.flat_terms
+        model, data, branch, terms = self.model, self.data, self.branch, self.flat_terms
+        g, c_ab, ab, a, b, products = self.buffers
+        kinematics, dot, multiply = pin.computeJointJacobians, np.dot, np.multiply
         branch.hold(x, value)
         if self.is_stale and not self._renew(x):
             return None
         before = math.inf
         for attempt in range(CHORDS):
-            pin.computeJointJacobians(model, self.data, x)
-            np.dot(self.c_ab, self.g, self.ab)
-            np.multiply(self.a, self.b, self.terms)
-            step = np.dot(self.chord, terms)
+            kinematics(model, data, x)
+            dot(c_ab, g, ab)
+            multiply(a, b, products)
+            step = dgemv(1.0, self.chord, terms)
             if self.offset is not None:
                 step += self.offset
             if not attempt:

@@ -33,7 +33,7 @@ CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
-WORN = 0.03  # reselect redundant rows when the pivots have worn down to this fraction
+WORN = 0.2  # reselect redundant rows when the pivots have worn down to this fraction
 
 
 class Branch:
