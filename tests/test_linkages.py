@@ -160,6 +160,20 @@ def bricard(crank, l=0.15) -> Pose:  # noqa: E741
     return Pose(coordinates, links, {"rod_5_end": vector(0, 0, l)})
 
 
+def oldham(angle, e=0.015, r=None) -> Pose:
+    """The coupling's middle disc is where both slots ask for it (`r` moves nothing)."""
+    turned, slide = rotation(X, angle), mpf(e) * cos(angle)
+    return Pose(
+        coordinates={"input_pin": angle, "output_pin": angle, "slide": slide},
+        links={
+            "input": placement(turned, vector(0, 0, 0)),
+            "output": placement(turned, vector(0, e, 0)),
+            "middle": placement(turned, slide * turned[:, 1]),
+        },
+        points={},
+    )
+
+
 # ---------------------------------------------------------------- the cases
 
 
@@ -199,7 +213,11 @@ CASES = {
     "sarrus, other links": Case(
         "sarrus", "arm", np.linspace(0.4, 1.2, 7), sarrus, (0, 1), {"r": 0.05, "l": 0.14}),
     "bricard": Case("bricard", "crank", np.linspace(-0.45, 3.6, 19), bricard, (0, 1)),
-    "bricard, l = 1": Case("bricard", "crank", np.linspace(0.0, 3.0, 7), bricard, (0, 1), {"l": 1.0}),
+    "bricard, l = 1": Case(
+        "bricard", "crank", np.linspace(0.0, 3.0, 7), bricard, (0, 1), {"l": 1.0}),
+    "oldham": Case("oldham", "input", turn(0.0), oldham, (-2, 1)),
+    "oldham, other offset": Case(
+        "oldham", "input", turn(0.3), oldham, (-2, 1), {"e": -0.008, "r": 0.03}),
 }
 MECHANISMS = sorted({case.mechanism for case in CASES.values()})
 
@@ -394,3 +412,13 @@ def test_bricard_ends_at_210_degrees():
     with pytest.raises(sp.LimitError) as caught:
         sp.sweep(loaded("bricard"), "crank", np.linspace(0.0, 4.0, 21))
     assert caught.value.limit == pytest.approx(np.radians(210), abs=1e-7)
+
+
+def test_oldham_turns_both_shafts_alike():
+    turned = motion("oldham")
+    for driving, driven in zip(*map(turned.coordinate, ("input_pin", "output_pin")), strict=True):
+        assert np.max(np.abs(driven - driving)) < 1e-12
+    centre = turned.frame("middle").position - [0.0, 0.0075, 0.0]
+    check(np.linalg.norm(centre, axis=1), np.full(len(centre), 0.0075), "the centre's circle")
+    twice = np.unwrap(np.arctan2(centre[:, 2], centre[:, 1]))
+    assert twice[-1] - twice[0] == pytest.approx(4 * np.pi, abs=1e-11)
