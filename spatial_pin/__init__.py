@@ -12,6 +12,7 @@ from spatial_pin.errors import (
 )
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.jacobians import closure_jacobian, jacobian
+from spatial_pin.kinematics.limits import grashof, limits, trace
 from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import FrameMotion, Motion
@@ -43,7 +44,9 @@ __all__ = [
     "assembly_modes",
     "closure_jacobian",
     "export_html",
+    "grashof",
     "jacobian",
+    "limits",
     "list_mechanisms",
     "load",
     "mobility",
@@ -52,6 +55,7 @@ __all__ = [
     "show",
     "solve_rates",
     "sweep",
+    "trace",
 ]
 
 

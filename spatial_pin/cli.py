@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -85,6 +86,16 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
     sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
+
+    sub = command("limits", _limits, "how far a driver can go on its branch")
+    sub.add_argument("driver", help="driver or coordinate")
+    _guess_option(sub)
+
+    sub = command("modes", _modes, "all closed configurations at given driver values")
+    sub.add_argument("values", nargs="*", type=_setting, metavar="DRIVER=VALUE")
+    sub.add_argument("--patience", type=_count, default=200,
+                     help="stop after so many starts without a new one (200)")
+    sub.add_argument("--json", metavar="F", help="write the modes as JSON (- for the screen)")
 
     sub = command("show", _show, "animate a sweep in the browser")
     _sweep_arguments(sub, needed=False)
@@ -170,7 +181,7 @@ def _info(options: argparse.Namespace) -> None:
 def _assemble(options: argparse.Namespace) -> None:
     mechanism = _load(options)
     state = sp.assemble(mechanism, _unique(options, options.values),
-                        _unique(options, options.guess) or None, limits=options.limits)
+                        _guess(options), limits=options.limits)
     if options.json:
         values = {name: state.coordinate(name).value for name in mechanism.coordinates}
         _write_json({"mechanism": mechanism.name, "coordinates": values, "q": state.q.tolist(),
@@ -179,13 +190,37 @@ def _assemble(options: argparse.Namespace) -> None:
         print(assembly_summary(state))
 
 
+def _limits(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    print(f"{mechanism.name}, {sp.limits(mechanism, options.driver, _guess(options))}")
+    with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
+        print(sp.grashof(mechanism))
+
+
+def _modes(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    modes = sp.assembly_modes(mechanism, _unique(options, options.values),
+                              patience=options.patience, progress=True)
+    if options.json:
+        _write_json([{"branch": mode.branch, "closure_error": mode.closure_error,
+                      "q": mode.q.tolist()} for mode in modes], options.json)
+    if options.json != "-":
+        print(f"{mechanism.name}: {len(modes)} assembly modes found")
+        for k, mode in enumerate(modes, start=1):
+            print(f"{k}: branch {mode.branch or '?'}\n{assembly_summary(mode)}")
+
+
+def _guess(options: argparse.Namespace) -> dict[str, float] | None:
+    return _unique(options, options.guess) or None
+
+
 def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
     values = np.linspace(options.first, options.last, options.steps)
     speed = options.speed
     if speed is None:
         speed = 1.0 if options.last >= options.first else -1.0
     return sp.sweep(mechanism, options.driver, values, speed, options.acceleration,
-                    guess=_unique(options, options.guess) or None, progress=True,
+                    guess=_guess(options), progress=True,
                     on_limit="stop" if options.stop else "raise")
 
 

@@ -1,6 +1,7 @@
 """Closed forms of the mechanisms of the EMT 2431 lecture notes, in the style of `closed_forms`.
 
-Functions of one driver value (and of dimensions named as in the URDF) that return a `Pose`.
+Functions of one driver value (and of dimensions named as in the URDF) that return a `Pose`; those
+of the open chains, at the end, are functions of all driver values.
 """
 
 from __future__ import annotations
@@ -183,4 +184,57 @@ def double_cardan(
             "cross_2": placement(across(shafts[2].dot(Y), second_pins), far),
         },
         points={"middle_fork_1": near, "output_fork": far},
+    )
+
+
+# ---------------------------------------------------------------- open chains
+
+
+def satellite_dish(pan, tilt, oa=1.4) -> Pose:
+    """Satellite dish, Example 7.4."""
+    mount, here = rotation(Z, pan), vector(0, 0, 0)
+    dish = mount.dot(rotation(X, tilt))
+    return Pose(
+        coordinates={"pan": pan, "tilt": tilt},
+        links={"mount": placement(mount, here), "dish": placement(dish, here)},
+        points={"horn": mpf(oa) * dish.dot(Y)},
+    )
+
+
+def crane(slew, luff, l=12.0) -> Pose:  # noqa: E741 (l as in the URDF)
+    """Crane, exercise 7.6: y is up."""
+    cab, here = rotation(Y, slew), vector(0, 0, 0)
+    boom = cab.dot(rotation(Z, luff))
+    return Pose(
+        coordinates={"slew": slew, "luff": luff},
+        links={"cab": placement(cab, here), "boom": placement(boom, here)},
+        points={"tip": mpf(l) * boom.dot(X)},
+    )
+
+
+def rotating_rod_link(rod, theta, l=0.8) -> Pose:  # noqa: E741 (l as in the URDF)
+    """Link hinged on a rotating vertical rod, assignment 7.5 (b)."""
+    turned, here = rotation(Z, rod), vector(0, 0, 0)
+    link = turned.dot(rotation(X, -theta))
+    return Pose(
+        coordinates={"rod_pin": rod, "link_pin": theta},
+        links={"rod": placement(turned, here), "link": placement(link, here)},
+        points={"link_a": mpf(l) * turned.dot(vector(0, sin(theta), cos(theta)))},
+    )
+
+
+def turntable_collar(turntable, shaft, slide, oa=0.30, rod=0.45) -> Pose:
+    """Collar on a rod on a shaft on a turntable, assignment 7.5 (a) (`rod` moves nothing)."""
+    table = rotation(Z, turntable)
+    turned, here = table.dot(rotation(Y, shaft)), vector(0, 0, 0)
+    a = mpf(oa) * table.dot(Y)
+    collar = a + slide * turned.dot(Z)
+    return Pose(
+        coordinates={"turntable_pin": turntable, "shaft_pin": shaft, "slide": slide},
+        links={
+            "turntable": placement(table, here),
+            "shaft": placement(turned, here),
+            "collar": placement(turned, collar),
+        },
+        points={"shaft_a": a},
     )

@@ -226,7 +226,8 @@ def test_jacobian_and_bias_are_derivatives(tmp_path, kind, joint, frames):
         evaluation.update(q)
         jacobian, bias = evaluation.jacobian.copy(), evaluation.bias(q, v)
         size = 1.0 + np.abs(rows).max()
-        assert np.abs(FIRST @ rows / STEP - jacobian @ (v / mechanism.velocity_scale)).max() < 1e-10 * size
+        scaled = v / mechanism.velocity_scale
+        assert np.abs(FIRST @ rows / STEP - jacobian @ scaled).max() < 1e-10 * size
         assert np.abs(SECOND @ rows / STEP**2 - bias).max() < 1e-8 * size
 
 
@@ -257,8 +258,9 @@ def test_coupling_rows(tmp_path):
     expected = [(slide - 0.02 * a - 0.3) / L, second - 7.0 * slide, angle + 2.0 * first - 0.1]
     np.testing.assert_allclose(evaluate(evaluation, q), expected, rtol=0, atol=1e-14)
     v = np.array([0.3, -0.4, 0.5, 0.6, -0.7])
+    scaled = v / mechanism.velocity_scale
     np.testing.assert_allclose(FIRST @ along(evaluation, q, v) / STEP,
-                               evaluation.jacobian @ (v / mechanism.velocity_scale), rtol=0, atol=1e-11)
+                               evaluation.jacobian @ scaled, rtol=0, atol=1e-11)
     assert not evaluation.bias(q, v).any()
 
 
@@ -282,7 +284,8 @@ def test_passive_row_is_the_spin_of_the_body(tmp_path):
             return data.v[2].angular @ along_b
 
         evaluation.update(q)
-        assert (evaluation.jacobian @ (v / mechanism.velocity_scale))[0] == pytest.approx(spin(0.0), abs=1e-14)
+        scaled = v / mechanism.velocity_scale
+        assert (evaluation.jacobian @ scaled)[0] == pytest.approx(spin(0.0), abs=1e-14)
         bias = FIRST @ [spin(t) for t in PLACES] / STEP
         assert evaluation.bias(q, v)[0] == pytest.approx(bias, abs=1e-11)
 

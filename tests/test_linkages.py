@@ -174,6 +174,114 @@ def oldham(angle, e=0.015, r=None) -> Pose:
     )
 
 
+def geared_five_bar(left, g=0.20, a=0.05, b=0.20) -> Pose:
+    g, a, b = map(mpf, (g, a, b))
+    right = mpf(np.pi) - 2 * left
+    x_l, z_l = a * cos(left), a * sin(left)
+    x_r, z_r = g + a * cos(right), a * sin(right)
+    base = atan2(z_r - z_l, x_r - x_l)
+    rise = acos(sqrt((x_r - x_l) ** 2 + (z_r - z_l) ** 2) / (2 * b))
+    x, z = x_l + b * cos(base + rise), z_l + b * sin(base + rise)
+    return Pose(
+        coordinates={"left_pin": left, "right_pin": right, "left_elbow": base + rise - left,
+                     "tip_pin": -2 * rise},
+        links={
+            "left_gear": plane_link(left, 0, 0),
+            "right_gear": plane_link(right, g, 0),
+            "left_rod": plane_link(base + rise, x_l, z_l),
+            "right_rod": plane_link(base - rise, x, z),
+        },
+        points={"right_rod_b": vector(x_r, 0, z_r), "right_gear_b": vector(x_r, 0, z_r)},
+    )
+
+
+def watt_six_bar(crank, r1=0.30, r2=0.10, r3=0.28, r4=0.24, r5=0.15, r6=0.25, r7=0.16, r8=0.30,
+                 gamma=-70 * DEGREE) -> Pose:
+    """The closed form of the plane four-bar, twice."""
+    r1, r5, r6, r7, r8, gamma = map(mpf, (r1, r5, r6, r7, r8, gamma))
+    first = closed_forms.four_bar(crank, r1, r2, r3, r4)
+    rocker = first.coordinates["rocker_pin"]
+    second = closed_forms.four_bar(rocker + gamma, r8, r5, r6, r7)
+    x_d, _, z_d = second.points["rocker_b"]
+    x_c, z_c = r1 + r5 * cos(rocker + gamma), r5 * sin(rocker + gamma)
+    output = second.coordinates["rocker_pin"]
+    link = second.coordinates["coupler_pin"] + gamma  # against the rocker's first arm
+    return Pose(
+        coordinates={**first.coordinates, "link_pin": link, "output_pin": output},
+        links={**first.links, "link": plane_link(rocker + link, x_c, z_c),
+               "output": plane_link(output, r1 + r8, 0)},
+        points={**first.points, "output_d": vector(r1 + x_d, 0, z_d)},
+    )
+
+
+ARMS = (-0.2, 0.3)  # the held angles of the delta's arms 2 and 3
+
+
+def delta(arm_1, sb=0.567, sp=0.076, lu=0.524, ll=1.244, w=0.13, others=ARMS) -> Pose:
+    """The platform is the lower point at the distance ll from the elbows, all moved in by a corner."""
+    sb, sp, lu, ll, w = map(mpf, (sb, sp, lu, ll, w))
+    base, corner = sb * sqrt(3) / 6, sp * sqrt(3) / 3
+    out = base + lu - corner
+    home = atan2(-out, -sqrt(ll**2 - out**2))  # of a rod in the plane of its arm
+    arms, elbows = [], []
+    for k, angle in enumerate((arm_1, *map(mpf, others))):
+        yaw = rotation(Z, 2 * mp.pi / 3 * k - mp.pi / 2)
+        arms.append(placement(yaw.dot(rotation(Y, angle)), base * yaw[:, 0]))
+        elbows.append(yaw.dot(vector(base - corner + lu * cos(angle), 0, -lu * sin(angle))))
+    # |P - elbow| = ll for each: P = E1 + a u + b v + c n, u along E1 E2, n normal to all three
+    first, second = elbows[1] - elbows[0], elbows[2] - elbows[0]
+    side = sqrt(first.dot(first))
+    u = first / side
+    across = second - u.dot(second) * u
+    height = sqrt(across.dot(across))
+    v = across / height
+    a = side / 2
+    b = (second.dot(second) - 2 * a * u.dot(second)) / (2 * height)
+    p = elbows[0] + a * u + b * v - sqrt(ll**2 - a**2 - b**2) * np.cross(u, v)
+    coordinates = {"shoulder_1": arm_1, "shoulder_2": mpf(others[0]), "shoulder_3": mpf(others[1])}
+    points = {}
+    for k, (arm, elbow) in enumerate(zip(arms, elbows, strict=True), 1):
+        rod = arm[:3, :3].T.dot(p - elbow) / ll
+        yaw = rotation(Z, 2 * mp.pi / 3 * (k - 1) - mp.pi / 2)
+        for name, y in (("a", -w / 2), ("b", w / 2)):
+            coordinates[f"elbow_{k}{name}.first"] = atan2(rod[0], rod[2]) - home
+            coordinates[f"elbow_{k}{name}.second"] = -asin(rod[1])
+            points[f"rod_{k}{name}_end"] = p + yaw.dot(vector(corner, y, 0))
+            points[f"rod_{k}{name}"] = elbow + yaw.dot(vector(corner, y, 0))
+    return Pose(coordinates, {"platform": placement(UPRIGHT, p),
+                              **{f"arm_{k}": arm for k, arm in enumerate(arms, 1)}}, points)
+
+
+# ---------------------------------------------------------------- the Gough platform
+
+
+def on_circle(radius: float, half_angle: float) -> np.ndarray:
+    """Six points (6, 3) in pairs at the half angle about the directions of 0, 120, 240 degrees."""
+    angles = np.radians(np.repeat([0, 120, 240], 2)) + np.tile([-half_angle, half_angle], 3)
+    return radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(6)])
+
+
+FEET = on_circle(0.30, 20 * DEGREE)
+TOPS = on_circle(0.18, 45 * DEGREE)
+HOME = np.array([0.0, 0.0, 0.36])
+LEG = float(np.linalg.norm(TOPS[0] + HOME - FEET[0]))  # length of the legs at home
+
+
+def leg_rates(position, velocity, acceleration) -> tuple:
+    """Lengths, speeds and accelerations (6,) of the legs from those of their balls (6, 3)."""
+    legs = position - FEET
+    length = np.linalg.norm(legs, axis=1)
+    speed = (legs * velocity).sum(axis=1) / length
+    bend = (velocity * velocity).sum(axis=1) - speed**2
+    return length, speed, ((legs * acceleration).sum(axis=1) + bend) / length
+
+
+def stewart(leg_1) -> Pose:
+    """Only what is prescribed: the other legs keep their length."""
+    lengths = {f"slide_{k}": mpf(LEG) for k in range(2, 7)}
+    return Pose({"slide_1": leg_1, **lengths}, {}, {})
+
+
 # ---------------------------------------------------------------- the cases
 
 
@@ -218,6 +326,22 @@ CASES = {
     "oldham": Case("oldham", "input", turn(0.0), oldham, (-2, 1)),
     "oldham, other offset": Case(
         "oldham", "input", turn(0.3), oldham, (-2, 1), {"e": -0.008, "r": 0.03}),
+    "geared_five_bar": Case("geared_five_bar", "crank", turn(0.0), geared_five_bar, (-2, 1)),
+    "geared_five_bar, other links": Case(
+        "geared_five_bar", "crank", 3 * turn(-1.0, 19), geared_five_bar, (-2, 1),
+        {"g": 0.3, "a": 0.06, "b": 0.28}),
+    "watt_six_bar": Case("watt_six_bar", "crank", turn(0.0), watt_six_bar, (-5, 1)),
+    "watt_six_bar, other links": Case(
+        "watt_six_bar", "crank", turn(0.0), watt_six_bar, (-5, 1),
+        {"r1": 0.35, "r2": 0.09, "r5": 0.17, "r6": 0.27, "r7": 0.2, "gamma": -1.1}),
+    "stewart": Case("stewart", "leg_1", LEG + np.linspace(-0.04, 0.06, 21), stewart, (6, 6),
+                    hold={f"leg_{k}": LEG for k in range(2, 7)}),
+    "delta": Case("delta", "arm_1", np.linspace(-0.5, 1.0, 16), delta, (3, 3),
+                  hold={"arm_2": ARMS[0], "arm_3": ARMS[1]}),
+    "delta, other links": Case(
+        "delta", "arm_1", np.linspace(-0.3, 0.8, 6), delta, (3, 3),
+        {"sb": 0.4, "sp": 0.15, "lu": 0.3, "ll": 0.8, "w": 0.1},
+        {"arm_2": ARMS[0], "arm_3": ARMS[1]}),
 }
 MECHANISMS = sorted({case.mechanism for case in CASES.values()})
 
@@ -422,3 +546,70 @@ def test_oldham_turns_both_shafts_alike():
     check(np.linalg.norm(centre, axis=1), np.full(len(centre), 0.0075), "the centre's circle")
     twice = np.unwrap(np.arctan2(centre[:, 2], centre[:, 1]))
     assert twice[-1] - twice[0] == pytest.approx(4 * np.pi, abs=1e-11)
+
+
+def test_geared_five_bar_keeps_its_gear_ratio_over_turns():
+    turned = motion("geared_five_bar, other links")
+    check(turned.coordinate("right_pin")[0], np.pi - 2 * turned.driver, "right gear")
+    check(turned.coordinate("right_pin")[1], np.full(19, -2 * SPEED), "its speed")
+
+
+def freudenstein(crank, rocker, r1, r2, r3, r4) -> np.ndarray:
+    """K1 cos(rocker) - K2 cos(crank) + K3 - cos(crank - rocker)."""
+    k3 = (r1**2 + r2**2 - r3**2 + r4**2) / (2 * r2 * r4)
+    return (r1 / r2 * np.cos(rocker) - r1 / r4 * np.cos(crank) + k3) - np.cos(crank - rocker)
+
+
+def test_watt_six_bar_satisfies_freudensteins_equation_twice():
+    turned = motion("watt_six_bar")
+    crank, rocker, output = (
+        turned.coordinate(f"{name}_pin")[0] for name in ("crank", "rocker", "output"))
+    first = freudenstein(crank, rocker, 0.30, 0.10, 0.28, 0.24)
+    second = freudenstein(rocker - 70 * DEGREE, output, 0.30, 0.15, 0.25, 0.16)
+    assert np.max(np.abs([first, second])) < 1e-12
+
+
+def test_stewart_legs_have_the_lengths_asked_for():
+    """The inverse kinematics, which are plain, applied to the balls of the motion."""
+    turned = motion("stewart")
+    balls = [turned.frame(f"platform_{k}") for k in range(1, 7)]
+    for row in range(len(turned.driver)):
+        actual = leg_rates(*(np.array([getattr(ball, what)[row] for ball in balls])
+                             for what in ("position", "velocity", "acceleration")))
+        held = np.r_[0.0, np.ones(5)]
+        check(actual[0], np.where(held, LEG, turned.driver[row]), "lengths", 1e-12)
+        check(actual[1], SPEED * (1 - held), "speeds")
+        check(actual[2], ACCELERATION * (1 - held), "accelerations")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_stewart_takes_the_pose_whose_leg_lengths_it_is_given(seed):
+    rng = np.random.default_rng(seed)
+    shift, turned = rng.uniform(-0.05, 0.05, 3), pin.exp3(rng.uniform(-0.2, 0.2, 3))
+    velocity, omega, acceleration, alpha = rng.uniform(-1.0, 1.0, (4, 3))
+    arms = TOPS @ turned.T
+    spun = np.cross(omega, arms)
+    lengths, speeds, accelerations = (
+        {f"leg_{k}": float(x) for k, x in enumerate(rates, 1)}
+        for rates in leg_rates(
+            HOME + shift + arms, velocity + spun,
+            acceleration + np.cross(alpha, arms) + np.cross(omega, spun)))
+    closed = sp.assemble(loaded("stewart"), lengths)
+    closed = sp.solve_rates(loaded("stewart"), closed, speeds, accelerations)
+    check(closed.placement("platform").translation, HOME + shift, "position")
+    check(closed.placement("platform").rotation, turned, "rotation")
+    check(closed.velocity("platform").linear, velocity, "velocity")
+    check(closed.angular_velocity("platform"), omega, "angular velocity")
+    check(closed.acceleration("platform").linear, acceleration, "acceleration")
+    check(closed.angular_acceleration("platform"), alpha, "angular acceleration")
+
+
+@pytest.mark.parametrize(("degrees", "position"), [
+    ((0, 0, 0), (0, 0, -1.06445166)),
+    ((10, 20, 30), (0.10813541, -0.18034835, -1.24354125)),
+])
+def test_delta_forward_kinematics(degrees, position):
+    arms = {f"arm_{k}": np.radians(angle) for k, angle in enumerate(degrees, 1)}
+    platform = sp.assemble(loaded("delta"), arms).placement("platform")
+    np.testing.assert_allclose(platform.translation, position, rtol=0, atol=0.501e-8)
+    np.testing.assert_allclose(platform.rotation, np.eye(3), rtol=0, atol=1e-13)

@@ -34,7 +34,7 @@ class Arrival(NamedTuple):
     value: float
 
 
-class _Point(NamedTuple):
+class CurvePoint(NamedTuple):
     """A closed configuration of the curve.
 
     Attributes:
@@ -51,7 +51,7 @@ class _Point(NamedTuple):
     slopes: Array
 
 
-class _Curve:
+class Curve:
     """The curve of closed configurations through a point, the first driver set free."""
 
     def __init__(self, system: SquareSystem, tolerance: float) -> None:
@@ -70,7 +70,7 @@ class _Curve:
         parts = [jacobian[self.selected], jacobian[n:], self.drive, self.system.passive]
         return np.vstack(parts)
 
-    def settle(self, q: Array, along: Array) -> _Point | None:
+    def settle(self, q: Array, along: Array) -> CurvePoint | None:
         """Return the point at q whose tangent is nearest to `along`; None where branches cross."""
         rows = self.rows(q)
         if self.system.has_redundant_rows:
@@ -85,10 +85,10 @@ class _Curve:
         t = svd.null_space.T @ (svd.null_space @ along)
         t /= np.linalg.norm(t)
         evaluation = self.evaluation
-        return _Point(q, t, determinant_sign_of(np.vstack([rows, t])), evaluation.angles.copy(),
+        return CurvePoint(q, t, determinant_sign_of(np.vstack([rows, t])), evaluation.angles.copy(),
                       evaluation.angle_jacobian.copy())
 
-    def ahead(self, point: _Point, length: float) -> Array | None:
+    def ahead(self, point: CurvePoint, length: float) -> Array | None:
         """Return the closed configuration `length` ahead along the tangent."""
         step = length * point.t
         self.evaluation.turns[:] = point.angles + point.slopes @ step
@@ -119,6 +119,16 @@ class _Curve:
         t, _ = self.direction(q, along)
         return float(np.linalg.det(np.vstack([self.rows(q), t])))
 
+    def curvature(self, point: CurvePoint) -> Array:
+        """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
+        rows = self.rows(point.q)
+        n = self.evaluation.constraints.n_rows
+        bias = self.evaluation.bias(point.q, self.scale * point.t)
+        rhs = np.zeros(len(rows) + 1)
+        rhs[: len(self.selected)] = -bias[:n][self.selected]
+        rhs[len(self.selected) : len(self.selected) + len(bias) - n] = -bias[n:]
+        return self.scale * decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
+
     def slope(self, t: Array) -> float:
         """Rate of the driver along the scaled tangent."""
         return float(t[self.driver.v] * self.scale[self.driver.v])
@@ -139,7 +149,7 @@ def march(
     Returns:
         The configuration at the target, or at the limit or branch point that lies before it.
     """
-    curve = _Curve(system, tolerance)
+    curve = Curve(system, tolerance)
     at = curve.driver.q
     heading = np.sign(target - q[at])
     point = curve.settle(q, heading * direction / curve.scale)
@@ -162,7 +172,7 @@ def march(
         if heading * (ahead[at] - target) >= 0.0:
             return _arrive(curve, point, length, target)
         if heading * curve.slope(t) <= 0.0:
-            turning = _turning_point(curve, point, length)
+            turning = turning_point(curve, point, length)
             limit = _place(curve, point, turning)
             if heading * (limit[at] - target) >= 0.0:
                 return _arrive(curve, point, turning, target)
@@ -172,7 +182,7 @@ def march(
     return Arrival("lost", q, float(q[at]))
 
 
-def _turning_point(curve: _Curve, point: _Point, length: float) -> float:
+def turning_point(curve: Curve, point: CurvePoint, length: float) -> float:
     """Return the length, at most `length`, after which the driver turns back."""
 
     def slope(x: float) -> float:
@@ -182,7 +192,7 @@ def _turning_point(curve: _Curve, point: _Point, length: float) -> float:
     return _root(slope, length)
 
 
-def _arrive(curve: _Curve, point: _Point, length: float, target: float) -> Arrival:
+def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Arrival:
     """Return the configuration at the target value, reached within `length` of the point."""
     at = curve.driver.q
 
@@ -201,7 +211,7 @@ def _arrive(curve: _Curve, point: _Point, length: float, target: float) -> Arriv
     return Arrival("reached", ahead, target)
 
 
-def _crossing(curve: _Curve, point: _Point, q: Array) -> Arrival:
+def _crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
     """Locate the crossing of two branches just ahead of a point, near q.
 
     On the crossing itself nothing can be solved; the driver values at four places before and
@@ -224,7 +234,7 @@ def _crossing(curve: _Curve, point: _Point, q: Array) -> Arrival:
     return Arrival("branch point", q, float(value))
 
 
-def _place(curve: _Curve, point: _Point, x: float) -> Array:
+def _place(curve: Curve, point: CurvePoint, x: float) -> Array:
     found = curve.ahead(point, x)
     return point.q.copy() if found is None else found
 
@@ -237,7 +247,7 @@ def _root(function: Callable[[float], float], length: float) -> float:
     return float(brentq(function, 0.0, length, xtol=1e-14, rtol=1e-14))
 
 
-def _places(curve: _Curve, base: _Point | None, lengths: Iterable[float]) -> list[Array] | None:
+def _places(curve: Curve, base: CurvePoint | None, lengths: Iterable[float]) -> list[Array] | None:
     """Return the configurations at several lengths ahead of `base`, if all of them close."""
     places = [] if base is None else [curve.ahead(base, x) for x in lengths]
     found = [place for place in places if place is not None]

@@ -1,0 +1,376 @@
+"""How far a driver can go, the whole curve of closed configurations, and the Grashof type."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kinematics.arc import Arrival, Curve, CurvePoint, march, turning_point
+from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.motion import Event, Motion
+from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.views import joint_jacobian
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.settings import Accuracy
+
+TURN = 2.0 * np.pi
+FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
+BESIDE = 0.05  # arc length that a start on a dead centre is moved by
+GRASHOF_TOLERANCE = 1e-9  # of the perimeter
+
+
+class Bound(NamedTuple):
+    """One end of a driver's range.
+
+    Attributes:
+        value: driver value [rad or m], infinite where there is no limit.
+        kind: "limit" (dead centre), "branch point", "singular", "lost" or "none".
+    """
+
+    value: float
+    kind: str
+
+
+class Range(NamedTuple):
+    """How far a driver can go on its branch.
+
+    Attributes:
+        driver: name of the driver or coordinate.
+        lower, upper: the two ends.
+        unit: "rad" or "m".
+        full_turn: whether it turns all the way round.
+    """
+
+    driver: str
+    lower: Bound
+    upper: Bound
+    unit: str
+    full_turn: bool
+
+    def __str__(self) -> str:
+        if self.full_turn:
+            return f"{self.driver}: full turn"
+        ends = []
+        for bound in (self.lower, self.upper):
+            degrees = f" ({np.degrees(bound.value):.9g}°)" * (self.unit == "rad")
+            ends.append("no limit" if bound.kind == "none" else
+                        f"{bound.value:.12g} {self.unit}{degrees}, {bound.kind}")
+        return f"{self.driver}: from {ends[0]} to {ends[1]}"
+
+
+def limits(
+    mechanism: Mechanism,
+    driver: str,
+    guess: Mapping[str, Any] | State | Array | None = None,
+) -> Range:
+    """Find how far a driver can go either way on the branch of a guess.
+
+    Dead centres are located by arc length, where the driver turns back, to about 1e-14.
+
+    Args:
+        mechanism: the mechanism; other drivers stay where the guess has them.
+        driver: a driver or coordinate.
+        guess: where to start, as for `assemble`.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        SingularError: the guess closes in a singular configuration.
+    """
+    system, state = _system(mechanism, driver, guess)
+    coordinate = system.driven[0]
+    start = float(state.q[coordinate.q])
+    span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
+    direction = _direction(system)
+    ends = []
+    for sense in (-1.0, 1.0):
+        system.evaluation.turns[:] = state.angles
+        arrival = march(system, state.q, start + sense * span, direction,
+                        Accuracy.named("engineering").tolerance)
+        ends.append(Bound(sense * np.inf, "none") if arrival.kind == "reached"
+                    else Bound(arrival.value, arrival.kind))
+    turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
+    return Range(driver, ends[0], ends[1], coordinate.unit, turns)
+
+
+def trace(
+    mechanism: Mechanism,
+    driver: str,
+    guess: Mapping[str, Any] | State | Array | None = None,
+    *,
+    step: float = 0.02,
+    most_rows: int = 20_000,
+) -> Motion:
+    """Follow the curve of closed configurations by arc length, through limits, until it closes.
+
+    Args:
+        mechanism: the mechanism; other drivers stay where the guess has them.
+        driver: the driver or coordinate that is set free; its values are `Motion.driver`.
+        guess: where to start, as for `assemble`.
+        step: arc length from row to row [rad, characteristic lengths].
+        most_rows: where to stop in any case.
+
+    Returns:
+        A Motion whose rates are with respect to the arc length; limit positions are its events.
+        The last row is the first one again, unless the curve was not closed within `most_rows`.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        SingularError: branches cross on the way; `.motion` holds what came before.
+    """
+    if not (np.isfinite(step) and step > 0.0):
+        raise ValueError(f"step is {step}; it must be positive")
+    system, state = _system(mechanism, driver, guess)
+    curve = Curve(system, Accuracy.named("engineering").tolerance)
+    first = curve.settle(state.q, _direction(system) / system.scale)
+    if first is None:
+        raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
+                            state=state)
+    rows = _TracedRows(curve, driver, mechanism)
+    rows.add(first)
+    point = first
+    while len(rows.points) < most_rows:
+        ahead = _advance(curve, point, step, rows)
+        if isinstance(ahead, Arrival):
+            motion = rows.motion()
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
+                f"{ahead.value:.12g}: {ahead.kind}", motion=motion,
+            )
+        point = ahead
+        if len(rows.points) > 2 and rows.is_back(point, step):
+            rows.add_first_again()
+            break
+        rows.add(point)
+    return rows.motion()
+
+
+def _system(
+    mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None
+) -> tuple[SquareSystem, State]:
+    """Return the square system with `driver` prescribed first, at the assembled guess or near it.
+
+    Where the guess is just a dead centre of the driver, a point a little further on is taken.
+    """
+    state = assemble(mechanism, {}, guess)
+    driven = driven_coordinates(mechanism, [driver])
+    wanted = mechanism.driven_coordinate(driver)
+    driven.sort(key=lambda c: c.name != wanted.name)
+    try:
+        return _square(mechanism, driven, state), state
+    except SingularError as error:
+        beside = _beside(mechanism, driven, state)
+        if beside is None:
+            raise error
+    return _square(mechanism, driven, beside), beside
+
+
+def _square(mechanism: Mechanism, driven: Sequence[Coordinate], state: State) -> SquareSystem:
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.turns[:] = state.angles
+    return SquareSystem(evaluation, driven, state.q)
+
+
+def _beside(mechanism: Mechanism, driven: Sequence[Coordinate], state: State) -> State | None:
+    """Return a closed state a little further along the curve, found with another driver."""
+    for other in mechanism.coordinate_table.values():
+        if other.q < 0 or other in driven:
+            continue
+        try:
+            system = _square(mechanism, [other, *driven[1:]], state)
+        except SingularError:
+            continue
+        curve = Curve(system, Accuracy.named("engineering").tolerance)
+        point = curve.settle(state.q, _direction(system) / system.scale)
+        q = curve.ahead(point, BESIDE) if point is not None else None
+        if q is not None:
+            return State(mechanism, q, closure_error=curve.evaluation.closure_error,
+                         angles=curve.evaluation.angles)
+    return None
+
+
+def _direction(system: SquareSystem) -> Array:
+    """Return dq/d(driver) (nv,) at the system's configuration."""
+    return system.driver_rates()[:, 0]
+
+
+def _advance(
+    curve: Curve, point: CurvePoint, step: float, rows: _TracedRows
+) -> CurvePoint | Arrival:
+    """Go one row further, by smaller steps where the curve bends, noting limits on the way."""
+    left, length = step, step
+    at = curve.driver.q
+    while left > 1e-12 * step:
+        length = min(length, left)
+        ahead = curve.ahead(point, length)
+        t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
+        if ahead is None or t @ point.t < 0.98 or sign != point.sign:
+            length *= 0.5
+            if length < 1e-6 * step:
+                return Arrival("branch point", point.q, float(point.q[at]))
+            continue
+        if curve.slope(t) * curve.slope(point.t) < 0.0:
+            limit = curve.ahead(point, turning_point(curve, point, length))
+            if limit is not None:
+                rows.note_limit(float(limit[at]))
+        settled = curve.settle(ahead, t)
+        if settled is None:
+            return Arrival("branch point", ahead, float(ahead[at]))
+        point, left = settled, left - length
+    return point
+
+
+class _TracedRows:
+    """Rows of a traced curve."""
+
+    def __init__(self, curve: Curve, driver: str, mechanism: Mechanism) -> None:
+        self.curve, self.driver, self.mechanism = curve, driver, mechanism
+        self.points: list[CurvePoint] = []
+        self.accelerations: list[Array] = []
+        self.errors: list[float] = []
+        self.places: list[Array] = []
+        self.events: list[Event] = []
+
+    def add(self, point: CurvePoint) -> None:
+        """Keep a point, with the second derivative of the curve there."""
+        self.points.append(point)
+        self.accelerations.append(self.curve.curvature(point))
+        self.errors.append(self.curve.evaluation.closure_error)
+        if len(self.points) < 2:
+            self.first_place = self._place()
+
+    def _place(self) -> Array:
+        """Return the placements of the bodies that have no passive spin, scaled."""
+        evaluation = self.curve.evaluation
+        spinning = {joint for joint, _ in evaluation.constraints.spins}
+        bodies = [i for i in range(self.mechanism.model.njoints) if i not in spinning]
+        scale = np.array([1.0, 1.0, 1.0, self.mechanism.characteristic_length])[:, None]
+        return evaluation.placements[bodies] / scale
+
+    def is_back(self, point: CurvePoint, step: float) -> bool:
+        """Whether all bodies are within a step of where they began, moving the same way."""
+        self.curve.rows(point.q)
+        gap = np.abs(self._place() - self.first_place).max()
+        return gap < step and float(point.t @ self.points[0].t) > 0.5
+
+    def add_first_again(self) -> None:
+        """End with the first configuration, angles counted on."""
+        first, last = self.points[0], self.points[-1]
+        q = first.q.copy()
+        for c in self.mechanism.coordinate_table.values():
+            if c.q >= 0 and c.unit == "rad":
+                q[c.q] += TURN * np.round((last.q[c.q] - q[c.q]) / TURN)
+        self.points.append(first._replace(q=q))
+        self.accelerations.append(self.accelerations[0])
+        self.errors.append(self.errors[0])
+
+    def note_limit(self, value: float) -> None:
+        """Keep a limit position as an event."""
+        unit = self.mechanism.coordinate(self.driver).unit
+        text = f"limit position (dead centre) at {self.driver} = {value:.12g} {unit}"
+        self.events.append(Event("limit", value, len(self.points), text))
+
+    def motion(self) -> Motion:
+        """Return the rows as a Motion over the arc length."""
+        scale = self.curve.scale
+        q = np.array([p.q for p in self.points])
+        v = np.array([scale * p.t for p in self.points])
+        driver = self.curve.driver
+        return Motion(
+            mechanism=self.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
+            time=None, q=q, v=v, a=np.array(self.accelerations),
+            closure_error=np.array(self.errors), driver_speed=v[:, driver.v].copy(),
+            events=self.events, angles=np.array([p.angles for p in self.points]),
+        )
+
+
+# ---------------------------------------------------------------- Grashof
+
+
+class Grashof(NamedTuple):
+    """Type of a plane four-bar.
+
+    Attributes:
+        lengths: link lengths by name of the link [m], the fixed link first, then round the loop.
+        type: "crank-rocker", "rocker-crank", "double crank", "double rocker", "triple rocker" or
+            "change point".
+    """
+
+    lengths: dict[str, float]
+    type: str
+
+    def __str__(self) -> str:
+        lengths = ", ".join(f"{name} {x:.6g} m" for name, x in self.lengths.items())
+        return f"Grashof type: {self.type} ({lengths})"
+
+
+def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
+    """Classify a mechanism that is one plane loop of four revolute pairs [Grashof1883].
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration; default the assembled guess.
+
+    Raises:
+        SpatialPinError: it is not a plane four-bar.
+    """
+    state = state or assemble(mechanism)
+    names, centres = _four_bar(mechanism, state)
+    lengths = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
+    # centres[k] to centres[k + 1] is link k; the last one is the fixed link
+    order = [3, 0, 1, 2]
+    fixed, first, coupler, last = (float(lengths[k]) for k in order)
+    ranked = sorted((fixed, first, coupler, last))
+    excess = ranked[0] + ranked[3] - ranked[1] - ranked[2]
+    if abs(excess) < GRASHOF_TOLERANCE * sum(ranked):
+        kind = "change point"
+    elif excess > 0.0:
+        kind = "triple rocker"
+    else:
+        kind = {fixed: "double crank", coupler: "double rocker", first: "crank-rocker",
+                last: "rocker-crank"}[ranked[0]]
+    return Grashof({names[k]: float(lengths[k]) for k in order}, kind)
+
+
+def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
+    """Return the link after each of the four pins round the loop, and the pins' places."""
+    model = mechanism.model
+    wrong = SpatialPinError(
+        f"mechanism {mechanism.name!r} is not one plane loop of four revolute pairs; "
+        "it has no Grashof type"
+    )
+    if len(mechanism.closures) != 1 or set(mechanism.pairs) != {"revolute"} \
+            or len(mechanism.pairs) != 3 or mechanism.closures[0].type != "revolute":
+        raise wrong
+    frames = mechanism.closures[0].frames
+    ends = [mechanism.frame_on_joint(f)[0] for f in frames]
+    chains = [list(model.supports[end])[1:] for end in ends]
+    chains.sort(key=lambda chain: not any(
+        mechanism.driven_coordinate(d.joint).joint == model.names[chain[0]]
+        for d in mechanism.drivers.values()) if chain else True)
+    first, second = chains
+    if len(first) + len(second) != 3 or set(first) & set(second):
+        raise wrong
+    places = [state.data.oMi[i] for i in first] + [state.placement(frames[0])]
+    places += [state.data.oMi[i] for i in reversed(second)]
+    centres = np.array([place.translation for place in places])
+    pin.computeJointJacobians(model, state.data, state.q)
+    columns = joint_jacobian(state.data, model.nv)
+    axes = [columns[3:, model.idx_vs[i]] for i in (*first, *second)]
+    if any(np.linalg.norm(np.cross(axes[0], axis)) > 1e-9 for axis in axes):
+        raise wrong
+    centres -= np.outer(centres @ axes[0], axes[0])
+    bodies = [*first, *reversed(second)]
+    return [_link(mechanism, i) for i in bodies] + [mechanism.links[0]], centres
+
+
+def _link(mechanism: Mechanism, joint: int) -> str:
+    return next(name for name in mechanism.links
+                if mechanism.frame_on_joint(name)[0] == joint)
