@@ -11,8 +11,9 @@ from spatial_pin.errors import (
     SpatialPinError,
 )
 from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.grashof import grashof
 from spatial_pin.kinematics.jacobians import closure_jacobian, jacobian
-from spatial_pin.kinematics.limits import grashof, limits, trace
+from spatial_pin.kinematics.limits import limits, trace
 from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import FrameMotion, Motion

@@ -1,4 +1,4 @@
-"""The house rules: imports go one way, only the command line prints, public names are documented."""
+"""House rules: imports go one way, only the command line prints, public names are documented."""
 
 import ast
 from pathlib import Path

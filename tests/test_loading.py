@@ -72,7 +72,7 @@ def test_a_library_mechanism_is_loaded_by_its_name(name):
     by_name, by_path = sp.load(name), sp.load(LIBRARY / f"{name}.toml")
     assert by_name.name == by_path.name == name
     assert by_name.coordinates == by_path.coordinates
-    assert by_name.closures
+    assert by_name.title and by_name.source
     assert type(by_name.model) is pin.Model
 
 

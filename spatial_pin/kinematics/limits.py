@@ -1,4 +1,4 @@
-"""How far a driver can go, the whole curve of closed configurations, and the Grashof type."""
+"""How far a driver can go, and the whole curve of closed configurations through its limits."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Arrival, Curve, CurvePoint, march, turning_point
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -16,7 +15,6 @@ from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
-from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
@@ -24,7 +22,6 @@ from spatial_pin.settings import Accuracy
 TURN = 2.0 * np.pi
 FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
-GRASHOF_TOLERANCE = 1e-9  # of the perimeter
 
 
 class Bound(NamedTuple):
@@ -289,88 +286,3 @@ class _TracedRows:
             closure_error=np.array(self.errors), driver_speed=v[:, driver.v].copy(),
             events=self.events, angles=np.array([p.angles for p in self.points]),
         )
-
-
-# ---------------------------------------------------------------- Grashof
-
-
-class Grashof(NamedTuple):
-    """Type of a plane four-bar.
-
-    Attributes:
-        lengths: link lengths by name of the link [m], the fixed link first, then round the loop.
-        type: "crank-rocker", "rocker-crank", "double crank", "double rocker", "triple rocker" or
-            "change point".
-    """
-
-    lengths: dict[str, float]
-    type: str
-
-    def __str__(self) -> str:
-        lengths = ", ".join(f"{name} {x:.6g} m" for name, x in self.lengths.items())
-        return f"Grashof type: {self.type} ({lengths})"
-
-
-def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
-    """Classify a mechanism that is one plane loop of four revolute pairs [Grashof1883].
-
-    Args:
-        mechanism: the mechanism.
-        state: a closed configuration; default the assembled guess.
-
-    Raises:
-        SpatialPinError: it is not a plane four-bar.
-    """
-    state = state or assemble(mechanism)
-    names, centres = _four_bar(mechanism, state)
-    lengths = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
-    # centres[k] to centres[k + 1] is link k; the last one is the fixed link
-    order = [3, 0, 1, 2]
-    fixed, first, coupler, last = (float(lengths[k]) for k in order)
-    ranked = sorted((fixed, first, coupler, last))
-    excess = ranked[0] + ranked[3] - ranked[1] - ranked[2]
-    if abs(excess) < GRASHOF_TOLERANCE * sum(ranked):
-        kind = "change point"
-    elif excess > 0.0:
-        kind = "triple rocker"
-    else:
-        kind = {fixed: "double crank", coupler: "double rocker", first: "crank-rocker",
-                last: "rocker-crank"}[ranked[0]]
-    return Grashof({names[k]: float(lengths[k]) for k in order}, kind)
-
-
-def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
-    """Return the link after each of the four pins round the loop, and the pins' places."""
-    model = mechanism.model
-    wrong = SpatialPinError(
-        f"mechanism {mechanism.name!r} is not one plane loop of four revolute pairs; "
-        "it has no Grashof type"
-    )
-    if len(mechanism.closures) != 1 or set(mechanism.pairs) != {"revolute"} \
-            or len(mechanism.pairs) != 3 or mechanism.closures[0].type != "revolute":
-        raise wrong
-    frames = mechanism.closures[0].frames
-    ends = [mechanism.frame_on_joint(f)[0] for f in frames]
-    chains = [list(model.supports[end])[1:] for end in ends]
-    chains.sort(key=lambda chain: not any(
-        mechanism.driven_coordinate(d.joint).joint == model.names[chain[0]]
-        for d in mechanism.drivers.values()) if chain else True)
-    first, second = chains
-    if len(first) + len(second) != 3 or set(first) & set(second):
-        raise wrong
-    places = [state.data.oMi[i] for i in first] + [state.placement(frames[0])]
-    places += [state.data.oMi[i] for i in reversed(second)]
-    centres = np.array([place.translation for place in places])
-    pin.computeJointJacobians(model, state.data, state.q)
-    columns = joint_jacobian(state.data, model.nv)
-    axes = [columns[3:, model.idx_vs[i]] for i in (*first, *second)]
-    if any(np.linalg.norm(np.cross(axes[0], axis)) > 1e-9 for axis in axes):
-        raise wrong
-    centres -= np.outer(centres @ axes[0], axes[0])
-    bodies = [*first, *reversed(second)]
-    return [_link(mechanism, i) for i in bodies] + [mechanism.links[0]], centres
-
-
-def _link(mechanism: Mechanism, joint: int) -> str:
-    return next(name for name in mechanism.links
-                if mechanism.frame_on_joint(name)[0] == joint)

@@ -21,7 +21,7 @@ from spatial_pin.kinematics.views import accelerations, joint_jacobian, twists
 from spatial_pin.linalg import Array
 
 if TYPE_CHECKING:
-    from spatial_pin.kinematics.sweep import Branch
+    from spatial_pin.kinematics.branch import Branch
 
 
 HISTORY = 8  # rows that an extrapolation goes through
