@@ -14,12 +14,15 @@ less those of a sweep of one row: assembly is left out, position, velocity and a
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib.util
 import json
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,8 +41,9 @@ CORRECTIONS = (0, 1, 2, None)
 DEGREES = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 SHOWN = 1.0  # step of the work-precision diagram [degrees]
 UNEQUAL = 1e-6  # part of a step by which steps differ, so that they are not taken for equal ones
-CUT_STEPS = 360
-LEAST_STEPS = 180  # shorter turns are repeated within one measurement
+LEAST_TIMED, MOST_TIMED = 72, 120  # steps in one measurement: several turns, or part of one
+MOST_EQUAL = 360  # the same for equal steps
+QUARTILE = 25  # of the repeats that is reported: other work on the machine only adds
 ERRORS = ("position", "velocity", "acceleration", "closure")
 
 
@@ -124,6 +128,7 @@ class Setting:
 
     @property
     def steps(self) -> int:
+        """Steps in a turn."""
         return round(360.0 / self.degrees)
 
     @property
@@ -136,29 +141,41 @@ class Setting:
 
     @property
     def accuracy(self) -> sp.Accuracy:
+        """What `sp.sweep` is told."""
         return sp.Accuracy(order=self.order, corrections=self.corrections)
 
     @property
+    def timed(self) -> int:
+        """Steps in a sweep that is timed: the turn or the first part of it."""
+        return min(self.steps, MOST_EQUAL if self.equal else MOST_TIMED)
+
+    @property
     def loops(self) -> int:
-        return -(-LEAST_STEPS // self.steps)
-
-    def run(self, mechanism: sp.Mechanism) -> sp.Motion:
-        """Sweep the turn, `loops` times."""
-        values, accuracy = self.values, self.accuracy
-        for _ in range(self.loops):
-            motion = sp.sweep(mechanism, "crank", values, accuracy=accuracy)
-        return motion
-
-
-class Start:
-    """The part of a sweep that is not its steps."""
-
-    loops = 10
+        """Sweeps in one measurement."""
+        return -(-LEAST_TIMED // self.steps)
 
     def run(self, mechanism: sp.Mechanism) -> None:
-        """Sweep one row, `loops` times."""
+        """Do what is timed."""
+        values, accuracy = self.values[: self.timed + 1], self.accuracy
         for _ in range(self.loops):
-            sp.sweep(mechanism, "crank", [0.0])
+            sp.sweep(mechanism, "crank", values, accuracy=accuracy)
+
+
+def time_in_turns(jobs: list[Callable[[], Any]], repeats: int) -> Array:
+    """Return (jobs,) seconds of one run, the lower quartile; the order changes in every round."""
+    seconds = np.empty((len(jobs), repeats))
+    rng = np.random.default_rng(0)
+    for job in jobs:
+        job()
+    for k in range(repeats):
+        gc.collect()
+        gc.disable()
+        for i in rng.permutation(len(jobs)):
+            start = time.perf_counter()
+            jobs[i]()
+            seconds[i, k] = time.perf_counter() - start
+        gc.enable()
+    return np.percentile(seconds, QUARTILE, axis=1)
 
 
 @contextmanager
@@ -205,12 +222,12 @@ def study_predictor(repeats: int) -> list[dict[str, Any]]:
     settings = [Setting(order, corrections, degrees) for order in ORDERS
                 for corrections in CORRECTIONS if order or corrections != 0 for degrees in DEGREES]
     settings += [Setting(3, None, degrees, equal=True) for degrees in DEGREES]
-    cases = [Start(), *settings]
-    seconds = bench.time_in_turns(cases, [mechanism] * len(cases), repeats)
-    seconds /= np.array([[case.loops] for case in cases])
+    jobs = [partial(sp.sweep, mechanism, "crank", [0.0])]
+    jobs += [partial(setting.run, mechanism) for setting in settings]
+    start, *seconds = time_in_turns(jobs, repeats).tolist()
     rows = []
-    for setting, times in zip(settings, seconds[1:], strict=True):
-        micro = 1e6 * float(np.median(times - seconds[0])) / setting.steps
+    for setting, turn in zip(settings, seconds, strict=True):
+        micro = 1e6 * (turn / setting.loops - start) / setting.timed
         rows.append({**judge(setting, mechanism), "microseconds": micro})
     return rows
 
@@ -356,16 +373,6 @@ def rocker_tip(problem: bench.Problem) -> Array:
     return place
 
 
-class Turn(NamedTuple):
-    """A sweep over the crank angles, in one of two ways."""
-
-    values: Array
-
-    def run(self, mechanism: sp.Mechanism) -> sp.Motion:
-        """Sweep the turn."""
-        return sp.sweep(mechanism, "crank", self.values)
-
-
 def study_cuts(repeats: int) -> list[dict[str, Any]]:
     """Return one row per description: size, largest errors of B [m, per unit crank speed], time."""
     problem = bench.Problem(speed=1.0)
@@ -376,14 +383,13 @@ def study_cuts(repeats: int) -> list[dict[str, Any]]:
         titles, mechanisms = zip(
             *((cut.title, cut.load(Path(folder))) for cut in cuts(problem)), strict=True
         )
-    ways = [Turn(equal[:1]), Turn(equal), Turn(unequal)]
-    tools = [mechanism for mechanism in mechanisms for _ in ways]
-    seconds = bench.time_in_turns(ways * len(titles), tools, repeats)
-    seconds = seconds.reshape(len(titles), len(ways), repeats)
-    micro = 1e6 * np.median(seconds[:, 1:] - seconds[:, :1], axis=2) / (len(equal) - 1)
+    jobs = [partial(sp.sweep, mechanism, "crank", values) for mechanism in mechanisms
+            for values in (equal[:1], equal, unequal)]
+    seconds = time_in_turns(jobs, repeats).reshape(len(titles), 3)
+    micro = 1e6 * (seconds[:, 1:] - seconds[:, :1]) / (len(equal) - 1)
     rows = []
     for title, mechanism, (together, singly) in zip(titles, mechanisms, micro, strict=True):
-        motion = Turn(equal).run(mechanism)
+        motion = sp.sweep(mechanism, "crank", equal)
         tip = motion.frame("rocker_b")
         found = np.array([tip.position, tip.velocity, tip.acceleration])
         errors = [*np.abs(found - exact).max(axis=(1, 2)).tolist(), motion.closure_error.max()]
@@ -423,6 +429,21 @@ def table(rows: list[dict[str, Any]], key: str, form: str) -> str:
     return "\n".join(lines)
 
 
+def digest(rows: list[dict[str, Any]]) -> str:
+    """Return position error and time per step at one step size, in Markdown."""
+    lines = ["| order | no correction | 1 | 2 | to 1e-13 |", "|---|---|---|---|---|"]
+    for order in ORDERS:
+        some = {row["corrections"]: f"{row['position']:.0e}, {row['microseconds']:.0f} µs"
+                for row in rows if row["order"] == order and row["degrees"] == SHOWN
+                and not row["equal"]}
+        cells = " | ".join(some.get(corrections, "") for corrections in CORRECTIONS)
+        lines.append(f"| {order} | {cells} |")
+    default = next(row for row in rows if row["equal"] and row["degrees"] == SHOWN)
+    lines.append(f"| 3, equal steps | | | | {default['position']:.0e}, "
+                 f"{default['microseconds']:.0f} µs |")
+    return "\n".join(lines)
+
+
 def print_report(report: dict[str, Any]) -> None:
     """Print a study."""
     host = report["machine"]
@@ -434,8 +455,9 @@ def print_report(report: dict[str, Any]) -> None:
         print(f"\n{key}\n{table(report['predictor'], key, '.0e')}")
     print(f"\nNewton corrections a step\n{table(report['predictor'], 'solves', '.2f')}")
     print(f"\nµs a step\n{table(report['predictor'], 'microseconds', '.1f')}")
-    print(f"\nRSSR, one turn in {CUT_STEPS} steps; largest errors of the rocker's end (m, per unit "
-          "crank speed); µs a step, equal steps and one by one")
+    print(f"\nposition error and time per step at {SHOWN:g}°\n{digest(report['predictor'])}")
+    print(f"\nRSSR, one turn in {bench.STEPS} steps; largest errors of the rocker's end (m, per "
+          "unit crank speed); µs a step, equal steps and one by one")
     print(f"{'':<26}unknowns  equations " + "".join(f"{key:>13}" for key in ERRORS)
           + "      µs  one by one")
     for row in report["cuts"]:
@@ -459,20 +481,22 @@ def draw(report: dict[str, Any], path: Path) -> None:
 
     plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
     figure, axes = plt.subplots(
-        1, 3, figsize=(12.0, 4.2), width_ratios=(1.0, 1.15, 0.8), layout="constrained"
+        1, 3, figsize=(12.0, 4.2), width_ratios=(1.0, 1.1, 0.95), layout="constrained"
     )
     draw_steps(axes[0], report["predictor"])
     draw_work(axes[1], report["predictor"])
     draw_cuts(axes[2], report["cuts"])
     grey = {"color": "0.35", "linestyle": ""}
     handles = [Line2D([], [], color=COLOURS[order], lw=2.0) for order in ORDERS]
-    handles += [Line2D([], [], marker=marker, **grey) for marker in MARKERS.values()]
+    handles += [Line2D([], [], marker=marker, mfc="white" if marker == "D" else None, **grey)
+                for marker in MARKERS.values()]
     handles += [Line2D([], [], marker="*", markersize=12, color=COLOURS[3], linestyle="")]
     labels = [f"order {order}" for order in ORDERS]
-    labels += ["no correction", "1 correction", "2 corrections", "to tolerance", "default of sweep"]
+    labels += ["no correction", "1 correction", "2 corrections", "to tolerance",
+               "default, equal steps"]
     figure.legend(handles, labels, loc="outside lower center", ncols=9, frameon=False,
                   columnspacing=1.2, handletextpad=0.4)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=100)
 
 
 def draw_steps(axes: Any, rows: list[dict[str, Any]]) -> None:
@@ -491,21 +515,22 @@ def draw_steps(axes: Any, rows: list[dict[str, Any]]) -> None:
 
 def draw_work(axes: Any, rows: list[dict[str, Any]]) -> None:
     """Draw time over error at one step, one line per order."""
+    shown = [r for r in rows if r["degrees"] == SHOWN]
     for order in ORDERS:
-        some = [r for r in rows if r["order"] == order and r["degrees"] == SHOWN]
-        singly = [r for r in some if not r["equal"]]
-        axes.loglog([r["position"] for r in singly], [r["microseconds"] for r in singly],
+        some = [r for r in shown if r["order"] == order]
+        fixed = [r for r in some if r["corrections"] is not None]
+        axes.loglog([r["position"] for r in fixed], [r["microseconds"] for r in fixed],
                     color=COLOURS[order], lw=1.3)
         for row in some:
             marker, size = ("*", 14) if row["equal"] else (MARKERS[row["corrections"]], 6)
-            axes.loglog(row["position"], row["microseconds"], color=COLOURS[order],
-                        marker=marker, markersize=size)
+            axes.loglog(row["position"], row["microseconds"], color=COLOURS[order], marker=marker,
+                        markersize=size, mfc="white" if marker == "D" else None)
     axes.set(xlabel="largest position error of a turn", ylabel="time per step [µs]",
              title=f"RSPC: time and error at steps of {SHOWN:g}°")
-    ticks = (10, 15, 20, 30, 40, 60, 80, 100)
+    ticks = (10, 15, 20, 30, 40, 50, 60, 80, 100, 150)
     axes.set_yticks(ticks, [str(tick) for tick in ticks])
-    times = [r["microseconds"] for r in rows if r["degrees"] == SHOWN]
-    axes.set_ylim(0.8 * min(times), 1.2 * max(times))
+    times = [r["microseconds"] for r in shown]
+    axes.set(xlim=(1e-16, 0.1), ylim=(0.8 * min(times), 1.1 * max(times)))
     axes.minorticks_off()
     axes.grid(alpha=0.3)
 
@@ -513,21 +538,22 @@ def draw_work(axes: Any, rows: list[dict[str, Any]]) -> None:
 def draw_cuts(axes: Any, rows: list[dict[str, Any]]) -> None:
     """Draw time by description of the same linkage."""
     place = np.arange(len(rows))[::-1]
-    for key, shift, colour, label in (("microseconds singly", 0.19, "#999999", "step by step"),
-                                      ("microseconds", -0.19, "#0072B2", "equal steps (default)")):
-        bars = axes.barh(place + shift, [row[key] for row in rows], 0.36, color=colour, label=label)
-        axes.bar_label(bars, fmt="%.0f", padding=3)
-    names = [f"{r['title']}\n{r['unknowns']} unknowns" for r in rows]
-    axes.set_yticks(place, [name.replace("1 unknowns", "1 unknown") for name in names])
-    axes.set(xlabel="time per step [µs]", title="RSSR: the same motion, cut differently")
-    axes.margins(x=0.12)
-    axes.legend(frameon=False, loc="upper right", fontsize=8)
+    for key, shift, colour, label in (("microseconds singly", 0.2, "0.6", "step by step"),
+                                      ("microseconds", -0.2, COLOURS[2], "equal steps (default)")):
+        times = [row[key] for row in rows]
+        bars = axes.barh(place + shift, times, 0.38, color=colour)
+        axes.bar_label(bars, [f"{times[0]:.0f}  {label}", *(f"{x:.0f}" for x in times[1:])],
+                       padding=3)
+    names = [f"{r['title']}\n{r['unknowns']} unknown{'s' * (r['unknowns'] > 1)}" for r in rows]
+    axes.set_yticks(place, names)
+    axes.set(xlabel="time per step [µs]", title="RSSR: one motion, four cuts")
+    axes.set_xlim(0.0, 1.3 * max(row["microseconds singly"] for row in rows))
 
 
 def main() -> None:
     """Measure, print, save."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=7, help="interleaved repeats (7)")
+    parser.add_argument("--repeats", type=int, default=40, help="interleaved repeats (40)")
     parser.add_argument("--json", type=Path, help="save the numbers in this file")
     parser.add_argument("--figure", type=Path, help="draw into this file")
     options = parser.parse_args()
@@ -537,7 +563,7 @@ def main() -> None:
         "repeats": options.repeats,
         "check": Rspc().check(),
         "predictor": study_predictor(options.repeats),
-        "cuts": study_cuts(5 * options.repeats),
+        "cuts": study_cuts(options.repeats),
     }
     print_report(report)
     if options.json:

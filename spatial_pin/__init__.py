@@ -18,6 +18,7 @@ from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import FrameMotion, Motion
 from spatial_pin.kinematics.rates import solve_rates
+from spatial_pin.kinematics.sensitivity import sensitivity, tolerance
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.mechanism.files import list_mechanisms, load
@@ -53,9 +54,11 @@ __all__ = [
     "mobility",
     "plot",
     "screenshot",
+    "sensitivity",
     "show",
     "solve_rates",
     "sweep",
+    "tolerance",
     "trace",
 ]
 

@@ -218,7 +218,7 @@ ARMS = (-0.2, 0.3)  # the held angles of the delta's arms 2 and 3
 
 
 def delta(arm_1, sb=0.567, sp=0.076, lu=0.524, ll=1.244, w=0.13, others=ARMS) -> Pose:
-    """The platform is the lower point at the distance ll from the elbows, all moved in by a corner."""
+    """The platform is ll below the elbows, when these are moved in by its corners."""
     sb, sp, lu, ll, w = map(mpf, (sb, sp, lu, ll, w))
     base, corner = sb * sqrt(3) / 6, sp * sqrt(3) / 3
     out = base + lu - corner
@@ -320,7 +320,7 @@ CASES = {
     "sarrus": Case("sarrus", "arm", np.linspace(0.2, 1.4, 13), sarrus, (0, 1)),
     "sarrus, other links": Case(
         "sarrus", "arm", np.linspace(0.4, 1.2, 7), sarrus, (0, 1), {"r": 0.05, "l": 0.14}),
-    "bricard": Case("bricard", "crank", np.linspace(-0.45, 3.6, 19), bricard, (0, 1)),
+    "bricard": Case("bricard", "crank", np.linspace(-0.4, 3.5, 19), bricard, (0, 1)),
     "bricard, l = 1": Case(
         "bricard", "crank", np.linspace(0.0, 3.0, 7), bricard, (0, 1), {"l": 1.0}),
     "oldham": Case("oldham", "input", turn(0.0), oldham, (-2, 1)),

@@ -29,6 +29,7 @@ class Info:
     source: str
     characteristic_length: float
     links: list[str]
+    dimensions: dict[str, float]
     joints: dict[str, str]
     closures: dict[str, str]
     coordinates: dict[str, str]
@@ -60,6 +61,8 @@ class Info:
         parts = [
             "\n".join(head),
             f"links ({len(self.links)}): {', '.join(self.links)}",
+            "dimensions: " * bool(self.dimensions)
+            + ", ".join(f"{name} = {x:.6g}" for name, x in self.dimensions.items()),
             f"joints of the tree ({len(self.joints)}):\n{listing(self.joints)}",
             f"closures ({len(self.closures)}):\n{listing(self.closures)}".rstrip(":\n"),
             f"coordinates ({len(self.coordinates)}):\n{listing(self.coordinates)}",
@@ -80,7 +83,7 @@ def info(mechanism: Mechanism) -> Info:
         state, closed, error = failure.state, False, failure.closure_error
     return Info(
         mechanism.name, mechanism.title, mechanism.source, mechanism.characteristic_length,
-        list(mechanism.links),
+        list(mechanism.links), dict(mechanism.dimensions),
         dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True)),
         {c.name: _closure_text(c) for c in mechanism.closures},
         {c.name: c.unit for c in mechanism.coordinate_table.values()},

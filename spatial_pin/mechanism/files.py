@@ -67,7 +67,7 @@ def load(source: str | Path, **parameters: float) -> Mechanism:
         return _load_toml(path, parameters)
     tree = read_tree(path, parameters)
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    return _build(name, tree, {}, path, parameters)
+    return _build(name, tree, {"tree": path}, path, parameters)
 
 
 def _find(source: str | Path) -> Path:
@@ -100,6 +100,7 @@ def _load_toml(path: Path, parameters: Mapping[str, float]) -> Mechanism:
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")
     parts = {
+        "tree": file,
         "title": top.text("title", ""),
         "source": top.text("source", ""),
         "closures": tuple(_closure(table) for table in top.array("closures")),

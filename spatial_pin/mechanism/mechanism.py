@@ -15,6 +15,7 @@ from spatial_pin.errors import ClosureTypeError, MechanismFileError, UnknownName
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
+from spatial_pin.mechanism.urdf import dimensions
 
 
 class Coordinate(NamedTuple):
@@ -126,7 +127,7 @@ class Mechanism:
         guess: rough configuration, by joint.
         inertias: own inertia of every link that has one, in the link's frame.
         parameters: xacro parameters it was loaded with.
-        path: the file it came from.
+        path: the file it came from; tree: the URDF or xacro file of its open tree.
         urdf: the expanded URDF text.
     """
 
@@ -145,7 +146,13 @@ class Mechanism:
     title: str = ""
     source: str = ""
     path: Path | None = None
+    tree: Path | None = None
     urdf: str = ""
+
+    @cached_property
+    def dimensions(self) -> dict[str, float]:
+        """Value of every named dimension (xacro argument), given or by default [SI, rad]."""
+        return dimensions(self.tree, self.parameters) if self.tree is not None else {}
 
     # ------------------------------------------------------------ coordinates
 

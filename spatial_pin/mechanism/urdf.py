@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -24,6 +25,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
 from spatial_pin.mechanism.urdf_checks import check_joint, check_links, check_structure, numbers
 
+_XACRO = threading.Lock()  # xacro keeps its state in globals of its module
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "floating": JOINT_TYPES,
     "planar": ("planar", "revolute", "prismatic", "fixed"),
@@ -94,7 +96,8 @@ def expand(path: Path, parameters: Mapping[str, float]) -> str:
 
     mappings = {name: _xacro_text(value) for name, value in parameters.items()}
     try:
-        return str(xacro.process_file(str(path), mappings=mappings).toxml())
+        with _XACRO:
+            return str(xacro.process_file(str(path), mappings=mappings).toxml())
     except Exception as error:  # xacro raises a family of its own and what `${...}` raised
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{path}: xacro cannot expand it: {reason}") from error
@@ -120,6 +123,42 @@ def xacro_arguments(path: Path) -> dict[str, str]:
             elif "xacro" in namespace and tag == "include":
                 files.append(file.parent / element.get("filename", ""))
     return arguments
+
+
+def dimensions(path: Path, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the value of every xacro argument that is a number, given or by default."""
+    arguments = xacro_arguments(path) if path.suffix == ".xacro" else {}
+    texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
+    if not all(_is_number(text) for text in texts.values()):
+        texts = _evaluated(texts)
+    return {name: float(text) for name, text in texts.items() if _is_number(text)}
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _evaluated(texts: Mapping[str, str]) -> dict[str, str]:
+    """Evaluate `${...}` in defaults as xacro does in a file."""
+    from xml.dom import minidom
+
+    import xacro
+
+    document = minidom.parseString('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>')
+    root = document.documentElement
+    assert root is not None
+    for name, text in texts.items():
+        holder = document.createElement("dimension")
+        holder.setAttribute("name", name)
+        holder.setAttribute("value", text)
+        root.appendChild(holder)
+    with _XACRO:
+        xacro.process_doc(document)
+    found = document.getElementsByTagName("dimension")
+    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
 
 
 def read_text(path: Path) -> str:

@@ -1,0 +1,103 @@
+"""Derivatives of outputs with respect to dimensions, and tolerances, against closed forms."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+import spatial_pin as sp
+
+RSSR = {"a": mpf("0.102"), "b": mpf("0.381"), "c": mpf("0.254"), "d": mpf("0.314")}
+SPEED, ACCELERATION = 25, 100
+
+
+def rocker(phi, a, b, c, d):
+    """Rocker angle of the RSSR (SEEDS B7)."""
+    return mp.acos((b * b - a * a - c * c - d * d + 2 * a * d * mp.cos(phi))
+                   / (2 * c * (d - a * mp.cos(phi))))
+
+
+def exact(order, name):
+    """d/d(name) of the rocker's angle, rate or acceleration at crank = 1, in 40 digits."""
+    def output(x):
+        lengths = {**RSSR, name: x}
+        f = [mp.diff(lambda phi: rocker(phi, **lengths), 1, k) for k in (0, 1, 2)]
+        return (f[0], f[1] * SPEED, f[2] * SPEED**2 + f[1] * ACCELERATION)[order]
+
+    with mp.workdps(40):
+        return float(mp.diff(output, RSSR[name]))
+
+
+@pytest.fixture(scope="module")
+def rssr():
+    mechanism = sp.load("rssr")
+    state = sp.assemble(mechanism, {"crank": 1.0})
+    state = sp.solve_rates(mechanism, state, {"crank": SPEED}, {"crank": ACCELERATION})
+    return mechanism, state
+
+
+@pytest.mark.parametrize(("order", "output"), [
+    (0, "rocker_pin"), (1, "rocker_pin.rate"), (2, "rocker_pin.acceleration")])
+def test_derivatives_are_those_of_the_closed_form(rssr, order, output):
+    found = sp.sensitivity(*rssr, output, ["b", "d"])
+    for name, derivative in found.derivatives.items():
+        expected = exact(order, name)
+        assert derivative == pytest.approx(expected, rel=3e-12)
+        assert abs(derivative - expected) <= found.errors[name]
+
+
+def test_the_limits_of_a_rocker_change_with_the_links_as_the_triangles_say():
+    """At the stretched dead centre the rocker closes a triangle of r1, r2 + r3 and r4."""
+    mechanism = sp.load("four_bar", r1=0.30, r2=0.10, r3=0.28, r4=0.24)
+    state = sp.assemble(mechanism)
+    found = sp.sensitivity(mechanism, state, "limit.lower.rocker_pin", ["r1", "r3"])
+    with mp.workdps(40):
+        def end(r1, r3):
+            stretched = r3 + mpf("0.1")
+            return mp.pi - mp.acos((r1**2 + mpf("0.24")**2 - stretched**2) / (2 * r1 * mpf("0.24")))
+        nominal = {"r1": mpf("0.3"), "r3": mpf("0.28")}
+        values = {k: float(mp.diff(lambda x, k=k: end(**{**nominal, k: x}), nominal[k]))
+                  for k in nominal}
+        assert found.value == pytest.approx(float(end(**nominal)), abs=1e-13)
+    assert found.derivatives == pytest.approx(values, rel=1e-10)
+
+
+def test_vector_outputs_have_vector_derivatives(rssr):
+    found = sp.sensitivity(*rssr, "rocker_b.position", ["c"])
+    psi = rssr[1].coordinate("rocker_pin").value
+    slope = sp.sensitivity(*rssr, "rocker_pin", ["c"]).derivatives["c"]
+    expected = [-np.cos(psi) + 0.254 * np.sin(psi) * slope,
+                np.sin(psi) + 0.254 * np.cos(psi) * slope, 0.0]
+    np.testing.assert_allclose(found.derivatives["c"], expected, atol=1e-11)
+
+
+def test_wrong_names_are_refused_with_a_suggestion(rssr):
+    with pytest.raises(sp.SpatialPinError, match="no dimension 'bb'"):
+        sp.sensitivity(*rssr, "rocker_pin", ["bb"])
+    with pytest.raises(sp.SpatialPinError, match="rocker_pin"):
+        sp.sensitivity(*rssr, "rocker_pim", ["b"])
+
+
+def test_a_branch_that_ends_nearby_is_an_error_not_a_number():
+    """The four-bar 1 + 1 + 1 = 3 closes at the stretched position only."""
+    mechanism = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.1)
+    with pytest.raises(sp.SpatialPinError):
+        sp.sensitivity(mechanism, sp.assemble(mechanism), "rocker_pin", ["r1"])
+
+
+def test_linear_propagation_and_samples_agree_for_small_deviations(rssr):
+    deviations = {"b": 1e-5, "d": 2e-5}
+    with ThreadPoolExecutor(2) as pool:
+        found = sp.tolerance(*rssr, ["rocker_pin"], deviations, samples=60, executor=pool)
+    expected = np.hypot(exact(0, "b") * 1e-5, exact(0, "d") * 2e-5)
+    assert found.linear["rocker_pin"] == pytest.approx(expected, rel=1e-9)
+    assert found.sampled["rocker_pin"] == pytest.approx(expected, rel=0.35)
+    assert found.failed == 0
+    again = sp.tolerance(*rssr, ["rocker_pin"], deviations, samples=60)
+    np.testing.assert_array_equal(found.samples["rocker_pin"], again.samples["rocker_pin"])
+
+
+def test_dimensions_are_given_with_their_values():
+    assert sp.load("rssr", d=0.315).dimensions == {"a": 0.102, "b": 0.381, "c": 0.254, "d": 0.315}
+    assert sp.load("rspc").dimensions["alpha"] == pytest.approx(np.pi / 3)
