@@ -547,13 +547,13 @@ def draw_cuts(axes: Any, rows: list[dict[str, Any]]) -> None:
     names = [f"{r['title']}\n{r['unknowns']} unknown{'s' * (r['unknowns'] > 1)}" for r in rows]
     axes.set_yticks(place, names)
     axes.set(xlabel="time per step [µs]", title="RSSR: one motion, four cuts")
-    axes.set_xlim(0.0, 1.3 * max(row["microseconds singly"] for row in rows))
+    axes.set_xlim(0.0, 1.4 * max(row["microseconds singly"] for row in rows))
 
 
 def main() -> None:
     """Measure, print, save."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=40, help="interleaved repeats (40)")
+    parser.add_argument("--repeats", type=int, default=25, help="interleaved repeats (25)")
     parser.add_argument("--json", type=Path, help="save the numbers in this file")
     parser.add_argument("--figure", type=Path, help="draw into this file")
     options = parser.parse_args()

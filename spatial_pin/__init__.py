@@ -12,7 +12,7 @@ from spatial_pin.errors import (
 )
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.grashof import grashof
-from spatial_pin.kinematics.jacobians import closure_jacobian, jacobian
+from spatial_pin.kinematics.jacobians import closure_jacobian, influence, jacobian
 from spatial_pin.kinematics.limits import limits, trace
 from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
@@ -47,6 +47,7 @@ __all__ = [
     "closure_jacobian",
     "export_html",
     "grashof",
+    "influence",
     "jacobian",
     "limits",
     "list_mechanisms",

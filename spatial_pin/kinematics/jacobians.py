@@ -1,7 +1,10 @@
-"""Jacobians of closed mechanisms."""
+"""Jacobians of closed mechanisms, and their second order."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
 import pinocchio as pin
 
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -45,3 +48,40 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
     data = state.data
     pin.computeJointJacobians(mechanism.model, data, state.q)
     return pin.getFrameJacobian(mechanism.model, data, frame, WORLD_AXES) @ rates
+
+
+class Influence(NamedTuple):
+    """First and second-order influence coefficients of the joints.
+
+    With driver speeds s and accelerations s', v = first @ s and
+    a = first @ s' + s @ second @ s (z' and z'' where there is one driver).
+
+    Attributes:
+        first: (nv, n) joint velocities per unit driver speed.
+        second: (nv, n, n) symmetric in the drivers.
+    """
+
+    first: Array
+    second: Array
+
+
+def influence(mechanism: Mechanism, state: State) -> Influence:
+    """Return the influence coefficients of a closed state with respect to all drivers.
+
+    The second order is the closure's acceleration bias, a quadratic form in the joint velocities,
+    polarised: B(u, w) = (b(u + w) - b(u - w))/4 [BenedictTesar1978].
+
+    Raises:
+        SingularError: the drivers do not determine the velocities there.
+    """
+    system = square_system(state, ())
+    first = system.driver_rates()
+    n = first.shape[1]
+    still = np.zeros(n)
+    second = np.empty((len(first), n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            plus, minus = (system.acceleration(state.q, first[:, i] + sign * first[:, j], still)
+                           for sign in (1.0, -1.0))
+            second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
+    return Influence(first, second)

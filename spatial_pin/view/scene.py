@@ -84,15 +84,27 @@ def _float32(x: Array) -> Any:
 
 
 def joint_poses(model: pin.Model, q: Array) -> Array:
-    """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w."""
+    """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
+
+    The scene stands upright: it is turned so that gravity points down the z axis of the view.
+    """
     data = model.createData()
     view = placements(data)
     rows = np.empty((len(q), *view.shape))
     for row, configuration in zip(rows, q, strict=True):
         pin.forwardKinematics(model, data, configuration)
         row[:] = view
+    rows = rows @ upright(model).T
     turns = Rotation.from_matrix(rows[..., :3, :].swapaxes(-1, -2).reshape(-1, 3, 3)).as_quat()
     return np.concatenate([rows[..., 3, :], turns.reshape(*rows.shape[:2], 4)], axis=-1)
+
+
+def upright(model: pin.Model) -> Array:
+    """Return the rotation (3, 3) from the world to a view in which gravity points down."""
+    gravity = model.gravity.linear
+    if not np.any(gravity) or (np.allclose(gravity[:2], 0.0) and gravity[2] < 0.0):
+        return np.eye(3)
+    return pin.Quaternion.FromTwoVectors(-gravity, np.array([0.0, 0.0, 1.0])).matrix()
 
 
 def _joint_paths(model: pin.Model) -> list[str]:
