@@ -9,6 +9,7 @@ coupler replaced by one distance.
 
 Settings take turns within one run, so that noise hits all alike. Times are those of `sp.sweep`,
 less those of a sweep of one row: assembly is left out, position, velocity and acceleration are in.
+They are lower quartiles of the repeats, because other work on the machine only adds.
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spatial_pin as sp
+from spatial_pin.kinematics.branch import Branch
 from spatial_pin.kinematics.newton import SquareSystem
-from spatial_pin.kinematics.sweep import Branch
 
 Array = NDArray[np.float64]
+Job = Callable[[], Any]
 
 ORDERS = (0, 1, 2, 3)
 CORRECTIONS = (0, 1, 2, None)
@@ -43,7 +45,7 @@ SHOWN = 1.0  # step of the work-precision diagram [degrees]
 UNEQUAL = 1e-6  # part of a step by which steps differ, so that they are not taken for equal ones
 LEAST_TIMED, MOST_TIMED = 72, 120  # steps in one measurement: several turns, or part of one
 MOST_EQUAL = 360  # the same for equal steps
-QUARTILE = 25  # of the repeats that is reported: other work on the machine only adds
+QUARTILE = 25  # percentile of the repeats that is reported
 ERRORS = ("position", "velocity", "acceleration", "closure")
 
 
@@ -161,7 +163,7 @@ class Setting:
             sp.sweep(mechanism, "crank", values, accuracy=accuracy)
 
 
-def time_in_turns(jobs: list[Callable[[], Any]], repeats: int) -> Array:
+def time_in_turns(jobs: list[Job], repeats: int) -> Array:
     """Return (jobs,) seconds of one run, the lower quartile; the order changes in every round."""
     seconds = np.empty((len(jobs), repeats))
     rng = np.random.default_rng(0)
@@ -213,21 +215,27 @@ def judge(setting: Setting, mechanism: sp.Mechanism) -> dict[str, Any]:
     }
 
 
-def study_predictor(repeats: int) -> list[dict[str, Any]]:
-    """Return one row per setting.
+def predictor_settings() -> list[Setting]:
+    """Return what is studied.
 
     Order 0 without corrections is left out: it predicts that nothing moves but the crank.
     """
-    mechanism = sp.load("rspc")
     settings = [Setting(order, corrections, degrees) for order in ORDERS
                 for corrections in CORRECTIONS if order or corrections != 0 for degrees in DEGREES]
-    settings += [Setting(3, None, degrees, equal=True) for degrees in DEGREES]
-    jobs = [partial(sp.sweep, mechanism, "crank", [0.0])]
-    jobs += [partial(setting.run, mechanism) for setting in settings]
-    start, *seconds = time_in_turns(jobs, repeats).tolist()
+    return settings + [Setting(3, None, degrees, equal=True) for degrees in DEGREES]
+
+
+def predictor_jobs(mechanism: sp.Mechanism) -> list[Job]:
+    """Return what is timed: a sweep of one row, then the settings."""
+    jobs: list[Job] = [partial(sp.sweep, mechanism, "crank", [0.0])]
+    return jobs + [partial(setting.run, mechanism) for setting in predictor_settings()]
+
+
+def predictor_rows(mechanism: sp.Mechanism, seconds: Array) -> list[dict[str, Any]]:
+    """Return one row per setting."""
     rows = []
-    for setting, turn in zip(settings, seconds, strict=True):
-        micro = 1e6 * (turn / setting.loops - start) / setting.timed
+    for setting, turn in zip(predictor_settings(), seconds[1:], strict=True):
+        micro = 1e6 * float(turn / setting.loops - seconds[0]) / setting.timed
         rows.append({**judge(setting, mechanism), "microseconds": micro})
     return rows
 
@@ -373,33 +381,40 @@ def rocker_tip(problem: bench.Problem) -> Array:
     return place
 
 
-def study_cuts(repeats: int) -> list[dict[str, Any]]:
-    """Return one row per description: size, largest errors of B [m, per unit crank speed], time."""
-    problem = bench.Problem(speed=1.0)
-    exact, equal = rocker_tip(problem), problem.phi
+def load_cuts() -> dict[str, sp.Mechanism]:
+    """Return the mechanisms by title."""
+    with tempfile.TemporaryDirectory() as folder:
+        return {cut.title: cut.load(Path(folder)) for cut in cuts(bench.Problem())}
+
+
+def cut_jobs(mechanisms: dict[str, sp.Mechanism]) -> list[Job]:
+    """Return what is timed for each description: one row, equal steps, unequal steps."""
+    equal = bench.Problem().phi
     unequal = equal.copy()
     unequal[1::2] += UNEQUAL * equal[1]
-    with tempfile.TemporaryDirectory() as folder:
-        titles, mechanisms = zip(
-            *((cut.title, cut.load(Path(folder))) for cut in cuts(problem)), strict=True
-        )
-    jobs = [partial(sp.sweep, mechanism, "crank", values) for mechanism in mechanisms
+    return [partial(sp.sweep, mechanism, "crank", values) for mechanism in mechanisms.values()
             for values in (equal[:1], equal, unequal)]
-    seconds = time_in_turns(jobs, repeats).reshape(len(titles), 3)
-    micro = 1e6 * (seconds[:, 1:] - seconds[:, :1]) / (len(equal) - 1)
-    rows = []
-    for title, mechanism, (together, singly) in zip(titles, mechanisms, micro, strict=True):
-        motion = sp.sweep(mechanism, "crank", equal)
+
+
+def cut_rows(mechanisms: dict[str, sp.Mechanism], seconds: Array) -> list[dict[str, Any]]:
+    """Return one row per description: size, largest errors of B [m, per unit crank speed], time."""
+    problem, rows = bench.Problem(speed=1.0), []
+    exact = rocker_tip(problem)
+    seconds = seconds.reshape(len(mechanisms), 3)
+    micro = 1e6 * (seconds[:, 1:] - seconds[:, :1]) / (len(problem.phi) - 1)
+    for (title, mechanism), times in zip(mechanisms.items(), micro.tolist(), strict=True):
+        motion = sp.sweep(mechanism, "crank", problem.phi)
         tip = motion.frame("rocker_b")
         found = np.array([tip.position, tip.velocity, tip.acceleration])
-        errors = [*np.abs(found - exact).max(axis=(1, 2)).tolist(), motion.closure_error.max()]
+        errors = np.abs(found - exact).max(axis=(1, 2)).tolist()
+        errors.append(float(motion.closure_error.max()))
         rows.append({
             "title": title,
             "unknowns": mechanism.model.nv - len(mechanism.drivers),
             "closure rows": sum(closure.n_rows for closure in mechanism.closures),
             "spin rows": len(mechanism.passives),
-            **dict(zip(ERRORS, map(float, errors), strict=True)),
-            "microseconds": float(together), "microseconds singly": float(singly),
+            **dict(zip(ERRORS, errors, strict=True)),
+            "microseconds": times[0], "microseconds singly": times[1],
         })
     return rows
 
@@ -550,6 +565,17 @@ def draw_cuts(axes: Any, rows: list[dict[str, Any]]) -> None:
     axes.set_xlim(0.0, 1.4 * max(row["microseconds singly"] for row in rows))
 
 
+def study(repeats: int) -> dict[str, list[dict[str, Any]]]:
+    """Time everything in turns, and judge it."""
+    rspc, mechanisms = sp.load("rspc"), load_cuts()
+    jobs, more = predictor_jobs(rspc), cut_jobs(mechanisms)
+    seconds = time_in_turns([*jobs, *more], repeats)
+    return {
+        "predictor": predictor_rows(rspc, seconds[: len(jobs)]),
+        "cuts": cut_rows(mechanisms, seconds[len(jobs) :]),
+    }
+
+
 def main() -> None:
     """Measure, print, save."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -562,8 +588,7 @@ def main() -> None:
         "versions": bench.versions(),
         "repeats": options.repeats,
         "check": Rspc().check(),
-        "predictor": study_predictor(options.repeats),
-        "cuts": study_cuts(options.repeats),
+        **study(options.repeats),
     }
     print_report(report)
     if options.json:

@@ -15,6 +15,8 @@ class Accuracy:
             is a difference of two accelerations).
         corrections: number of Newton corrections at each step; None corrects until `tolerance`.
         tolerance: closure residual to reach [-], relative to the characteristic length.
+
+    Equal steps are taken many at a time, two to three times faster, with order 3 to tolerance only.
     """
 
     order: int = 3
@@ -26,6 +28,8 @@ class Accuracy:
             raise ValueError(f"order is {self.order}; the predictor has orders 0 to 3")
         if self.corrections is not None and self.corrections < 0:
             raise ValueError(f"corrections is {self.corrections}; it cannot be negative")
+        if self.order == 0 and self.corrections == 0:
+            raise ValueError("order 0 without corrections moves nothing but the driver")
         if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
             raise ValueError(f"tolerance is {self.tolerance}; it must be positive")
 

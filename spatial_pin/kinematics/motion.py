@@ -23,7 +23,7 @@ class Event(NamedTuple):
     """Something met on the way.
 
     Attributes:
-        kind: "limit", "singular", "branch point" or "lost".
+        kind: "limit", "singular", "branch point", "lost", or "open" (drifted without corrections).
         value: driver value of it [rad or m].
         row: number of rows of the motion before it.
         text: the same as a sentence.

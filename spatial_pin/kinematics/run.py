@@ -67,17 +67,31 @@ def is_possible(branch: Branch) -> bool:
     )
 
 
-def uniform_until(values: Array, k: int) -> int:
-    """Return the end of the equal steps around row k - 1, or k when there are too few."""
-    if k < HISTORY or len(values) - k < SHORTEST:
-        return k
-    steps = np.diff(values[k - HISTORY :])
-    h = steps[HISTORY - 2]
-    uneven = np.flatnonzero(np.abs(steps - h) > 1e-9 * abs(h))
-    if h == 0.0 or (uneven.size and uneven[0] < HISTORY - 1):
-        return k
-    end = k + (int(uneven[0]) - HISTORY + 1 if uneven.size else len(values) - k)
-    return end if end - k >= SHORTEST else k
+def is_short(branch: Branch, h: float) -> bool:
+    """Whether a step h of the driver moves the joints little enough for a run."""
+    return float(np.abs(h * branch.t / branch.scale).max()) <= LONGEST_STEP
+
+
+class EqualSteps:
+    """Where in a list of driver values the steps are equal."""
+
+    def __init__(self, values: Array) -> None:
+        steps = np.diff(values)
+        n = len(steps)
+        new = np.ones(n + 1, dtype=bool)  # whether step i begins another run
+        if n > 1:
+            new[1:n] = np.abs(np.diff(steps)) > 1e-9 * np.abs(steps[1:])
+        begins = np.flatnonzero(new)
+        run = np.cumsum(new[:n]) - 1
+        self.begin, self.end, self.steps = begins[:-1][run], begins[1:][run], steps
+
+    def until(self, k: int) -> int:
+        """Return the row after the last equal step around row k, or k for too few of them."""
+        j = k - 1  # the step from row k - 1 to row k
+        if not 0 <= j < len(self.steps) or self.steps[j] == 0.0 or self.begin[j] > k - HISTORY:
+            return k
+        end = int(self.end[j]) + 1
+        return end if end - k >= SHORTEST else k
 
 
 def follow(branch: Branch, values: Array, q: Array, k: int, end: int) -> tuple[int, Rows | None]:

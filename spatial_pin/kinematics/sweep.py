@@ -22,6 +22,8 @@ from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
 
+DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
+
 
 @dataclass
 class _Record:
@@ -116,6 +118,7 @@ def sweep(
     finally:
         bar.close()
     motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
+    motion.events += _drift(motion)
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
         if on_limit == "raise" or stop.kind != "limit":
@@ -134,8 +137,11 @@ def _follow(branch: Branch, values: Array, record: _Record) -> Iterator[int]:
     """Fill the record row by row, or run by run; yields the number of rows done."""
     fast = run.is_possible(branch)
     k, careful_until = 0, 0
+    equal = run.EqualSteps(values)
     while k < len(values):
-        end = run.uniform_until(values, k) if fast and k >= careful_until else k
+        end = equal.until(k) if fast and k >= careful_until else k
+        if end > k and not run.is_short(branch, float(equal.steps[k - 1])):
+            end = k
         if end > k:
             end = min(end, k + run.LONGEST)
             reached, rows = run.follow(branch, values, record.q, k, end)
@@ -177,6 +183,18 @@ def _motion(
         driver_speed=speeds.copy(),
         angles=record.angles[:n],
     )
+
+
+def _drift(motion: Motion) -> list[Event]:
+    """Report where a motion that is not corrected to tolerance has left its closed loops."""
+    open_rows = np.flatnonzero(motion.closure_error > DRIFTED)
+    if not open_rows.size:
+        return []
+    row = int(open_rows[0])
+    value, unit = float(motion.driver[row]), motion.driver_unit
+    text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
+            "on: too few corrections")
+    return [Event("open", value, row, text)]
 
 
 def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
