@@ -41,12 +41,14 @@ class CurvePoint(NamedTuple):
         q: (nq,) configuration.
         t: (nv,) scaled unit tangent.
         sign: sign of the determinant of [regular rows; tangent].
+        sigma: smallest over largest singular value of the regular rows.
         angles, slopes: relative angles of screw closures, and their scaled derivatives.
     """
 
     q: Array
     t: Array
     sign: int
+    sigma: float
     angles: Array
     slopes: Array
 
@@ -82,11 +84,18 @@ class Curve:
         svd = decompose(rows, CROSSING)
         if svd.rank < len(rows):
             return None
-        t = svd.null_space.T @ (svd.null_space @ along)
-        t /= np.linalg.norm(t)
+        return self.point(q, svd.null_space.T @ (svd.null_space @ along), rows, svd.s)
+
+    def point(
+        self, q: Array, t: Array, rows: Array | None = None, s: Array | None = None
+    ) -> CurvePoint:
+        """Return the point at q with a given tangent; rows and their singular values if known."""
+        rows = self.rows(q) if rows is None else rows
+        s = decompose(rows, 0.0).s if s is None else s
+        t = t / np.linalg.norm(t)
         evaluation = self.evaluation
-        return CurvePoint(q, t, determinant_sign_of(np.vstack([rows, t])), evaluation.angles.copy(),
-                      evaluation.angle_jacobian.copy())
+        return CurvePoint(q, t, determinant_sign_of(np.vstack([rows, t])), _sigma(s),
+                          evaluation.angles.copy(), evaluation.angle_jacobian.copy())
 
     def ahead(self, point: CurvePoint, length: float) -> Array | None:
         """Return the closed configuration `length` ahead along the tangent."""
@@ -114,10 +123,9 @@ class Curve:
         t /= np.linalg.norm(t)
         return t, determinant_sign_of(np.vstack([rows, t]))
 
-    def determinant(self, q: Array, along: Array) -> float:
-        """Return the determinant of [rows; tangent], a simple zero where two branches cross."""
-        t, _ = self.direction(q, along)
-        return float(np.linalg.det(np.vstack([self.rows(q), t])))
+    def sigma(self, q: Array) -> float:
+        """Return the smallest over the largest singular value of the rows at q."""
+        return _sigma(decompose(self.rows(q), 0.0).s)
 
     def curvature(self, point: CurvePoint) -> Array:
         """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
@@ -154,18 +162,20 @@ def march(
     heading = np.sign(target - q[at])
     point = curve.settle(q, heading * direction / curve.scale)
     if point is None:
-        return Arrival("branch point", q, float(q[at]))
-    last, length = point, FIRST_STEP
+        return _crossing(curve, curve.point(q, heading * direction / curve.scale), q)
+    last = clear = point
+    length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
         if point is None:
-            return _crossing(curve, last, q)
+            return _crossing(curve, clear, q)
         q, last = point.q, point
+        clear = point if point.sigma > NEAR_CROSSING else clear
         ahead = curve.ahead(point, length)
         t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
         if ahead is None or t @ point.t < STRAIGHT or sign != point.sign:
             length *= 0.5
             if length < NEAR_CROSSING and ahead is not None and sign != point.sign:
-                return _crossing(curve, point, q)
+                return _crossing(curve, clear, q)
             if length < SMALLEST_STEP:
                 return Arrival("lost", q, float(q[at]))
             continue
@@ -178,8 +188,16 @@ def march(
                 return _arrive(curve, point, turning, target)
             return Arrival("limit", limit, float(limit[at]))
         q, point = ahead, curve.settle(ahead, t)
-        length = min(2.0 * length, LARGEST_STEP)
+        # never further than half the way to where the rows would lose their rank
+        fall = last.sigma - point.sigma if point is not None else 0.0
+        room = 0.5 * point.sigma * length / fall if point is not None and fall > 0.0 else np.inf
+        length = min(2.0 * length, LARGEST_STEP, max(room, SMALLEST_STEP))
     return Arrival("lost", q, float(q[at]))
+
+
+def _sigma(s: Array) -> float:
+    rows = s[s > 0.0]
+    return float(rows.min() / rows.max()) if rows.size else 1.0
 
 
 def turning_point(curve: Curve, point: CurvePoint, length: float) -> float:
@@ -212,10 +230,11 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
 
 
 def _crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
-    """Locate the crossing of two branches just ahead of a point, near q.
+    """Locate where the rows lose their rank, just ahead of a point, near q.
 
-    On the crossing itself nothing can be solved; the driver values at four places before and
-    behind it are interpolated over the determinant, which is zero there.
+    There nothing can be solved: the driver value, and how fast it still changes, are extrapolated
+    over the smallest singular value, from places before it. A driver that comes to rest there has
+    reached its limit; else branches cross.
     """
     at = curve.driver.q
     start = curve.ahead(point, -2.0 * NEAR_CROSSING)
@@ -223,15 +242,22 @@ def _crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
     coarse = _places(curve, base, (0.0, 0.5 * NEAR_CROSSING))
     if base is None or coarse is None:
         return Arrival("branch point", q, float(q[at]))
-    first, second = (curve.determinant(x, base.t) for x in coarse)
+    first, second = (curve.sigma(x) for x in coarse)
     distance = 0.5 * NEAR_CROSSING * first / (first - second)
-    places = _places(curve, base, distance * np.array([0.4, 0.7, 1.3, 1.6]))
+    places = _places(curve, base, distance * np.array([0.0, 0.2, 0.4, 0.6, 0.8]))
     if places is None:
         return Arrival("branch point", q, float(q[at]))
-    d = np.array([curve.determinant(x, base.t) for x in places])
-    s = np.array([x[at] for x in places])
-    value = sum(s[i] * np.prod(np.delete(d, i) / (np.delete(d, i) - d[i])) for i in range(len(d)))
-    return Arrival("branch point", q, float(value))
+    sigma = np.array([curve.sigma(x) for x in places])
+    slopes = np.array([curve.slope(curve.direction(x, base.t)[0]) for x in places])
+    value = _at_zero(sigma, np.array([x[at] for x in places]))
+    rests = abs(_at_zero(sigma, slopes)) < 0.1 * abs(slopes[0])
+    return Arrival("limit" if rests else "branch point", q, value)
+
+
+def _at_zero(x: Array, y: Array) -> float:
+    """Return the value at 0 of the polynomial through the points (x, y) [Lagrange]."""
+    return float(sum(y[i] * np.prod(np.delete(x, i) / (np.delete(x, i) - x[i]))
+                     for i in range(len(x))))
 
 
 def _place(curve: Curve, point: CurvePoint, x: float) -> Array:

@@ -25,6 +25,7 @@ CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
+NEARER = 0.75  # part of the way to where the pivots would vanish that one step may go
 WORN = 0.2  # reselect redundant rows when the pivots have worn down to this fraction
 
 
@@ -64,6 +65,7 @@ class Branch:
         self.unit[self.system.driver_rows.start] = 1.0 / self.scale[driven[0].v]
         self._drive = np.zeros(len(driven))
         self._previous: tuple[float, Array] | None = None
+        self._pivot, self._room = pivot, math.inf
         self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
                       for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
@@ -82,6 +84,7 @@ class Branch:
         self.evaluation.update(self.q)
         self.system.factor()
         self._previous = None
+        self._pivot, self._room = self.system.pivots()[1], math.inf
         self._set_rates()
 
     def _begin_spins(self, before: Array, h: float) -> None:
@@ -121,7 +124,7 @@ class Branch:
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))
-        if not size <= LONGEST_STEP:
+        if not size <= LONGEST_STEP or abs(h) > NEARER * self._room:
             return False
         if self.spins and not self.spins[0].continues(h):
             back = (0.5 * h * h) * self.c - h * self.t
@@ -147,6 +150,7 @@ class Branch:
         system.refresh_passive()
         if not system.factor():
             return False
+        pivot_before = self._pivot
         sign, pivot = system.pivots()
         if sign != self.sign or pivot < NEAR_SINGULAR:
             return False
@@ -161,6 +165,10 @@ class Branch:
                 self.reselect()
             return False
         self._previous = (h, before[2])
+        # two branches that cross twice at one place leave the sign of the determinant as it was
+        fall = pivot_before - pivot
+        self._room = pivot * abs(h) / fall if fall > 0.0 else math.inf
+        self._pivot = self.system.pivots()[1]
         return True
 
     def _is_explained(self, q: Array, t: Array, c: Array, h: float) -> bool:
@@ -206,7 +214,7 @@ class Branch:
     def reselect(self) -> None:
         """Choose the independent rows anew at the present point."""
         self.system.select(self.q)
-        self.sign = self.system.pivots()[0]
+        self.sign, self._pivot = self.system.pivots()
 
     def reach(self, target: float) -> None:
         """Move to `target` by as many steps as the branch needs.
@@ -241,7 +249,7 @@ class Branch:
             raise Stopped(Arrival("singular", arrival.q, target)) from None
         if self.system.pivots()[1] < SINGULAR_PIVOT:
             raise Stopped(Arrival("singular", arrival.q, target))
-        self._previous = None
+        self._previous, self._room = None, math.inf
         for spin in self.spins:
             spin.forget()
         self._set_rates()

@@ -11,11 +11,11 @@ from tqdm import tqdm
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.assembly import nearest_turn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.mobility import passive_freedoms_at
-from spatial_pin.kinematics.newton import close
+from spatial_pin.kinematics.mobility import SINGULAR, passive_freedoms_at
+from spatial_pin.kinematics.newton import close, passive_freedoms
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import Array, null_space
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -53,7 +53,9 @@ def assembly_modes(
 
     Returns:
         The modes sorted by their coordinates; `State.branch` is the sign of the determinant of
-        the closed loops ("+", "-", or "" where it is singular or not determined).
+        the closed loops ("+" or "-"; "" where passive freedoms or missing drivers leave it open;
+        "singular" for configurations that can move, at least instantaneously, with the drivers
+        held: of these only the first one found is listed, as there may be a continuum of them).
 
     Raises:
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
@@ -91,6 +93,19 @@ class _Search:
         self.found: list[Array] = []
         self.signatures: list[Array] = []
         self.loose: frozenset[int] = frozenset()
+        self.has_singular = False
+
+    def _is_singular(self) -> bool:
+        """Whether more than passive freedoms is left at the evaluation, the drivers held."""
+        n = self.evaluation.constraints.n_rows
+        tangents = null_space(self.evaluation.jacobian[:n, self.free], SINGULAR)
+        if not len(tangents):
+            return False
+        whole = np.zeros((len(tangents), len(self.free)))
+        whole[:, self.free] = tangents
+        scale = self.mechanism.velocity_scale
+        passive = sum(len(v) for _, v in passive_freedoms(self.evaluation, whole * scale))
+        return passive < len(tangents)
 
     def random_start(self, rng: np.random.Generator) -> Array:
         """Return a configuration with angles and orientations uniform, slides within a range."""
@@ -118,10 +133,14 @@ class _Search:
         q, error = close(evaluation, start, self.free, self.tolerance, ITERATIONS)
         if not error <= CLOSED or evaluation.mirrored():
             return False
-        if not self.found:
+        if not self.signatures:
             passive = passive_freedoms_at(evaluation, q)
             self.loose = frozenset(self.mechanism.joint_id(joint) for joint, _ in passive)
         evaluation.update(q)
+        if self._is_singular():
+            if self.has_singular:
+                return False
+            self.has_singular = True
         signature = self.signature()
         if any(np.abs(signature - other).max() < SAME for other in self.signatures):
             return False
@@ -164,6 +183,9 @@ class _Search:
         return sorted(states, key=self._order)
 
     def _branch(self, state: State) -> str:
+        self.evaluation.update(state.q)
+        if self._is_singular():
+            return "singular"
         try:
             system = square_system(state, self.held)
         except SingularError:

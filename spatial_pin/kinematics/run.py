@@ -280,11 +280,15 @@ def _good(branch: Branch, h: float, q: Array, rows: Rows) -> int:
     length = np.sqrt(np.vecdot(t, t))
     cosine = np.vecdot(t[:-1], t[1:]) / (length[:-1] * length[1:])
     magnitude = np.concatenate([[rows.magnitude[0]], rows.magnitude])
+    root = np.exp(0.5 * (magnitude - magnitude.max()))
+    vanishing = np.zeros(len(root) - 1, dtype=bool)
+    vanishing[1:] = 2.0 * root[1:-1] < root[:-2]  # zero is due before the row
     worn = WORN if branch.system.has_redundant_rows else SINGULAR
     bad = (
         (np.abs(rows.residual).max(axis=1) > branch.accuracy.tolerance)
         | (rows.sign != branch.sign)
         | (magnitude[1:] < magnitude.max() + math.log(worn))
+        | vanishing
         | (np.abs(h * rows.t / branch.scale).max(axis=1) > LONGEST_STEP)
         | (gap > UNEXPLAINED * size + 1e-12)
         | ~(cosine > STRAIGHT)
