@@ -11,6 +11,7 @@ from scipy.linalg import lapack
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
 RANK_TOLERANCE = 1e-10  # singular values below this fraction of the largest count as zero
+ROUND_OFF = 1e-13  # as do all below this: matrices are scaled to order one
 
 
 class Decomposition(NamedTuple):
@@ -47,7 +48,7 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
     if m < n:  # pad, so that vt spans the null space too at the cost of the economic form
         a = np.vstack([a, np.zeros((n - m, n))])
     u, s, vt = np.linalg.svd(a, full_matrices=False)
-    rank = int(np.count_nonzero(s > tolerance * s[0])) if s.size and s[0] > 0 else 0
+    rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))) if s.size else 0
     return Decomposition(u[:m, :], s, vt, rank)
 
 
@@ -91,7 +92,7 @@ def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.
         return np.empty(0, dtype=np.intp)
     qr, pivots, _, _, _ = lapack.dgeqp3(a.T)
     d = np.abs(np.diagonal(qr))
-    r = int(np.count_nonzero(d > tolerance * d[0])) if d.size and d[0] > 0 else 0
+    r = int(np.count_nonzero(d > max(tolerance * d[0], ROUND_OFF))) if d.size else 0
     return np.sort(pivots[:r] - 1)
 
 

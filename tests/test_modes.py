@@ -56,7 +56,6 @@ def half_angle(e: float, f: float, g: float) -> list[float]:
 
 # ---------------------------------------------------------------- closed forms: every branch
 
-
 Branches = list[dict[str, float]]
 
 
@@ -103,8 +102,7 @@ def crank_collar(crank, a=0.050, h=0.075, l=0.175) -> Branches:  # noqa: E741
     """The ball is a sin and a cos - h from the rod; collar and link from either side."""
     x, z = a * np.sin(crank), a * np.cos(crank) - h
     along = np.sqrt(l**2 - x**2 - z**2)
-    return [{"collar.slide": s * along, "crank_pin": crank, "side": k}
-            for s in (1, -1) for k in (0, 1)]
+    return [{"collar.slide": s * along} for s in (1, -1) for _ in ("one way", "the other")]
 
 
 def hooke(angle) -> Branches:
@@ -417,6 +415,12 @@ def test_a_mechanism_that_can_still_move_gives_one_configuration_and_says_so(nam
     modes = sp.assembly_modes(sp.load(name), {})
     assert [state.branch for state in modes] == ["singular"]
     assert modes[0].closure_error < 1e-12
+
+
+def test_isolated_modes_at_a_limit_are_all_listed():
+    """The link stands square to the rod, with the collar either way round."""
+    modes = sp.assembly_modes(sp.load("crank_collar", l=0.125), {"crank": np.pi})
+    assert [state.branch for state in modes] == ["singular", "singular"]
 
 
 @pytest.mark.parametrize(("name", "crank"), [("peaucellier", 0.3), ("sarrus", 0.7)])

@@ -270,7 +270,7 @@ def nearest_turn(
             q[c.q] = held[c.name]
             continue
         target = named.get(c.name, 0.0)
-        q[c.q] -= turn * np.round((q[c.q] - target) / turn)
+        q[c.q] -= turn * np.ceil((q[c.q] - target) / turn - 0.5 - 1e-9)  # half a turn is +pi
         if q[c.q] > upper[c.q] and q[c.q] - turn >= lower[c.q]:
             q[c.q] -= turn
         elif q[c.q] < lower[c.q] and q[c.q] + turn <= upper[c.q]:

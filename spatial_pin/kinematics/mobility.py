@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import ACCEPTED, assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import close, passive_freedoms
+from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.views import joint_jacobian
-from spatial_pin.linalg import Array, independent_rows, null_space, rank, row_space
+from spatial_pin.linalg import Array, decompose, independent_rows, null_space, rank, row_space
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -24,6 +25,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 SINGULAR = 1e-6
 PROBE = 0.05  # length of a finite trial motion [rad, characteristic lengths]
 MOVED = 0.3  # part of it that must be left after closing to count as motion
+SMALL_PROBE = 0.005  # the same at a configuration that was reached by one
 PROBES = 6  # trial motions for each instantaneous freedom
 ALGEBRA_TOLERANCE = 1e-8
 MAX_NAMES = 8
@@ -180,6 +182,14 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     loops = tuple(_loop(evaluation, c) for c in mechanism.closures if c.type != COUPLING)
     couplings = len(evaluation.constraints.couplings)
     freedoms = nv + sum(6 - c.n_rows for c in mechanism.closures if c.type != COUPLING)
+    dof = _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
+    passive = [(joint, v) for joint, velocities in passive_freedoms_at(evaluation, x)
+               for v in _spins_and_slides(evaluation, joint, velocities)]
+    if dof < nv - r:  # leave out what is instantaneous only
+        scale = mechanism.velocity_scale
+        passive = [(joint, v) for joint, v in passive if finite_dimension(
+            evaluation, x, (v / scale / np.linalg.norm(v / scale))[None])]
+        evaluation.update(x)
     return Mobility(
         mechanism,
         kutzbach=nv - n,
@@ -187,10 +197,8 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         loop_list=loops,
         rank=r,
         instantaneous=nv - r,
-        dof=_finite_freedom(evaluation, x, null_space(jacobian, SINGULAR)),
-        passive=tuple(_describe(evaluation, joint, v)
-                      for joint, velocities in passive_freedoms_at(evaluation, x)
-                      for v in velocities),
+        dof=dof,
+        passive=tuple(_describe(evaluation, joint, v) for joint, v in passive),
         redundant=redundant,
     )
 
@@ -219,10 +227,35 @@ def _finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
         moved = pin.difference(evaluation.model, q, found) / scale
         if error > ACCEPTED or np.linalg.norm(moved) < MOVED * PROBE:
             continue
-        best = max(best, len(scale) - rank(evaluation.jacobian[:n], SINGULAR))
+        tangents_there = null_space(evaluation.jacobian[:n], SINGULAR)
+        best = max(best, finite_dimension(evaluation, found, tangents_there))
         if best == len(tangents):
             break
     return best
+
+
+def finite_dimension(
+    evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None
+) -> int:
+    """Return how many independent trial motions along `tangents` survive closing the loops at q.
+
+    The nullity is only a bound: a part that is shaky in every configuration adds to it.
+
+    Args:
+        evaluation: the closure equations; left anywhere.
+        q: (nq,) closed configuration.
+        tangents: (k, nv) scaled velocities that open no loop at q.
+        free: (nv,) which velocities may close the loops again; default all.
+    """
+    scale = evaluation.mechanism.velocity_scale
+    free = np.ones(len(scale), dtype=bool) if free is None else free
+    left = []
+    for tangent in tangents:
+        start = pin.integrate(evaluation.model, q, scale * SMALL_PROBE * tangent)
+        found, error = close(evaluation, start, free, 1e-14)
+        if error <= ACCEPTED:
+            left.append(pin.difference(evaluation.model, q, found) / (scale * SMALL_PROBE))
+    return int(np.count_nonzero(decompose(np.array(left)).s > MOVED)) if left else 0
 
 
 # ---------------------------------------------------------------- loops
@@ -297,8 +330,10 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     if not len(tangents):
         return []
     joined = _pairs_of_bodies(mechanism)
+    groups = driven_groups(mechanism)
     return [(joint, velocities) for joint, velocities in passive_freedoms(evaluation, tangents)
-            if joined[mechanism.joint_id(joint)] > 1]
+            if sum(n for n, g in zip(joined, groups, strict=True)
+                   if g == groups[mechanism.joint_id(joint)]) > 1]
 
 
 def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:
@@ -311,6 +346,24 @@ def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:
         for frame in closure.frames:
             count[mechanism.frame_on_joint(frame)[0]] += 1
     return count
+
+
+def _spins_and_slides(evaluation: Evaluation, joint: str, velocities: Array) -> Array:
+    """Return the motions of one body, (k, nv), recombined into pure slides and spins."""
+    mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
+    columns = joint_jacobian(evaluation.data, evaluation.model.nv)
+    columns = columns * evaluation.constraints.support(i)
+    size = np.array([1.0, 1.0, 1.0, *[mechanism.characteristic_length] * 3])
+    twists = velocities @ columns.T * size
+    svd = decompose(twists[:, 3:].T, ALGEBRA_TOLERANCE)  # rows of vt combine velocities
+    slides, spins = svd.vt[svd.rank :] @ velocities, svd.vt[: svd.rank] @ velocities
+    if len(slides) and len(spins):  # take the slide along its axis out of each spin
+        linear = slides @ columns[:3].T
+        for spin in spins:
+            v, w = columns[:3] @ spin, columns[3:] @ spin
+            along = w * (v @ w) / (w @ w)
+            spin -= decompose(linear.T, ALGEBRA_TOLERANCE).minimum_norm(along) @ slides
+    return np.vstack([slides, spins])
 
 
 def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:

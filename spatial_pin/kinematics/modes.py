@@ -11,7 +11,7 @@ from tqdm import tqdm
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.assembly import nearest_turn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.mobility import SINGULAR, passive_freedoms_at
+from spatial_pin.kinematics.mobility import SINGULAR, finite_dimension, passive_freedoms_at
 from spatial_pin.kinematics.newton import close, passive_freedoms
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import State
@@ -55,7 +55,7 @@ def assembly_modes(
         The modes sorted by their coordinates; `State.branch` is the sign of the determinant of
         the closed loops ("+" or "-"; "" where passive freedoms or missing drivers leave it open;
         "singular" for configurations that can move, at least instantaneously, with the drivers
-        held: of these only the first one found is listed, as there may be a continuum of them).
+        held: of those that really move only the first one found is listed, as they are many).
 
     Raises:
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
@@ -93,7 +93,28 @@ class _Search:
         self.found: list[Array] = []
         self.signatures: list[Array] = []
         self.loose: frozenset[int] = frozenset()
-        self.has_singular = False
+        self.knows_loose = False
+        self.has_continuum = False
+
+    def _learn_loose(self, q: Array) -> None:
+        """Note which bodies are passive at a regular mode; what came before is looked at anew."""
+        passive = passive_freedoms_at(self.evaluation, q)
+        self.loose = frozenset(self.mechanism.joint_id(joint) for joint, _ in passive)
+        self.knows_loose = True
+        self.signatures = []
+        for earlier in self.found:
+            self.evaluation.update(earlier)
+            self.signatures.append(self.signature())
+        self.evaluation.update(q)
+
+    def _moves(self, q: Array) -> bool:
+        """Whether a singular configuration can really move, passive freedoms apart."""
+        n = self.evaluation.constraints.n_rows
+        inner = null_space(self.evaluation.jacobian[:n, self.free], SINGULAR)
+        tangents = np.zeros((len(inner), len(self.free)))
+        tangents[:, self.free] = inner
+        moving = finite_dimension(self.evaluation, q, tangents, self.free)
+        return moving > len(self.loose)
 
     def _is_singular(self) -> bool:
         """Whether more than passive freedoms is left at the evaluation, the drivers held."""
@@ -133,14 +154,15 @@ class _Search:
         q, error = close(evaluation, start, self.free, self.tolerance, ITERATIONS)
         if not error <= CLOSED or evaluation.mirrored():
             return False
-        if not self.signatures:
-            passive = passive_freedoms_at(evaluation, q)
-            self.loose = frozenset(self.mechanism.joint_id(joint) for joint, _ in passive)
         evaluation.update(q)
-        if self._is_singular():
-            if self.has_singular:
+        singular = self._is_singular()
+        if singular and self._moves(q):
+            if self.has_continuum:
                 return False
-            self.has_singular = True
+            self.has_continuum = True
+        evaluation.update(q)
+        if not singular and not self.knows_loose:
+            self._learn_loose(q)
         signature = self.signature()
         if any(np.abs(signature - other).max() < SAME for other in self.signatures):
             return False

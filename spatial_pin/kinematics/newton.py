@@ -13,7 +13,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, aligned, decompose, independent_rows, pivots_of
-from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
@@ -303,26 +303,42 @@ def generic_rank(evaluation: Evaluation, q: Array) -> int:
     return best
 
 
+def driven_groups(mechanism: Mechanism) -> list[int]:
+    """Return for every body (by its joint's index) the first body that drivers hold it to.
+
+    The two halves of a driven telescopic leg are one body as long as the driver stands still.
+    """
+    model = mechanism.model
+    driven = {mechanism.driven_coordinate(d.joint).name for d in mechanism.drivers.values()}
+    groups = list(range(model.njoints))
+    for i in range(1, model.njoints):
+        names = [c.name for c in mechanism.coordinate_table.values() if c.joint == model.names[i]]
+        if driven.issuperset(names):
+            groups[i] = groups[model.parents[i]]
+    return groups
+
+
 def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) for the motions that move one body only.
+
+    Bodies that a driver holds together count as one, named by the first of them.
 
     Args:
         evaluation: at the configuration in question.
         null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
     """
     model, c = evaluation.model, evaluation.constraints
-    twists = np.array([
-        (joint_jacobian(evaluation.data, model.nv) * c.support(i)) @ null_space.T
-        for i in range(1, model.njoints)
-    ])  # (bodies, 6, k)
+    columns = joint_jacobian(evaluation.data, model.nv)
+    twists = np.array([(columns * c.support(i)) @ null_space.T for i in range(1, model.njoints)])
     size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
-    twists = twists * size[:, None]
-    largest = np.abs(twists).max(initial=0.0)
+    twists = twists * size[:, None]  # (bodies, 6, k)
+    twists = twists / np.abs(twists).max(initial=1e-300)
+    groups = np.array(driven_groups(evaluation.mechanism)[1:])
     found: list[tuple[str, Array]] = []
-    for i in range(1, model.njoints):
-        others = np.delete(twists, i - 1, axis=0).reshape(-1, len(null_space))
-        alone = decompose(np.vstack([others, np.zeros((1, len(null_space)))]) / largest)
+    for group in sorted(set(groups.tolist()) - {0}):
+        others = twists[groups != group].reshape(-1, len(null_space))
+        alone = decompose(np.vstack([others, np.zeros((1, len(null_space)))]))
         still = int(np.count_nonzero(alone.s > 1e-8)) if len(others) else 0
         if still < len(null_space):
-            found.append((model.names[i], alone.vt[still:] @ null_space))
+            found.append((model.names[group], alone.vt[still:] @ null_space))
     return found
