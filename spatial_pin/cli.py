@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
 from spatial_pin.mechanism.export import export_urdf
-from spatial_pin.units import quantity
+from spatial_pin.units import Quantity, quantity
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
@@ -132,6 +132,17 @@ def _quantity(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def _fitting(mechanism: sp.Mechanism, values: Mapping[str, float]) -> dict[str, float]:
+    """Return coordinate values after a look at their units; names are checked elsewhere."""
+    known = mechanism.coordinate_table
+    for name, value in values.items():
+        driver = mechanism.drivers.get(name)
+        coordinate = known.get(driver.joint if driver else name)
+        if coordinate and isinstance(value, Quantity) and not value.is_for(coordinate.unit):
+            raise ValueError(f"{name} is in {coordinate.unit}, not in {value.unit}")
+    return dict(values)
+
+
 def _count(text: str) -> int:
     if not text.strip().isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
@@ -180,7 +191,7 @@ def _info(options: argparse.Namespace) -> None:
 
 def _assemble(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    state = sp.assemble(mechanism, _unique(options, options.values),
+    state = sp.assemble(mechanism, _fitting(mechanism, _unique(options, options.values)),
                         _guess(options), limits=options.limits)
     if options.json:
         values = {name: state.coordinate(name).value for name in mechanism.coordinates}
@@ -199,7 +210,7 @@ def _limits(options: argparse.Namespace) -> None:
 
 def _modes(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    modes = sp.assembly_modes(mechanism, _unique(options, options.values),
+    modes = sp.assembly_modes(mechanism, _fitting(mechanism, _unique(options, options.values)),
                               patience=options.patience, progress=True)
     if options.json:
         _write_json([{"branch": mode.branch, "closure_error": mode.closure_error,
@@ -215,6 +226,8 @@ def _guess(options: argparse.Namespace) -> dict[str, float] | None:
 
 
 def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
+    for quantity_ in (options.first, options.last, options.speed, options.acceleration):
+        _fitting(mechanism, {options.driver: quantity_})
     values = np.linspace(options.first, options.last, options.steps)
     speed = options.speed
     if speed is None:
@@ -272,6 +285,10 @@ def _check(options: argparse.Namespace) -> None:
     print(f"{mechanism.path}: good: {len(mechanism.links)} links, "
           f"{len(mechanism.coordinates)} coordinates, {len(mechanism.closures)} closures; "
           f"the guess closes to {state.closure_error:.1e}")
+    found = sp.mobility(mechanism, state)
+    working = found.dof - len(found.passive)
+    if len(mechanism.drivers) != working:
+        print(f"note: {len(mechanism.drivers)} drivers for {working} working freedoms:\n{found}")
 
 
 def _export(options: argparse.Namespace) -> None:

@@ -31,7 +31,18 @@ UNITS = {
 _PATTERN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
-def quantity(text: str) -> float:
+class Quantity(float):
+    """An SI value that remembers the unit it was written with ("" for none)."""
+
+    unit: str = ""
+
+    def is_for(self, base: str) -> bool:
+        """Whether it may stand for a value in `base`, "rad" or "m", or a rate of it."""
+        length = self.unit.partition("/")[0] in ("m", "cm", "mm", "um", "in")
+        return not self.unit or length == (base == "m")
+
+
+def quantity(text: str) -> Quantity:
     """Return the SI value of a number with an optional unit.
 
     Raises:
@@ -44,4 +55,6 @@ def quantity(text: str) -> float:
     value = float(match[1]) * UNITS[match[2]]
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
-    return value
+    found = Quantity(value)
+    found.unit = match[2]
+    return found

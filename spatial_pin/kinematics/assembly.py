@@ -204,6 +204,11 @@ def _read_guess(
     if guess is None:
         return _Guess(with_values(mechanism, mechanism.neutral, base), base)
     if isinstance(guess, State):
+        if guess.mechanism.coordinates != mechanism.coordinates:
+            raise ValueError(
+                f"the guess is a state of mechanism {guess.mechanism.name!r}, which has other "
+                f"coordinates than {mechanism.name!r}"
+            )
         guess = guess.q
     if isinstance(guess, Mapping):
         named = joint_values(mechanism, guess)

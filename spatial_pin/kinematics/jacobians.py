@@ -9,26 +9,27 @@ import pinocchio as pin
 
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.rates import square_system
-from spatial_pin.kinematics.state import WORLD_AXES, State
+from spatial_pin.kinematics.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
-def closure_jacobian(mechanism: Mechanism, q: Array) -> Array:
+def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
     """Return the derivative (rows, nv) of all closure rows with respect to joint velocities.
 
     Rows come closure by closure, couplings last, lengths divided by the characteristic length.
 
     Args:
         mechanism: the mechanism.
-        q: (nq,) configuration, closed or not.
+        q: (nq,) configuration, closed or not, or a State.
 
     Raises:
         ValueError: q has another shape, or is not finite.
     """
     evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.update(finite_array(q, (mechanism.model.nq,), "q"))
+    x = q.q if isinstance(q, State) else q
+    evaluation.update(finite_array(x, (mechanism.model.nq,), "q"))
     rows = evaluation.jacobian[: evaluation.constraints.n_rows]
     return rows / mechanism.velocity_scale
 
@@ -44,6 +45,7 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
         UnknownNameError: there is no such frame.
     """
     frame = mechanism.frame_id(name)
+    state = of_mechanism(mechanism, state)
     rates = square_system(state, ()).driver_rates()
     data = state.data
     pin.computeJointJacobians(mechanism.model, data, state.q)
@@ -74,6 +76,7 @@ def influence(mechanism: Mechanism, state: State) -> Influence:
     Raises:
         SingularError: the drivers do not determine the velocities there.
     """
+    state = of_mechanism(mechanism, state)
     system = square_system(state, ())
     first = system.driver_rates()
     n = first.shape[1]

@@ -21,6 +21,7 @@ from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
 FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
+MOST_TURNS = 100  # turns of a driver that leads elsewhere with every turn
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
 
 
@@ -29,7 +30,8 @@ class Bound(NamedTuple):
 
     Attributes:
         value: driver value [rad or m], infinite where there is no limit.
-        kind: "limit" (dead centre), "branch point", "singular", "lost" or "none".
+        kind: "limit" (dead centre), "branch point", "singular", "none", or "not followed further"
+            (the value is then the last one reached).
     """
 
     value: float
@@ -59,7 +61,7 @@ class Range(NamedTuple):
         for bound in (self.lower, self.upper):
             degrees = f" ({np.degrees(bound.value):.9g}°)" * (self.unit == "rad")
             ends.append("no limit" if bound.kind == "none" else
-                        f"{bound.value:.12g} {self.unit}{degrees}, {bound.kind}")
+                        f"{bound.value:.12g} {self.unit}{degrees} ({bound.kind})")
         return f"{self.driver}: from {ends[0]} to {ends[1]}"
 
 
@@ -86,15 +88,38 @@ def limits(
     start = float(state.q[coordinate.q])
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
     direction = _direction(system)
-    ends = []
-    for sense in (-1.0, 1.0):
-        system.evaluation.turns[:] = state.angles
-        arrival = march(system, state.q, start + sense * span, direction,
-                        Accuracy.named("engineering").tolerance)
-        ends.append(Bound(sense * np.inf, "none") if arrival.kind == "reached"
-                    else Bound(arrival.value, arrival.kind))
+    ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
     return Range(driver, ends[0], ends[1], coordinate.unit, turns)
+
+
+def _bound(
+    system: SquareSystem, state: State, start: float, sense: float, span: float, direction: Array
+) -> Bound:
+    """Go one span after the other until a limit, or until a turn ends where it began."""
+    tolerance = Accuracy.named("engineering").tolerance
+    evaluation = system.evaluation
+    evaluation.turns[:] = state.angles
+    evaluation.update(state.q)
+    place, angles, q = evaluation.placements.copy(), evaluation.angles.copy(), state.q
+    for k in range(1, MOST_TURNS + 1):
+        arrival = march(system, q, start + sense * k * span, direction, tolerance)
+        if arrival.kind == "lost":
+            return Bound(arrival.value, "not followed further")
+        if arrival.kind != "reached":
+            return Bound(arrival.value, arrival.kind)
+        evaluation.update(arrival.q)
+        loose = {joint for joint, _ in evaluation.constraints.spins}
+        bodies = [i for i in range(len(place)) if i not in loose]
+        gap = np.abs(evaluation.placements[bodies] - place[bodies]).max()
+        repeats = gap < 1e-6 * max(1.0, state.mechanism.characteristic_length)
+        if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
+            return Bound(sense * np.inf, "none")
+        q = arrival.q
+        evaluation.turns[:] = evaluation.angles
+        system.select(q)
+        direction = _direction(system)
+    return Bound(start + sense * MOST_TURNS * span, "not followed further")
 
 
 def trace(

@@ -13,7 +13,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import ACCEPTED, assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, decompose, independent_rows, null_space, rank, row_space
 from spatial_pin.mechanism.configuration import finite_array
@@ -160,11 +160,12 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         AssemblyError: no q was given and the guess does not close.
         SpatialPinError: the configuration is not closed.
     """
-    state_q = q.q if isinstance(q, State) else q
-    if state_q is None:
-        state_q = assemble(mechanism).q
-    x = finite_array(state_q, (mechanism.model.nq,), "q")
+    state = assemble(mechanism) if q is None else q
     evaluation = Evaluation(constraints_of(mechanism))
+    if isinstance(state, State):
+        state = of_mechanism(mechanism, state)
+        evaluation.turns[:] = state.angles
+    x = state.q if isinstance(state, State) else finite_array(state, (mechanism.model.nq,), "q")
     evaluation.update(x)
     if evaluation.closure_error > 1e-9:
         raise SpatialPinError(

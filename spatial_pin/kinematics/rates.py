@@ -9,7 +9,7 @@ import numpy as np
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
@@ -72,6 +72,7 @@ def solve_rates(
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite.
     """
+    state = of_mechanism(mechanism, state)
     speeds, accelerations = speeds or {}, accelerations or {}
     v_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"speed of {k!r}")
             for k, x in speeds.items()}

@@ -20,7 +20,7 @@ from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.limits import limits
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.rates import solve_rates
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.files import load
@@ -83,6 +83,7 @@ def sensitivity(
         if name not in mechanism.dimensions:
             raise UnknownNameError("dimension", name, mechanism.dimensions,
                                    f"mechanism {mechanism.name!r}: ")
+    state = of_mechanism(mechanism, state)
     drive = _Drive.of(mechanism, state)
     derivatives: dict[str, Any] = {}
     errors: dict[str, float] = {}
@@ -133,11 +134,11 @@ class _Drive:
         kind, _, driver = output.partition(".")
         end, _, driver = driver.partition(".")
         if kind == "limit" and end in ("lower", "upper"):
-            bound = getattr(limits(mechanism, driver, near.q), end)
+            bound = getattr(limits(mechanism, driver, near), end)
             if bound.kind == "none":
                 raise SpatialPinError(f"mechanism {mechanism.name!r}: {driver!r} has no limit")
             return bound.value
-        state = assemble(mechanism, self.values, near.q)
+        state = assemble(mechanism, self.values, near)
         linear = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
         moved = max((abs(state.q[c.q] - near.q[c.q]) / mechanism.velocity_scale[c.v]
                      for c in linear), default=0.0)
@@ -197,7 +198,7 @@ class Tolerance:
 def tolerance(
     mechanism: Mechanism,
     state: State,
-    outputs: Iterable[str],
+    outputs: str | Iterable[str],
     deviations: Mapping[str, float],
     *,
     samples: int = 0,
@@ -222,7 +223,7 @@ def tolerance(
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite.
     """
-    names = list(outputs)
+    names = [outputs] if isinstance(outputs, str) else list(outputs)
     spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
     if any(x < 0.0 for x in spread.values()):
         raise ValueError("a standard deviation is negative")
@@ -254,7 +255,7 @@ def _sampled(
     jobs = [
         (str(mechanism.path), {**mechanism.parameters, **{
             k: mechanism.dimensions[k] + x * float(rng.normal()) for k, x in spread.items()}},
-         np.array(state.q), drive, names)
+         (np.array(state.q), np.array(state.angles)), drive, names)
         for _ in range(samples)
     ]
     bar = tqdm(total=samples, desc=f"{mechanism.name}: samples", delay=1.0, leave=False,
@@ -269,12 +270,14 @@ def _sampled(
     return rows
 
 
-def _sample(job: tuple[str, dict[str, float], Array, _Drive, list[str]]) -> list[Any] | None:
+def _sample(
+    job: tuple[str, dict[str, float], tuple[Array, Array], _Drive, list[str]]
+) -> list[Any] | None:
     """Solve one sample; None when it cannot be closed. Runs in any process."""
-    path, parameters, q, drive, names = job
+    path, parameters, (q, angles), drive, names = job
     try:
         mechanism = load(path, **parameters)
-        near = State(mechanism, q, closure_error=np.nan)
+        near = State(mechanism, q, closure_error=np.nan, angles=angles)
         return [drive.evaluate(mechanism, near, name) for name in names]
     except SpatialPinError:
         return None

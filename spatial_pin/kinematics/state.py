@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -132,6 +133,30 @@ class State:
     def __repr__(self) -> str:
         drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
         return f"State({self.mechanism.name!r}: {drivers}; closure error {self.closure_error:.1e})"
+
+
+def of_mechanism(mechanism: Mechanism, state: State) -> State:
+    """Return `state` as a state of `mechanism`: itself, or taken over from another load of it.
+
+    Raises:
+        SpatialPinError: it is a state of something else, or of other dimensions.
+    """
+    if state.mechanism is mechanism:
+        return state
+    same = state.mechanism.coordinates == mechanism.coordinates
+    evaluation = Evaluation(constraints_of(mechanism))
+    if same and state.angles.size == evaluation.turns.size:
+        evaluation.turns[:] = state.angles
+        evaluation.update(state.q)
+        if evaluation.closure_error <= max(1e-9, 2.0 * state.closure_error):
+            return State(mechanism, state.q, state.v, state.a,
+                         closure_error=evaluation.closure_error, angles=state.angles,
+                         branch=state.branch)
+    raise SpatialPinError(
+        f"mechanism {mechanism.name!r}: the state belongs to mechanism {state.mechanism.name!r}"
+        + (f" of other dimensions (its loops are open here by {evaluation.closure_error:.1e}); "
+           "assemble again with this state as guess" if same else ", which has other coordinates")
+    )
 
 
 def center_of_mass(mechanism: Mechanism, link: str) -> Array:

@@ -80,8 +80,8 @@ def sweep(
         acceleration: likewise [rad/s² or m/s²].
         guess: where to assemble, as for `assemble`.
         hold: values of the other drivers; default those of the assembled configuration.
-        on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
-            with an event.
+        on_limit: "raise", or "stop" to end the motion before a value that cannot be reached, or
+            a place where branches cross, with an event.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
@@ -121,7 +121,7 @@ def sweep(
     motion.events += _drift(motion)
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
-        if on_limit == "raise" or stop.kind != "limit":
+        if on_limit == "raise" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, float(values[n]))
     return motion
 
