@@ -1,0 +1,115 @@
+"""States know their mechanism and the turns of their screws."""
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.cli import main
+
+LEAD = 0.004
+JACK = """<robot name="jack" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="h" default="0.1"/><link name="ground"/><link name="spindle"/><link name="nut"/>
+<joint name="spindle_pin" type="continuous"><parent link="ground"/><child link="spindle"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="slide" type="prismatic"><parent link="ground"/><child link="nut"/>
+<origin xyz="0 0 $(arg h)"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="thread"/><joint name="thread_point" type="fixed"><parent link="spindle"/>
+<child link="thread"/><origin xyz="0 0 $(arg h)"/></joint></robot>"""
+LOOP = f"""name = "jack"
+tree = "jack.urdf.xacro"
+[[closures]]
+name = "screw"
+type = "screw"
+lead = {LEAD}
+frames = ["nut", "thread"]
+[drivers.spindle]
+joint = "spindle_pin"
+"""
+
+
+@pytest.fixture
+def jack(tmp_path):
+    (tmp_path / "jack.urdf.xacro").write_text(JACK, encoding="utf-8")
+    (tmp_path / "jack.toml").write_text(LOOP, encoding="utf-8")
+    return sp.load(tmp_path / "jack.toml")
+
+
+@pytest.fixture
+def ten_turns(jack):
+    """The nut after ten turns: frame 2, the thread, has moved up against it by ten leads."""
+    return sp.sweep(jack, "spindle", np.linspace(0.0, 20 * np.pi, 41)).state(40)
+
+
+def test_a_screw_closure_counts_the_turns_of_a_sweep(ten_turns):
+    assert ten_turns.coordinate("slide").value == pytest.approx(-10 * LEAD, abs=1e-15)
+    assert ten_turns.angles == pytest.approx([20 * np.pi])
+
+
+def test_mobility_rates_and_jacobian_take_the_turns_from_the_state(jack, ten_turns):
+    assert sp.mobility(jack, ten_turns).dof == 1
+    rates = sp.solve_rates(jack, ten_turns, {"spindle": 2 * np.pi})
+    assert rates.coordinate("slide").rate == pytest.approx(-LEAD, abs=1e-15)
+    assert sp.jacobian(jack, ten_turns, "nut")[2, 0] == pytest.approx(-LEAD / (2 * np.pi))
+
+
+def test_a_state_as_guess_keeps_its_turns(jack, ten_turns):
+    again = sp.assemble(jack, {"spindle": 20 * np.pi}, ten_turns)
+    assert again.coordinate("slide").value == pytest.approx(-10 * LEAD, abs=1e-15)
+
+
+def test_sensitivity_stays_on_the_turn_of_the_state(jack, ten_turns):
+    found = sp.sensitivity(jack, ten_turns, "nut.position")
+    np.testing.assert_allclose(found.value, [0.0, 0.0, 0.1 - 10 * LEAD], atol=1e-14)
+    np.testing.assert_allclose(found.derivatives["h"], [0.0, 0.0, 1.0], atol=1e-11)
+
+
+def test_a_driver_that_leads_elsewhere_with_every_turn_makes_no_full_turn(jack):
+    found = sp.limits(jack, "spindle")
+    assert not found.full_turn
+    assert found.upper.kind == "not followed further"
+
+
+@pytest.mark.parametrize("use", [
+    lambda m, s: sp.solve_rates(m, s, {"crank": 1.0}),
+    lambda m, s: sp.jacobian(m, s, "rocker_b"),
+    lambda m, s: sp.influence(m, s),
+    lambda m, s: sp.mobility(m, s),
+    lambda m, s: sp.sensitivity(m, s, "rocker_pin", []),
+])
+def test_a_state_of_other_dimensions_is_refused(use):
+    state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+    with pytest.raises(sp.SpatialPinError, match="other dimensions"):
+        use(sp.load("rssr", d=0.30), state)
+    with pytest.raises(sp.SpatialPinError, match="belongs to mechanism 'rssr'"):
+        use(sp.load("four_bar"), state)
+
+
+def test_a_state_of_the_same_mechanism_loaded_twice_is_taken():
+    state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+    rates = sp.solve_rates(sp.load("rssr"), state, {"crank": 1.0})
+    assert rates.coordinate("crank_pin").rate == 1.0
+
+
+def test_a_guess_of_another_mechanism_is_refused():
+    state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+    with pytest.raises(ValueError, match="other coordinates"):
+        sp.assemble(sp.load("four_bar"), {}, state)
+
+
+def test_a_sweep_can_stop_where_branches_cross():
+    parallelogram = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1)
+    motion = sp.sweep(parallelogram, "crank", np.linspace(0.5, 6.0, 200), on_limit="stop")
+    assert [event.kind for event in motion.events] == ["branch point"]
+    assert motion.events[0].value == pytest.approx(np.pi, abs=1e-9)
+    assert motion.driver[-1] < np.pi
+
+
+@pytest.mark.parametrize("words", [
+    ["assemble", "rssr", "crank=5m"],
+    ["sweep", "rssr", "crank", "0", "360deg", "--speed", "5mm/s"],
+    ["modes", "rssr", "crank=2mm"],
+])
+def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
+    assert main(words) == 1
+    assert "is in rad, not in" in capsys.readouterr().err
