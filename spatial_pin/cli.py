@@ -219,6 +219,9 @@ def _modes(options: argparse.Namespace) -> None:
         print(f"{mechanism.name}: {len(modes)} assembly modes found")
         for k, mode in enumerate(modes, start=1):
             print(f"{k}: branch {mode.branch or '?'}\n{assembly_summary(mode)}")
+        if any(mode.branch == "singular" for mode in modes):
+            print("a singular mode can move with the given values held: give more driver values, "
+                  "or take it as one of many")
 
 
 def _guess(options: argparse.Namespace) -> dict[str, float] | None:

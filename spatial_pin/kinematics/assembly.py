@@ -176,6 +176,9 @@ class _Search:
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
                        f"(closure error {error:.1e}); a driver value may be out of reach, or the "
                        "guess too far from any closed configuration")
+            if any(c.name == worst and c.type == "screw" for c in self.mechanism.closures):
+                message += ("; a screw closure is assembled within half a turn of zero: sweep to "
+                            "further turns, or put the screw into the tree")
         return AssemblyError(message, closure_error=error, worst_closure=worst, state=state)
 
 

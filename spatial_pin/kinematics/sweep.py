@@ -98,6 +98,8 @@ def sweep(
     if on_limit not in ("raise", "stop"):
         raise ValueError(f"on_limit is {on_limit!r}; it is \"raise\" or \"stop\"")
     values = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if not values.size:
+        raise ValueError("values is empty; a sweep needs at least one driver value")
     values = finite_array(values, (max(values.size, 1),), "values")
     speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
     coordinate = mechanism.driven_coordinate(driver)
