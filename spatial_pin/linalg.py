@@ -48,8 +48,9 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
     if m < n:  # pad, so that vt spans the null space too at the cost of the economic form
         a = np.vstack([a, np.zeros((n - m, n))])
     u, s, vt = np.linalg.svd(a, full_matrices=False)
+    s = s[:m]  # what the padding adds is round-off, not a singular value of `a`
     rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))) if s.size else 0
-    return Decomposition(u[:m, :], s, vt, rank)
+    return Decomposition(u[:m, : len(s)], s, vt, rank)
 
 
 def rank(a: Array, tolerance: float = RANK_TOLERANCE) -> int:

@@ -196,8 +196,7 @@ def march(
 
 
 def _sigma(s: Array) -> float:
-    rows = s[s > 0.0]
-    return float(rows.min() / rows.max()) if rows.size else 1.0
+    return float(s[-1] / s[0]) if s.size else 1.0
 
 
 def turning_point(curve: Curve, point: CurvePoint, length: float) -> float:

@@ -168,7 +168,8 @@ class Branch:
         # two branches that cross twice at one place leave the sign of the determinant as it was
         fall = pivot_before - pivot
         self._room = pivot * abs(h) / fall if fall > 0.0 else math.inf
-        self._pivot = self.system.pivots()[1]
+        if not worn:  # else `reselect` has taken it
+            self._pivot = pivot
         return True
 
     def _is_explained(self, q: Array, t: Array, c: Array, h: float) -> bool:

@@ -135,7 +135,7 @@ class SquareSystem:
         regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:], self._drive])
         svd = decompose(regular)
         if svd.rank < r + p + d:
-            raise SingularError(self._dependence(regular[: r + p], q))
+            raise SingularError(self._dependence(regular[: r + p]))
         self.passive = svd.null_space
         if len(self.passive):
             self._check_passive(q)
@@ -161,7 +161,7 @@ class SquareSystem:
         """Whether closure rows were left out because they follow from the others."""
         return len(self.rows) < self.evaluation.constraints.n_rows
 
-    def _dependence(self, closures: Array, q: Array) -> str:
+    def _dependence(self, closures: Array) -> str:
         names = ", ".join(repr(c.name) for c in self.driven)
         where = f"mechanism {self.evaluation.mechanism.name!r}: "
         freedom = closures.shape[1] - decompose(closures).rank
@@ -233,7 +233,7 @@ class SquareSystem:
             rhs[k] = -angle
         residual = self.evaluation.residual
         np.negative(residual if self._whole else residual[self.rows], out=rhs[self._closure])
-        return lapack.dgetrs(self._lu, self._pivots, rhs, 1)[0]
+        return self.solve(rhs)
 
     @property
     def driver_rows(self) -> slice:
