@@ -21,6 +21,7 @@ from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
 FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
+REPEATED = 1e-6  # difference of placements that are the same again
 MOST_TURNS = 100  # turns of a driver that leads elsewhere with every turn
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
 
@@ -101,7 +102,7 @@ def _bound(
     evaluation = system.evaluation
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
-    place, angles, q = evaluation.placements.copy(), evaluation.angles.copy(), state.q
+    place, angles, q = _body_places(evaluation), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
         arrival = march(system, q, start + sense * k * span, direction, tolerance)
         if arrival.kind == "lost":
@@ -109,10 +110,7 @@ def _bound(
         if arrival.kind != "reached":
             return Bound(arrival.value, arrival.kind)
         evaluation.update(arrival.q)
-        loose = {joint for joint, _ in evaluation.constraints.spins}
-        bodies = [i for i in range(len(place)) if i not in loose]
-        gap = np.abs(evaluation.placements[bodies] - place[bodies]).max()
-        repeats = gap < 1e-6 * max(1.0, state.mechanism.characteristic_length)
+        repeats = np.abs(_body_places(evaluation) - place).max() < REPEATED
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")
         q = arrival.q
@@ -249,6 +247,15 @@ def _advance(
     return point
 
 
+def _body_places(evaluation: Evaluation) -> Array:
+    """Return the placements of the bodies that have no passive spin, lengths scaled."""
+    mechanism = evaluation.mechanism
+    spinning = {joint for joint, _ in evaluation.constraints.spins}
+    bodies = [i for i in range(mechanism.model.njoints) if i not in spinning]
+    scale = np.array([1.0, 1.0, 1.0, mechanism.characteristic_length])[:, None]
+    return evaluation.placements[bodies] / scale
+
+
 class _TracedRows:
     """Rows of a traced curve."""
 
@@ -266,20 +273,12 @@ class _TracedRows:
         self.accelerations.append(self.curve.curvature(point))
         self.errors.append(self.curve.evaluation.closure_error)
         if len(self.points) < 2:
-            self.first_place = self._place()
-
-    def _place(self) -> Array:
-        """Return the placements of the bodies that have no passive spin, scaled."""
-        evaluation = self.curve.evaluation
-        spinning = {joint for joint, _ in evaluation.constraints.spins}
-        bodies = [i for i in range(self.mechanism.model.njoints) if i not in spinning]
-        scale = np.array([1.0, 1.0, 1.0, self.mechanism.characteristic_length])[:, None]
-        return evaluation.placements[bodies] / scale
+            self.first_place = _body_places(self.curve.evaluation)
 
     def is_back(self, point: CurvePoint, step: float) -> bool:
         """Whether all bodies are within a step of where they began, moving the same way."""
         self.curve.rows(point.q)
-        gap = np.abs(self._place() - self.first_place).max()
+        gap = np.abs(_body_places(self.curve.evaluation) - self.first_place).max()
         return gap < step and float(point.t @ self.points[0].t) > 0.5
 
     def add_first_again(self) -> None:
