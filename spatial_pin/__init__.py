@@ -11,8 +11,10 @@ from spatial_pin.errors import (
     SpatialPinError,
 )
 from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.grashof import grashof
-from spatial_pin.kinematics.jacobians import closure_jacobian, influence, jacobian
+from spatial_pin.kinematics.jacobians import closure_jacobian, influence, jacobian, jacobian_rate
+from spatial_pin.kinematics.jerks import solve_jerks
 from spatial_pin.kinematics.limits import limits, trace
 from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
@@ -21,6 +23,7 @@ from spatial_pin.kinematics.rates import solve_rates
 from spatial_pin.kinematics.sensitivity import sensitivity, tolerance
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.kinematics.transmission import transmission
 from spatial_pin.mechanism.files import list_mechanisms, load
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
@@ -45,10 +48,12 @@ __all__ = [
     "assemble",
     "assembly_modes",
     "closure_jacobian",
+    "dead_centres",
     "export_html",
     "grashof",
     "influence",
     "jacobian",
+    "jacobian_rate",
     "limits",
     "list_mechanisms",
     "load",
@@ -57,10 +62,12 @@ __all__ = [
     "screenshot",
     "sensitivity",
     "show",
+    "solve_jerks",
     "solve_rates",
     "sweep",
     "tolerance",
     "trace",
+    "transmission",
 ]
 
 

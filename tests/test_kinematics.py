@@ -410,30 +410,67 @@ def test_at_a_dead_centre_rates_are_refused(rocker_rocker):
 PARALLEL = (0.3, 0.1, 0.3, 0.1)
 
 
-@pytest.mark.parametrize("values", [
-    [0.3, np.pi], [0.3, 3.2], [0.3, 6.0], np.linspace(0.3, 6.5, 7), np.linspace(0.3, 6.5, 400),
-    np.linspace(6.2, 0.1, 400),
-], ids=["onto", "just over", "far over", "coarse", "fine", "backwards"])
-@pytest.mark.parametrize("branch", ["parallel", "crossed"])
-def test_change_points_are_never_passed_unnoticed(folder, values, branch):
-    mechanism = mechanisms.bare_four_bar(folder, *PARALLEL)
-    start = values[0]
-    crossed = 2 * np.arctan2(-0.1 * np.sin(start), 0.3 - 0.1 * np.cos(start)) - start
-    with pytest.raises(sp.SingularError) as caught:
-        sp.sweep(mechanism, "crank", values,
-                 guess={"rocker_pin": start if branch == "parallel" else crossed})
-    motion = caught.value.motion
-    assert motion.events[-1].kind in ("branch point", "singular")
-    assert motion.events[-1].value == pytest.approx(np.pi, abs=1e-6)
+def parallelogram_rocker(branch, crank):
+    """The rocker of the two branches; the crossed one turns the other way (half-angle rule)."""
     if branch == "parallel":
-        np.testing.assert_allclose(motion.coordinate("rocker_pin").value, motion.driver, rtol=0,
-                                   atol=1e-9)
+        return crank
+    folded = 2 * np.unwrap(np.arctan2(-0.1 * np.sin(crank), 0.3 - 0.1 * np.cos(crank)))
+    return folded - crank
 
 
-def test_two_change_points_in_one_step_are_noticed_too(folder):
+CHANGE_POINTS = pytest.mark.parametrize("values", [
+    [0.3, np.pi], [0.3, 3.2], [0.3, 6.0], [3.04, 6.38], np.linspace(0.3, 6.5, 7),
+    np.linspace(0.3, 6.5, 400), np.linspace(6.2, 0.1, 400), np.linspace(3.13, 3.15, 5),
+    [3.0, 3.14, 3.15, 3.1, 3.2], [np.pi - 1e-4, np.pi, np.pi + 1e-4],
+], ids=["onto", "just over", "far over", "over two", "coarse", "fine", "backwards", "inside",
+        "to and fro", "through"])
+BRANCHES = pytest.mark.parametrize("branch", ["parallel", "crossed"])
+
+
+def over_change_points(folder, values, branch, **options):
     mechanism = mechanisms.bare_four_bar(folder, *PARALLEL)
-    with pytest.raises(sp.SingularError):
-        sp.sweep(mechanism, "crank", [3.04, 6.38], guess={"rocker_pin": 3.04})
+    start = parallelogram_rocker(branch, np.array(values[:1]))[0]
+    return sp.sweep(mechanism, "crank", values, guess={"rocker_pin": start}, **options)
+
+
+@CHANGE_POINTS
+@BRANCHES
+def test_at_a_change_point_the_branch_goes_straight_on_and_says_so(folder, values, branch):
+    motion = over_change_points(folder, values, branch)
+    dense = np.linspace(min(values), max(values), 2001)
+    expected = np.interp(values, dense, parallelogram_rocker(branch, dense))
+    found = motion.coordinate("rocker_pin")
+    exact = parallelogram_rocker(branch, np.asarray(values, float))
+    error = (found.value - exact + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(error).max() < 1e-10
+    np.testing.assert_allclose(found.value - found.value[0], expected - expected[0], atol=1e-3)
+    assert motion.closure_error.max() < 1e-13
+    if branch == "parallel":
+        np.testing.assert_allclose(found.rate, 1.0, atol=1e-9)
+        np.testing.assert_allclose(found.acceleration, 0.0, atol=1e-7)
+    assert {event.kind for event in motion.events} == {"branch point"}
+    for event in motion.events:
+        assert abs((event.value + 1.0) % np.pi - 1.0) < 1e-9
+        assert "straight on" in event.text
+
+
+@CHANGE_POINTS
+@BRANCHES
+def test_change_points_are_refused_where_that_is_asked_for(folder, values, branch):
+    with pytest.raises(sp.SingularError, match=r"branches cross|singular") as caught:
+        over_change_points(folder, values, branch, on_crossing="raise")
+    assert caught.value.motion.events[-1].kind in ("branch point", "singular")
+    assert caught.value.motion.events[-1].value == pytest.approx(np.pi, abs=1e-6)
+
+
+def test_a_kite_folds_straight_on_through_its_change_points(folder):
+    """The crank's tip mirrors the rocker's pivot in the line from crank pivot to rocker tip."""
+    mechanism = mechanisms.bare_four_bar(folder, 0.3, 0.3, 0.1, 0.1)
+    rocker = np.linspace(2.0, 6.5, 201)
+    crank = 2 * np.arctan2(0.1 * np.sin(rocker), 0.3 + 0.1 * np.cos(rocker))
+    motion = sp.sweep(mechanism, "rocker_pin", rocker, guess={"crank_pin": crank[0]})
+    np.testing.assert_allclose(motion.coordinate("crank").value, crank, atol=1e-11)
+    np.testing.assert_allclose([e.value for e in motion.events], [np.pi, 2 * np.pi], atol=1e-9)
 
 
 @pytest.mark.parametrize("start", [0.0, np.pi])

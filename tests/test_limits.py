@@ -61,10 +61,13 @@ def test_rates_along_a_traced_curve_are_derivatives_with_respect_to_its_length(n
     np.testing.assert_allclose(bend, motion.a[1:-1][:, c], atol=1e-4)
 
 
-def test_a_traced_curve_stops_where_branches_cross():
-    with pytest.raises(sp.SingularError, match="branch point") as caught:
-        sp.trace(sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1), "crank", {"crank_pin": 1.0})
-    assert len(caught.value.motion) > 10
+def test_a_traced_curve_goes_straight_on_where_branches_cross():
+    motion = sp.trace(sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1), "crank",
+                      {"crank_pin": 1.0, "rocker_pin": 1.0})
+    np.testing.assert_allclose(motion.coordinate("rocker_pin").value, motion.driver, atol=1e-9)
+    assert motion.driver[-1] == pytest.approx(1.0 + 2 * np.pi, abs=1e-12)
+    assert [e.kind for e in motion.events] == ["branch point"] * 2
+    np.testing.assert_allclose([e.value for e in motion.events], [np.pi, 2 * np.pi], atol=1e-9)
 
 
 @pytest.mark.parametrize(("lengths", "kind"), [

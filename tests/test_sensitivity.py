@@ -89,13 +89,27 @@ def test_a_branch_that_ends_nearby_is_an_error_not_a_number():
 def test_linear_propagation_and_samples_agree_for_small_deviations(rssr):
     deviations = {"b": 1e-5, "d": 2e-5}
     with ThreadPoolExecutor(2) as pool:
-        found = sp.tolerance(*rssr, ["rocker_pin"], deviations, samples=60, executor=pool)
+        found = sp.tolerance(rssr[0], ["rocker_pin"], deviations, rssr[1], samples=60,
+                             executor=pool)
     expected = np.hypot(exact(0, "b") * 1e-5, exact(0, "d") * 2e-5)
     assert found.linear["rocker_pin"] == pytest.approx(expected, rel=1e-9)
     assert found.sampled["rocker_pin"] == pytest.approx(expected, rel=0.35)
     assert found.failed == 0
-    again = sp.tolerance(*rssr, ["rocker_pin"], deviations, samples=60)
+    assert sp.tolerance(rssr[0], "rocker_pin", deviations).nominal["rocker_pin"] > 0
+    again = sp.tolerance(rssr[0], ["rocker_pin"], deviations, rssr[1], samples=60)
     np.testing.assert_array_equal(found.samples["rocker_pin"], again.samples["rocker_pin"])
+
+
+def test_a_dask_cluster_draws_the_same_samples(rssr):
+    """Two worker processes; numbers as without any."""
+    distributed = pytest.importorskip("distributed")
+    with (distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None,
+                                   host="127.0.0.1") as cluster,
+          distributed.Client(cluster) as client):
+        found = sp.tolerance(rssr[0], ["rocker_pin"], {"d": 2e-5}, rssr[1], samples=20,
+                             executor=client.get_executor())
+    alone = sp.tolerance(rssr[0], ["rocker_pin"], {"d": 2e-5}, rssr[1], samples=20)
+    np.testing.assert_array_equal(found.samples["rocker_pin"], alone.samples["rocker_pin"])
 
 
 def test_dimensions_are_given_with_their_values():

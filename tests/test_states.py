@@ -99,7 +99,7 @@ def test_a_guess_of_another_mechanism_is_refused():
 
 def test_a_sweep_can_stop_where_branches_cross():
     parallelogram = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1)
-    motion = sp.sweep(parallelogram, "crank", np.linspace(0.5, 6.0, 200), on_limit="stop")
+    motion = sp.sweep(parallelogram, "crank", np.linspace(0.5, 6.0, 200), on_crossing="stop")
     assert [event.kind for event in motion.events] == ["branch point"]
     assert motion.events[0].value == pytest.approx(np.pi, abs=1e-9)
     assert motion.driver[-1] < np.pi

@@ -101,7 +101,10 @@ class Curve:
         """Return the closed configuration `length` ahead along the tangent."""
         step = length * point.t
         self.evaluation.turns[:] = point.angles + point.slopes @ step
-        q = pin.integrate(self.model, point.q, self.scale * step)
+        return self.onto(pin.integrate(self.model, point.q, self.scale * step), point.t)
+
+    def onto(self, q: Array, normal: Array) -> Array | None:
+        """Return the closed configuration near q in the plane through it with a scaled normal."""
         for _ in range(8):
             rows = self.rows(q)
             residual = self.evaluation.residual
@@ -109,7 +112,7 @@ class Curve:
                 return q
             rhs = np.zeros(len(rows) + 1)
             rhs[: len(self.selected)] = -residual[self.selected]
-            x = decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
+            x = decompose(np.vstack([rows, normal])).minimum_norm(rhs)
             if not np.abs(x).max() < 0.1:
                 return None
             q = pin.integrate(self.model, q, self.scale * x)
@@ -162,12 +165,12 @@ def march(
     heading = np.sign(target - q[at])
     point = curve.settle(q, heading * direction / curve.scale)
     if point is None:
-        return _crossing(curve, curve.point(q, heading * direction / curve.scale), q)
+        return locate_crossing(curve, curve.point(q, heading * direction / curve.scale), q)
     last = clear = point
     length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
         if point is None:
-            return _crossing(curve, clear, q)
+            return locate_crossing(curve, clear, q)
         q, last = point.q, point
         clear = point if point.sigma > NEAR_CROSSING else clear
         ahead = curve.ahead(point, length)
@@ -175,7 +178,7 @@ def march(
         if ahead is None or t @ point.t < STRAIGHT or sign != point.sign:
             length *= 0.5
             if length < NEAR_CROSSING and ahead is not None and sign != point.sign:
-                return _crossing(curve, clear, q)
+                return locate_crossing(curve, clear, q)
             if length < SMALLEST_STEP:
                 return Arrival("lost", q, float(q[at]))
             continue
@@ -224,11 +227,11 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
     if error > 1e-11:
         return Arrival("lost", ahead, target)
     if curve.settle(ahead, point.t) is None:
-        return _crossing(curve, point, ahead)
+        return locate_crossing(curve, point, ahead)
     return Arrival("reached", ahead, target)
 
 
-def _crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
+def locate_crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
     """Locate where the rows lose their rank, just ahead of a point, near q.
 
     There nothing can be solved: the driver value, and how fast it still changes, are extrapolated

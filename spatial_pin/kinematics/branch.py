@@ -87,6 +87,16 @@ class Branch:
         self._pivot, self._room = self.system.pivots()[1], math.inf
         self._set_rates()
 
+    def place(self, q: Array) -> None:
+        """Stand at a closed configuration, independent rows chosen anew; spins are left alone.
+
+        Raises:
+            SingularError: the driver does not determine the motion there.
+        """
+        self.q, self.s = q, float(q[self.at])
+        self.system.select(q)
+        self._set_rates()
+
     def _begin_spins(self, before: Array, h: float) -> None:
         if not self.spins:
             return

@@ -215,10 +215,10 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 
 
 # columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
-_TWIST_MATRIX = np.zeros((6, 16))
+TWIST_MATRIX = np.zeros((6, 16))
 for _i in range(3):
-    _TWIST_MATRIX[_i, 12 + _i] = 1.0
-    _TWIST_MATRIX[3 + _i].reshape(4, 4)[:3, :3] = pin.skew(np.eye(3)[_i]).T
+    TWIST_MATRIX[_i, 12 + _i] = 1.0
+    TWIST_MATRIX[3 + _i].reshape(4, 4)[:3, :3] = pin.skew(np.eye(3)[_i]).T
 # a @ _CYCLES = (a, a_yzx, a_zxy, a_yzx): a cross product from one multiplication and one difference
 _CYCLES = np.hstack([np.eye(3)[:, c] for c in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 2, 0])])
 
@@ -310,6 +310,28 @@ class Evaluation:
                 return
         self._finish_rows(q)
 
+    def row_wrenches(self) -> Array:
+        """Return (n_rows, 6) force on body 2 per unit of each row, and moment about the origin.
+
+        World axes, at the last `update`; a row's derivative is its wrench times the twist of
+        body 2 relative to body 1. Couplings, which act on joints, have none.
+        """
+        c = self.constraints
+        wrenches = np.zeros((c.n_rows, 6))
+        wrenches[: c.n_products] = self.wrenches[: c.n_products]
+        for at, sine, pitch in c.screws:
+            s, co = self._values[sine : sine + 2]
+            turn = co * self.wrenches[sine] - s * self.wrenches[sine + 1]
+            wrenches[at] -= pitch / (s * s + co * co) * turn
+        return wrenches
+
+    def body_signs(self, joint: int) -> Array:
+        """Return (n_rows,) +1 (-1) for the rows whose body 2 (1) alone is carried by a joint."""
+        c, at = self.constraints, self.model.idx_vs[joint]
+        signs = np.zeros(c.n_rows)
+        signs[: c.n_products] = c.signs[: c.n_products, at] / self.mechanism.velocity_scale[at]
+        return signs
+
     def product_buffers(self) -> tuple[Array, Any, Array, Array, Array, Array]:
         """Return G, the matrix of A and B, their buffer, its halves, and a buffer for A * B."""
         r = self._n_all
@@ -360,8 +382,8 @@ class Evaluation:
         if not self._n_all:
             return np.zeros(c.n_rows)
         shape = self._h1.shape
-        self._h1[:] = np.dot(self._twists, _TWIST_MATRIX).reshape(shape)
-        self._h2[:] = np.dot(self._accelerations, _TWIST_MATRIX).reshape(shape)
+        self._h1[:] = np.dot(self._twists, TWIST_MATRIX).reshape(shape)
+        self._h2[:] = np.dot(self._accelerations, TWIST_MATRIX).reshape(shape)
         self._g0[:] = self.placements
         np.matmul(self._h1, self.placements, out=self._g1)
         np.matmul(self._rates_h, self._g10, out=self._g2)  # G'' = H^T G' + H'^T G
@@ -371,6 +393,10 @@ class Evaluation:
         if c.n_passive:
             bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
         return bias if self._plain else self._finish_bias(bias)
+
+    def rates(self) -> tuple[Array, Array]:
+        """Return views (njoints, 6) on the twists and spatial accelerations, joint axes."""
+        return self._twists, self._accelerations
 
     def _finish_bias(self, bias: Array) -> Array:
         c, r = self.constraints, self._n_all

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Constraints, Evaluation, constraints_of
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
 
 
 def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
@@ -50,6 +51,91 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
     data = state.data
     pin.computeJointJacobians(mechanism.model, data, state.q)
     return pin.getFrameJacobian(mechanism.model, data, frame, WORLD_AXES) @ rates
+
+
+def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
+    """Return the time derivative (6, n_drivers) of `jacobian` as the state moves with its v.
+
+    With s the driver speeds, the frame's acceleration is jacobian @ s' + jacobian_rate @ s.
+
+    Derivatives D_u of a Jacobian A along joint velocities u come from accelerations, which are
+    quadratic in them: D_u A w + D_w A u is their polar form, and D_u A w - D_w A u follows from
+    the bracket of the joints' velocities and that of angular velocities [MurrayLiSastry1994, A].
+
+    Args:
+        mechanism: the mechanism.
+        state: from `solve_rates`.
+        name: link, frame or joint.
+
+    Raises:
+        SingularError: the drivers do not determine the velocities there.
+        UnknownNameError: there is no such frame.
+    """
+    frame = mechanism.frame_id(name)
+    state = of_mechanism(mechanism, state)
+    system = square_system(state, ())
+    moving = _Moving(mechanism, state, frame)
+    still = np.zeros(len(system.driven))
+    columns = []
+    for w in system.driver_rates().T:
+        turned = _bracket(mechanism, state.v, w)
+        polar = [system.acceleration(state.q, state.v + sign * w, still) for sign in (1.0, -1.0)]
+        system.evaluation.update(state.q)
+        skew = _row_brackets(system.evaluation, turned, state.v, w)
+        rate = 0.25 * (polar[0] - polar[1]) + 0.5 * system.rates_of(skew, turned[system.drive_at])
+        columns.append(moving.rate(w, turned) + moving.jacobian @ rate)
+    return np.array(columns).reshape(-1, 6).T
+
+
+class _Moving:
+    """The tree's Jacobian of a frame, and how it changes as a state moves."""
+
+    def __init__(self, mechanism: Mechanism, state: State, frame: int) -> None:
+        self.model, self.q, self.v, self.frame = mechanism.model, state.q, state.v, frame
+        self.data = self.model.createData()
+        pin.computeJointJacobians(self.model, self.data, self.q)
+        pin.updateFramePlacements(self.model, self.data)
+        self.jacobian = pin.getFrameJacobian(self.model, self.data, frame, WORLD_AXES)
+
+    def rate(self, w: Array, turned: Array) -> Array:
+        """Return (6,) the derivative of jacobian @ w at fixed w; `turned` is the bracket [v, w]."""
+        plus, minus = self._bias(self.v + w), self._bias(self.v - w)
+        skew = self.jacobian @ turned
+        skew[3:] += np.cross(*(self.jacobian[3:] @ u for u in (self.v, w)))
+        return 0.25 * (plus - minus) + 0.5 * skew
+
+    def _bias(self, v: Array) -> Array:
+        """Return (6,) the frame's classical acceleration at zero joint acceleration."""
+        pin.forwardKinematics(self.model, self.data, self.q, v, np.zeros_like(v))
+        accel = pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, WORLD_AXES)
+        return accel.vector
+
+
+def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
+    """Return the bracket (nv,) of two joint velocities: zero but where joints turn in space."""
+    out = np.zeros_like(u)
+    for i, pair in enumerate(mechanism.pairs, start=1):
+        if not PAIRS[pair].is_linear:
+            at, n = mechanism.model.idx_vs[i], mechanism.model.nvs[i]
+            first, second = (pin.Motion(np.concatenate([np.zeros(6 - n), x[at : at + n]]))
+                             for x in (u, w))
+            out[at : at + n] = first.cross(second).vector[6 - n :]
+    return out
+
+
+def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> Array:
+    """Return what the rows' Jacobians at u differ by from symmetry, (n_rows + n_passive,).
+
+    The spin about a line fixed in a body is no function of the configuration: the body's angular
+    velocities have a bracket of their own.
+    """
+    c: Constraints = evaluation.constraints
+    out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
+    for k, (joint, axis) in enumerate(c.spins):
+        columns = pin.getJointJacobian(evaluation.model, evaluation.data, joint,
+                                       pin.ReferenceFrame.LOCAL)[3:]
+        out[c.n_rows + k] -= axis @ np.cross(columns @ u, columns @ w)
+    return out
 
 
 class Influence(NamedTuple):

@@ -8,9 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.arc import Arrival, Curve, CurvePoint, march, turning_point
+from spatial_pin.kinematics.arc import (
+    Arrival,
+    Curve,
+    CurvePoint,
+    locate_crossing,
+    march,
+    turning_point,
+)
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.crossing import straight_on
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.rates import driven_coordinates
@@ -138,12 +146,13 @@ def trace(
         most_rows: where to stop in any case.
 
     Returns:
-        A Motion whose rates are with respect to the arc length; limit positions are its events.
+        A Motion whose rates are with respect to the arc length; limit positions, and crossings
+        with other branches that are passed straight on, are its events.
         The last row is the first one again, unless the curve was not closed within `most_rows`.
 
     Raises:
         AssemblyError: the guess does not close.
-        SingularError: branches cross on the way; `.motion` holds what came before.
+        SingularError: branches cross and none goes straight on; `.motion` holds what came before.
     """
     if not (np.isfinite(step) and step > 0.0):
         raise ValueError(f"step is {step}; it must be positive")
@@ -159,6 +168,13 @@ def trace(
     while len(rows.points) < most_rows:
         ahead = _advance(curve, point, step, rows)
         if isinstance(ahead, Arrival):
+            crossing = locate_crossing(curve, point, ahead.q)
+            beyond = straight_on(curve, point)
+            if beyond is not None:
+                rows.note("branch point", crossing.value)
+                point = beyond
+                rows.add(point)
+                continue
             motion = rows.motion()
             raise SingularError(
                 f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
@@ -239,7 +255,7 @@ def _advance(
         if curve.slope(t) * curve.slope(point.t) < 0.0:
             limit = curve.ahead(point, turning_point(curve, point, length))
             if limit is not None:
-                rows.note_limit(float(limit[at]))
+                rows.note("limit", float(limit[at]))
         settled = curve.settle(ahead, t)
         if settled is None:
             return Arrival("branch point", ahead, float(ahead[at]))
@@ -292,11 +308,13 @@ class _TracedRows:
         self.accelerations.append(self.accelerations[0])
         self.errors.append(self.errors[0])
 
-    def note_limit(self, value: float) -> None:
-        """Keep a limit position as an event."""
+    def note(self, kind: str, value: float) -> None:
+        """Keep a limit position or a crossing as an event."""
         unit = self.mechanism.coordinate(self.driver).unit
-        text = f"limit position (dead centre) at {self.driver} = {value:.12g} {unit}"
-        self.events.append(Event("limit", value, len(self.points), text))
+        words = {"limit": "limit position (dead centre)",
+                 "branch point": "branch point, passed straight on,"}
+        text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
+        self.events.append(Event(kind, value, len(self.points), text))
 
     def motion(self) -> Motion:
         """Return the rows as a Motion over the arc length."""

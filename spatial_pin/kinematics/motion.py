@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kinematics.jerks import Jerks, solve_jerks
 from spatial_pin.kinematics.state import State, center_of_mass
+from spatial_pin.kinematics.transmission import transmission_angle
 from spatial_pin.kinematics.views import accelerations, placements, twists
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
@@ -69,10 +72,10 @@ class Output(NamedTuple):
     unit: str
 
 
-COORDINATE_OUTPUTS = ("rate", "acceleration", "ratio")
+COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FRAME_UNITS = {
     "position": "m", "velocity": "m/s", "acceleration": "m/s²",
-    "angular_velocity": "rad/s", "angular_acceleration": "rad/s²",
+    "angular_velocity": "rad/s", "angular_acceleration": "rad/s²", "jerk": "m/s³",
 }
 
 
@@ -187,10 +190,11 @@ class Motion:
     def output(self, spec: str) -> Output:
         """Return a quantity by its name.
 
-        `NAME` or `NAME.rate`, `.acceleration`, `.ratio` (to the driver's speed) of a coordinate;
-        `NAME.position`, `.velocity`, `.acceleration`, `.angular_velocity`,
-        `.angular_acceleration` of a link, frame or joint; `NAME.com.position`, `.velocity`,
-        `.acceleration` of a link's centre of mass.
+        `NAME` or `NAME.rate`, `.acceleration`, `.jerk`, `.ratio` (to the driver's speed),
+        `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
+        `.velocity`, `.acceleration`, `.jerk`, `.angular_velocity`, `.angular_acceleration` of a
+        link, frame or joint; `NAME.com.position`, `.velocity`, `.acceleration`, `.jerk` of a
+        link's centre of mass. Jerks are those of a driver whose own jerk is zero.
 
         Raises:
             UnknownNameError: it names nothing of this motion.
@@ -204,13 +208,21 @@ class Motion:
             return self._coordinate_output(name, kind)
         if kind in FRAME_UNITS and name:
             body = name.removesuffix(".com")
+            label = f"{name} {kind.replace('_', ' ')}"
+            if kind == "jerk":
+                rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
+                        for j in self._jerks()]
+                return Output(np.array(rows).reshape(-1, 3), label, FRAME_UNITS[kind])
             moving = self.com(body) if name.endswith(".com") else self.frame(name)
-            return Output(getattr(moving, kind), f"{name} {kind.replace('_', ' ')}",
-                          FRAME_UNITS[kind])
+            return Output(getattr(moving, kind), label, FRAME_UNITS[kind])
         valid = [*mechanism.coordinate_table, *mechanism.drivers,
                  *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
                  *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
         raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+    def _jerks(self) -> Iterator[Jerks]:
+        return (solve_jerks(self.mechanism, self.state(k), {self.driver_name: 0.0})
+                for k in range(len(self)))
 
     def _coordinate_output(self, name: str, kind: str) -> Output:
         _, rate, acceleration = self.coordinate(name)
@@ -219,9 +231,25 @@ class Motion:
             return Output(rate, f"{name} rate", f"{unit}/s")
         if kind == "acceleration":
             return Output(acceleration, f"{name} acceleration", f"{unit}/s²")
+        if kind == "jerk":
+            jerks = np.array([j.coordinate(name) for j in self._jerks()])
+            return Output(jerks, f"{name} jerk", f"{unit}/s³")
+        if kind == "transmission_angle":
+            angles = [transmission_angle(self.mechanism, self.state(k), name, self.driver_name)[0]
+                      for k in range(len(self))]
+            return Output(np.array(angles), f"{name} transmission angle", "rad")
+        return self._ratio(name, rate, kind == "advantage")
+
+    def _ratio(self, name: str, rate: Array, inverse: bool) -> Output:
         if np.any(self.driver_speed == 0.0):
             raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
-        unit = "1" if unit == self.driver_unit else f"{unit}/{self.driver_unit}"
+        units = self.mechanism.coordinate(name).unit, self.driver_unit
+        if inverse:
+            with np.errstate(divide="ignore"):
+                values = self.driver_speed / rate
+            unit = "1" if units[0] == units[1] else f"{units[1]}/{units[0]}"
+            return Output(values, f"{name} mechanical advantage", unit)
+        unit = "1" if units[0] == units[1] else f"{units[0]}/{units[1]}"
         return Output(rate / self.driver_speed, f"{name} / {self.driver_name} speed ratio", unit)
 
     def columns(self) -> dict[str, Array]:

@@ -236,6 +236,11 @@ class SquareSystem:
         return self.solve(rhs)
 
     @property
+    def drive_at(self) -> list[int]:
+        """Places of the driven coordinates in the velocity vector."""
+        return [c.v for c in self.driven]
+
+    @property
     def driver_rows(self) -> slice:
         """Rows of the matrix that prescribe the drivers."""
         return self._drivers
@@ -279,8 +284,16 @@ class SquareSystem:
 
     def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
         """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
+        return self.rates_of(self.evaluation.bias(q, v), drive)
+
+    def rates_of(self, bias: Array, drive: Array) -> Array:
+        """Return the joint rates (nv,), of any order, that answer a bias and prescribed rates.
+
+        Args:
+            bias: (n_rows + n_passive,) derivative of the rows at zero joint rates of that order.
+            drive: (n_drivers,) derivatives of the driven coordinates.
+        """
         n = self.evaluation.constraints.n_rows
-        bias = self.evaluation.bias(q, v)
         rhs = np.zeros(len(self.matrix))
         np.negative(bias[:n] if self._whole else bias[self.rows], out=rhs[self._closure])
         np.negative(bias[n:], out=rhs[self._spin])

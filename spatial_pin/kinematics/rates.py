@@ -65,7 +65,7 @@ def solve_rates(
         accelerations: likewise [rad/s², m/s²].
 
     Returns:
-        The State with v and a.
+        The State with v and a, and `rate_error`.
 
     Raises:
         SingularError: the drivers do not determine the rates there; says which and why.
@@ -81,10 +81,22 @@ def solve_rates(
     system = square_system(state, [*speeds, *accelerations])
     drive_v = np.array([v_of.get(c.name, 0.0) for c in system.driven])
     drive_a = np.array([a_of.get(c.name, 0.0) for c in system.driven])
-    v = system.driver_rates() @ drive_v
+    rates = system.driver_rates()
+    v = rates @ drive_v
     a = system.acceleration(state.q, v, drive_a)
     check_rates(system, v, state)
-    return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles)
+    return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
+                 rate_error=round_off(system, rates))
+
+
+def round_off(system: SquareSystem, rates: np.ndarray) -> float:
+    """Return the estimated error of joint rates by their size, from the rates per driver's.
+
+    Near a limit position at a small distance e of the driver, joints move 1/sqrt(e) times as fast
+    as the driver; a configuration known to round-off times that gives rates to that squared.
+    """
+    pace = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
+    return float(np.finfo(float).eps * pace.max(initial=1.0) ** 2)
 
 
 def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import AssemblyError
+from spatial_pin.errors import AssemblyError, SingularError
 from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.mobility import Mobility, mobility
-from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -137,4 +138,13 @@ def motion_summary(motion: Motion) -> str:
         if len(motion):
             lines.append(f"  {name:{width}}  {value.min():+.6f} to {value.max():+.6f} {c.unit}, "
                          f"rate {rate.min():+.6g} to {rate.max():+.6g} {c.unit}/s")
-    return "\n".join([*lines, *(f"  {event.text}" for event in motion.events)])
+    events = [*_dead_centres(motion), *motion.events]
+    return "\n".join([*lines, *(f"  {event.text}" for event in events)])
+
+
+def _dead_centres(motion: Motion) -> list[Event]:
+    """Return the dead centres of the outputs, as far as they can be located."""
+    try:
+        return dead_centres(motion) if len(motion) > 1 else []
+    except SingularError:
+        return []

@@ -197,9 +197,9 @@ class Tolerance:
 
 def tolerance(
     mechanism: Mechanism,
-    state: State,
     outputs: str | Iterable[str],
     deviations: Mapping[str, float],
+    state: State | None = None,
     *,
     samples: int = 0,
     executor: Executor | None = None,
@@ -210,9 +210,10 @@ def tolerance(
 
     Args:
         mechanism: a mechanism with a xacro tree.
-        state: a closed state; its driver values, speeds and accelerations are kept.
         outputs: names as for `sensitivity`.
         deviations: standard deviation by dimension [m, rad].
+        state: a closed state; its driver values, speeds and accelerations are kept; default the
+            assembled guess.
         samples: number of Monte Carlo samples, 0 for none.
         executor: where to solve them (any `concurrent.futures` executor, a Dask client's too);
             default in this process.
@@ -223,6 +224,7 @@ def tolerance(
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite.
     """
+    state = state or assemble(mechanism)
     names = [outputs] if isinstance(outputs, str) else list(outputs)
     spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
     if any(x < 0.0 for x in spread.values()):

@@ -14,6 +14,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 
+LOST = 1e-10  # round-off of rates, by their size, that is worth a word
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -45,6 +46,8 @@ class State:
             angles in rad.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
+        rate_error: estimated round-off of v and a, by their size; it grows near a limit position
+            of a driver. NaN until `solve_rates`.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class State:
         closure_error: float,
         angles: Array | None = None,
         branch: str = "",
+        rate_error: float = np.nan,
     ) -> None:
         nv = mechanism.model.nv
         self.mechanism = mechanism
@@ -66,6 +70,7 @@ class State:
         self.closure_error = float(closure_error)
         self.angles = _frozen(np.empty(0) if angles is None else angles)
         self.branch = branch
+        self.rate_error = float(rate_error)
 
     @cached_property
     def data(self) -> pin.Data:
@@ -132,7 +137,9 @@ class State:
 
     def __repr__(self) -> str:
         drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
-        return f"State({self.mechanism.name!r}: {drivers}; closure error {self.closure_error:.1e})"
+        lost = f", rates to {self.rate_error:.0e}" if self.rate_error > LOST else ""
+        return (f"State({self.mechanism.name!r}: {drivers}; closure error "
+                f"{self.closure_error:.1e}{lost})")
 
 
 def of_mechanism(mechanism: Mechanism, state: State) -> State:

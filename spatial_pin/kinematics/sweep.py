@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from spatial_pin.errors import AssemblyError, LimitError, SingularError
-from spatial_pin.kinematics import run
+from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.branch import Branch, Stopped
@@ -22,6 +22,8 @@ from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
 
+FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
+EPS = float(np.finfo(float).eps)
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
@@ -64,6 +66,7 @@ def sweep(
     guess: Mapping[str, Any] | State | Array | None = None,
     hold: Mapping[str, float] | None = None,
     on_limit: str = "raise",
+    on_crossing: str = "straight",
     accuracy: Accuracy | None = None,
     progress: bool = False,
 ) -> Motion:
@@ -80,8 +83,10 @@ def sweep(
         acceleration: likewise [rad/s² or m/s²].
         guess: where to assemble, as for `assemble`.
         hold: values of the other drivers; default those of the assembled configuration.
-        on_limit: "raise", or "stop" to end the motion before a value that cannot be reached, or
-            a place where branches cross, with an event.
+        on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
+            with an event.
+        on_crossing: where branches cross (a change point): "straight" to follow the one that goes
+            straight on, "stop" to end the motion before it, both with an event, or "raise".
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
@@ -91,12 +96,13 @@ def sweep(
     Raises:
         AssemblyError: the first value cannot be assembled.
         LimitError: a later value cannot be reached; has the limit and the motion so far.
-        SingularError: the branch is not unique, or not determined, at a configuration.
+        SingularError: the branch is not determined at a configuration, or crosses another one
+            where that is not allowed, or where none goes straight on.
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
     """
     accuracy = accuracy or Accuracy.named("engineering")
-    if on_limit not in ("raise", "stop"):
-        raise ValueError(f"on_limit is {on_limit!r}; it is \"raise\" or \"stop\"")
+    _check_choice("on_limit", on_limit, ("raise", "stop"))
+    _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     values = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
@@ -109,23 +115,30 @@ def sweep(
     driven.sort(key=lambda c: c.name != coordinate.name)
     branch = Branch(state, driven, accuracy)
     record = _Record.empty(len(values), branch)
-    stop, n = None, len(values)
+    stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
                disable=None if progress else True)
     try:
-        for done in _follow(branch, values, record):
+        for done in _follow(branch, values, record, crossed if on_crossing == "straight" else None):
             bar.update(done - bar.n)
     except Stopped as caught:
         stop, n = caught.arrival, caught.row
     finally:
         bar.close()
     motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
-    motion.events += _drift(motion)
+    motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
+    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion)]
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
-        if on_limit == "raise" or stop.kind == "lost":
+        ends = on_limit if stop.kind == "limit" else on_crossing
+        if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, float(values[n]))
     return motion
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
 
 
 def _rows(value: Any, values: Array, what: str) -> Array:
@@ -135,8 +148,13 @@ def _rows(value: Any, values: Array, what: str) -> Array:
                         values.shape, what)
 
 
-def _follow(branch: Branch, values: Array, record: _Record) -> Iterator[int]:
-    """Fill the record row by row, or run by run; yields the number of rows done."""
+def _follow(
+    branch: Branch, values: Array, record: _Record, crossed: list[tuple[float, int]] | None
+) -> Iterator[int]:
+    """Fill the record row by row, or run by run; yields the number of rows done.
+
+    Crossings that are passed are added to `crossed`, if that is a list, as (value, row).
+    """
     fast = run.is_possible(branch)
     k, careful_until = 0, 0
     equal = run.EqualSteps(values)
@@ -158,12 +176,46 @@ def _follow(branch: Branch, values: Array, record: _Record) -> Iterator[int]:
             continue
         try:
             branch.reach(float(values[k]))
-        except Stopped as caught:
-            caught.row = k
-            raise
+        except Stopped as stopped:
+            before = k
+            k = _pass_crossing(branch, values, k, record, stopped, crossed)
+            careful_until = max(careful_until, k + run.HISTORY)
+            if k > before:
+                yield k
+            continue
         record.put(k, branch)
         k += 1
         yield k
+
+
+def _pass_crossing(
+    branch: Branch, values: Array, k: int, record: _Record, stopped: Stopped,
+    crossed: list[tuple[float, int]] | None,
+) -> int:
+    """Go straight on at a crossing before row k; return the first row behind its strip.
+
+    Rows before the crossing that lie on the strip are taken from it too: it is the more exact.
+
+    Raises:
+        Stopped: it is no crossing, or one that is not to be passed.
+    """
+    stopped.row = k
+    if crossed is None or stopped.arrival.kind not in ("branch point", "singular"):
+        raise stopped
+    value = stopped.arrival.value
+    found = crossing.strip(branch, value)
+    if found is None:
+        raise stopped
+    crossed.append((value, k))
+    while k > 0 and found.holds(float(values[k - 1])):
+        k -= 1
+    while k < len(values) and found.holds(float(values[k])):
+        found.put(branch, float(values[k]))
+        record.put(k, branch)
+        k += 1
+    if k < len(values):
+        found.leave(branch, float(values[k]))
+    return k
 
 
 def _motion(
@@ -187,6 +239,23 @@ def _motion(
     )
 
 
+def _near_limit(motion: Motion, t: Array) -> list[Event]:
+    """Report rows near a limit position, where joints move so fast that digits are lost."""
+    if not len(t):
+        return []
+    pace = np.abs(t / motion.mechanism.velocity_scale).max(axis=1)
+    pace *= motion.mechanism.velocity_scale[motion.mechanism.coordinate(motion.driver_name).v]
+    fast = np.flatnonzero(pace > FAST * max(1.0, pace.min()))
+    if not fast.size:
+        return []
+    row, unit = int(fast[np.argmax(pace[fast])]), motion.driver_unit
+    worst, value = float(pace[row]), float(motion.driver[row])
+    text = (f"near a limit position at {motion.driver_name} = {value:.12g} {unit}: joints move up "
+            f"to {worst:.1e} times as fast as the driver; positions are good to about "
+            f"{EPS * worst:.0e}, rates to {EPS * worst**2:.0e} of their size")
+    return [Event("near limit", value, row, text)]
+
+
 def _drift(motion: Motion) -> list[Event]:
     """Report where a motion that is not corrected to tolerance has left its closed loops."""
     open_rows = np.flatnonzero(motion.closure_error > DRIFTED)
@@ -205,6 +274,12 @@ def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
         return None
     time = (values - values[0]) / speeds[0]
     return time if np.all(np.diff(time) > 0.0) else None
+
+
+def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:
+    text = (f"branch point at {driver} = {value:.12g} {coordinate.unit}: branches cross; "
+            "followed the one that goes straight on")
+    return Event("branch point", value, row, text)
 
 
 def _event(stop: Arrival, row: int, driver: str, coordinate: Coordinate) -> Event:
@@ -228,7 +303,7 @@ def _error(
     if stop.kind == "branch point":
         return SingularError(
             f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); which one "
-            "to follow is not determined: start the sweep beyond it with a guess on the wanted "
+            "goes on is not determined: start the sweep beyond it with a guess on the wanted "
             "branch", motion=motion,
         )
     if stop.kind == "singular":

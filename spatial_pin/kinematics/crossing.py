@@ -1,0 +1,171 @@
+"""Going straight on where branches of closed configurations cross.
+
+At a crossing (a change point) the equations lose rank and nothing can be solved; on either side
+each branch is a smooth curve. The one that goes straight on is the continuation of the curve
+before the crossing as a polynomial, corrected by the closure equations behind it; between the two
+sides everything is interpolated from both.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import BarycentricInterpolator
+
+from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.arc import Curve, CurvePoint
+from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.linalg import Array
+
+REACHES = (0.06, 0.02, 0.004)  # arc lengths from a crossing at which the equations are solved again
+NODES = 8  # configurations on either side that the curve is continued through
+OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
+
+
+def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | None:
+    """Return the point beyond a crossing that lies `distance` ahead of a point, straight on.
+
+    None where no branch goes straight on.
+    """
+    lengths = -distance * np.arange(NODES)
+    nodes = [curve.ahead(base, x) for x in lengths]
+    if any(node is None for node in nodes):
+        return None
+    curve.evaluation.turns[:] = base.angles + base.slopes @ (2.0 * distance * base.t)
+    expected = BarycentricInterpolator(lengths, np.array(nodes))(2.0 * distance)
+    expected = pin.normalize(curve.model, expected)
+    found = curve.onto(expected, base.t)
+    if found is None:
+        return None
+    off = pin.difference(curve.model, expected, found) / curve.scale
+    if not np.linalg.norm(off) < OFF * distance:
+        return None
+    return curve.settle(found, pin.difference(curve.model, base.q, found) / curve.scale)
+
+
+def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
+    """Return a point of the curve beyond the crossing just ahead of a point; None if none is."""
+    for reach in REACHES:
+        behind = curve.ahead(point, -reach)
+        base = curve.settle(behind, point.t) if behind is not None else None
+        halfway = curve.ahead(base, 0.5 * reach) if base is not None else None
+        if base is None or halfway is None:
+            continue
+        sigma = [curve.sigma(q) for q in (base.q, halfway)]  # falls to 0 at the crossing
+        if sigma[1] < sigma[0]:
+            distance = 0.5 * reach * sigma[0] / (sigma[0] - sigma[1])
+            far = far_side(curve, base, distance)
+            if far is not None:
+                return far
+    return None
+
+
+class Strip(NamedTuple):
+    """The stretch of a branch about a crossing, as polynomials in the driver value.
+
+    Attributes:
+        ends: driver values before and behind the crossing, where the equations are solvable.
+        q, angles: interpolators of configuration and relative angles of screw closures.
+        t, c: of the first and second derivatives with respect to the driver.
+        places: (q, driver value) of two nodes at either end, the outer one first.
+    """
+
+    ends: tuple[float, float]
+    q: BarycentricInterpolator
+    t: BarycentricInterpolator
+    c: BarycentricInterpolator
+    angles: BarycentricInterpolator
+    places: tuple[tuple[Array, Array], tuple[Array, Array]]
+
+    def holds(self, value: float) -> bool:
+        """Whether a driver value lies between the ends."""
+        return min(self.ends) < value < max(self.ends)
+
+    def put(self, branch: Branch, value: float) -> None:
+        """Write the branch at a driver value between the ends into `branch`."""
+        q = pin.normalize(branch.model, self.q(value))
+        branch.hold(q, value)
+        branch.q, branch.s = q, value
+        branch.t, branch.c, branch.angles = self.t(value), self.c(value), self.angles(value)
+        branch.evaluation.turns[:] = branch.angles
+        branch.evaluation.update(q)
+        branch.residual = branch.evaluation.residual.copy()
+
+    def leave(self, branch: Branch, value: float) -> None:
+        """Take a branch to the end that is nearer to a driver value outside."""
+        side = int(abs(value - self.ends[1]) < abs(value - self.ends[0]))
+        before, q = self.places[side]
+        branch.evaluation.turns[:] = self.angles(self.ends[side])
+        branch.place(q)
+        branch.jump(before, q, self.ends[side], self.ends[side] - float(before[branch.at]))
+        branch.reselect()
+
+
+def strip(branch: Branch, crossing: float) -> Strip | None:
+    """Return the branch about a crossing ahead of it, going straight on; None if none does.
+
+    The branch is left somewhere on the strip.
+
+    Args:
+        branch: stands before the crossing.
+        crossing: driver value of the crossing [rad or m].
+    """
+    sense = 1.0 if crossing >= branch.s else -1.0
+    pace = float(np.linalg.norm(branch.t / branch.scale))
+    for reach in REACHES:
+        try:
+            branch.reach(crossing - sense * reach / pace)
+            sides = _sides(branch, sense, reach)
+        except (Stopped, SingularError):
+            continue
+        if sides is not None:
+            values = np.concatenate([sides[0].q[::-1, branch.at], sides[1].q[:, branch.at]])
+            if np.all(sense * np.diff(values) > 0.0):  # else the driver turns back
+                return _joined(branch, *sides)
+    return None
+
+
+class _Side(NamedTuple):
+    """Nodes on one side of a crossing, the nearest first, as in `Strip`."""
+
+    q: Array
+    t: Array
+    c: Array
+    angles: Array
+
+
+def _sides(branch: Branch, sense: float, reach: float) -> tuple[_Side, _Side] | None:
+    curve = Curve(branch.system, 0.0)
+    near = curve.settle(branch.q, sense * branch.t / branch.scale)
+    far = far_side(curve, near, reach) if near is not None else None
+    if near is None or far is None:
+        return None
+    outward = near._replace(t=-near.t)
+    return _side(branch, curve, outward, reach), _side(branch, curve, far, reach)
+
+
+def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Side:
+    """Return nodes from a point on, away from the crossing.
+
+    Raises:
+        SingularError: the rates are not determined at one of them.
+    """
+    rows = []
+    for length in reach * np.arange(NODES):
+        q = curve.ahead(point, length)
+        if q is None:
+            raise SingularError("the branch bends away from its crossing")
+        branch.place(q)
+        rows.append((q, branch.t, branch.c, branch.angles))
+    return _Side(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _joined(branch: Branch, near: _Side, far: _Side) -> Strip:
+    values = np.concatenate([side.q[:, branch.at] for side in (near, far)])
+    rows = (np.concatenate(pair) for pair in zip(near, far, strict=True))
+    q, t, c, angles = (BarycentricInterpolator(values, x) for x in rows)
+    ends = float(near.q[0, branch.at]), float(far.q[0, branch.at])
+    places = (near.q[1], near.q[0]), (far.q[1], far.q[0])
+    return Strip(ends, q, t, c, angles, places)
