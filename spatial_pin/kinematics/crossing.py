@@ -8,11 +8,11 @@ sides everything is interpolated from both.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import BarycentricInterpolator
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Curve, CurvePoint
@@ -34,7 +34,7 @@ def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | No
     if any(node is None for node in nodes):
         return None
     curve.evaluation.turns[:] = base.angles + base.slopes @ (2.0 * distance * base.t)
-    expected = BarycentricInterpolator(lengths, np.array(nodes))(2.0 * distance)
+    expected = _polynomial(lengths, np.array(nodes))(2.0 * distance)
     expected = pin.normalize(curve.model, expected)
     found = curve.onto(expected, base.t)
     if found is None:
@@ -43,6 +43,12 @@ def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | No
     if not np.linalg.norm(off) < OFF * distance:
         return None
     return curve.settle(found, pin.difference(curve.model, base.q, found) / curve.scale)
+
+
+def _polynomial(x: Array, rows: Array) -> Any:
+    from scipy.interpolate import BarycentricInterpolator  # on use: it takes half a second
+
+    return BarycentricInterpolator(x, rows)
 
 
 def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
@@ -73,10 +79,10 @@ class Strip(NamedTuple):
     """
 
     ends: tuple[float, float]
-    q: BarycentricInterpolator
-    t: BarycentricInterpolator
-    c: BarycentricInterpolator
-    angles: BarycentricInterpolator
+    q: Callable[[float], Array]
+    t: Callable[[float], Array]
+    c: Callable[[float], Array]
+    angles: Callable[[float], Array]
     places: tuple[tuple[Array, Array], tuple[Array, Array]]
 
     def holds(self, value: float) -> bool:
@@ -165,7 +171,7 @@ def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Sid
 def _joined(branch: Branch, near: _Side, far: _Side) -> Strip:
     values = np.concatenate([side.q[:, branch.at] for side in (near, far)])
     rows = (np.concatenate(pair) for pair in zip(near, far, strict=True))
-    q, t, c, angles = (BarycentricInterpolator(values, x) for x in rows)
+    q, t, c, angles = (_polynomial(values, x) for x in rows)
     ends = float(near.q[0, branch.at]), float(far.q[0, branch.at])
     places = (near.q[1], near.q[0]), (far.q[1], far.q[0])
     return Strip(ends, q, t, c, angles, places)
