@@ -17,6 +17,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
 from spatial_pin.mechanism.export import export_urdf
+from spatial_pin.operators import OPERATORS
 from spatial_pin.units import Quantity, quantity
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
@@ -65,7 +66,8 @@ def _parser() -> argparse.ArgumentParser:
                              metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
         return sub
 
-    listing = command("list", _list, "mechanisms that come with the library", mechanism=False)
+    listing = command("list", _list, "mechanisms and operators of the library, with their sources",
+                      mechanism=False)
     listing.add_argument("--json", metavar="F", help="write the list as JSON (- for the screen)")
 
     sub = command("info", _info, "links, joints, closures, coordinates and freedoms")
@@ -178,6 +180,9 @@ def _list(options: argparse.Namespace) -> None:
         return
     widths = [max(len(row[k]) for row in rows) for k in (0, 1)]
     for name, title, source in rows:
+        print(f"{name:{widths[0]}}  {title:{widths[1]}}  {source}")
+    print("\nin spatial_pin.operators:")
+    for name, (title, source) in OPERATORS.items():
         print(f"{name:{widths[0]}}  {title:{widths[1]}}  {source}")
 
 

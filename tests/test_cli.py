@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 import os
 import sys
@@ -64,7 +65,10 @@ def pure(text: str):
 
 def test_list_names_every_mechanism_of_the_library(run):
     names = sp.list_mechanisms()
-    assert [line.split()[0] for line in run("list").splitlines()] == names
+    mechanisms, operators = run("list").split("\n\n")
+    assert [line.split()[0] for line in mechanisms.splitlines()] == names
+    for line in operators.splitlines()[1:]:
+        assert importlib.import_module(f"spatial_pin.operators.{line.split()[0]}")
     rows = pure(run("list", "--json", "-"))
     assert [row["name"] for row in rows] == names
     assert rows[names.index("rssr")]["title"] == "RSSR spatial four-bar"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.kinematics.state import RelativeMotion
 
 TOLERANCE = 1e-11
 X, Y, Z = np.eye(3)
@@ -274,31 +275,21 @@ def test_crane_exercise_7_6():
     check_printed(state.acceleration("tip").linear, "-3.533384 -1.500000 1.800000")
 
 
-class FiveTerms(dict):
-    """Acceleration of a point in a moving frame by its five terms (section 7.3)."""
-
-    def __init__(self, frame: sp.State, base: str, moving_with: str, r, relative_velocity,
-                 relative_acceleration) -> None:
-        omega = frame.angular_velocity(moving_with)
-        super().__init__(
-            base=frame.acceleration(base).linear,
-            tangential=np.cross(frame.angular_acceleration(moving_with), r),
-            normal=np.cross(omega, np.cross(omega, r)),
-            relative=relative_acceleration,
-            coriolis=2 * np.cross(omega, relative_velocity),
-        )
+def five_terms(terms: RelativeMotion):
+    return (terms.base, terms.tangential, terms.normal, terms.relative, terms.coriolis)
 
 
 @pytest.mark.parametrize("given", OPEN_CHAINS["turntable_collar"])
 def test_turntable_collar_by_five_terms_in_the_shaft(given):
     state = open_chain("turntable_collar", *given)
-    a, c = state.placement("shaft_a").translation, state.placement("collar").translation
     along = state.placement("shaft").rotation @ Z
     _, speed, acceleration = state.coordinate("slide")
-    terms = FiveTerms(state, "shaft_a", "shaft", c - a, speed * along, acceleration * along)
-    check(sum(terms.values()), state.acceleration("collar").linear)
-    check(state.velocity("shaft_a").linear + np.cross(state.angular_velocity("shaft"), c - a)
-          + speed * along, state.velocity("collar").linear)
+    terms = state.relative_motion("collar", "shaft_a")
+    check(terms.relative_velocity, speed * along)
+    check(terms.relative, acceleration * along)
+    check(sum(five_terms(terms)), state.acceleration("collar").linear)
+    check(terms.base_velocity + terms.transport + terms.relative_velocity,
+          state.velocity("collar").linear)
 
 
 def test_turntable_collar_with_the_chosen_dimensions():
@@ -307,12 +298,14 @@ def test_turntable_collar_with_the_chosen_dimensions():
     r = 0.3 * Z
     check(state.angular_velocity("shaft"), w)
     check(state.angular_acceleration("shaft"), e)
-    terms = FiveTerms(state, "shaft_a", "shaft", r, 6 * Z, 3 * Z)
-    check(terms["base"], 1.5 * np.cross(Z, 0.3 * Y) - 9 * 0.3 * Y)
-    check(terms["tangential"], [0.9, 5.4, 0])
-    check(terms["normal"], [0, 5.4, -10.8])
-    check(terms["relative"], [0, 0, 3])
-    check(terms["coriolis"], [72, 0, 0])
+    terms = state.relative_motion("collar", "shaft_a")
+    check(terms.position, r)
+    check(terms.relative_velocity, 6 * Z)
+    check(terms.base, 1.5 * np.cross(Z, 0.3 * Y) - 9 * 0.3 * Y)
+    check(terms.tangential, [0.9, 5.4, 0])
+    check(terms.normal, [0, 5.4, -10.8])
+    check(terms.relative, [0, 0, 3])
+    check(terms.coriolis, [72, 0, 0])
     check(state.velocity("collar").linear, [0.9, 0, 6])
     check(state.acceleration("collar").linear, [72.45, 8.1, -7.8])
 
@@ -326,10 +319,10 @@ def test_five_terms_in_the_first_body(name, point, case):
     state = open_chain(name, values, speeds, accelerations, dimensions)
     still = open_chain(name, values, [0.0, *speeds[1:]], [0.0, *accelerations[1:]], dimensions)
     body = {"rotating_rod_link": "rod", "turntable_collar": "turntable"}[name]
-    r = state.placement(point).translation - state.placement(body).translation
-    terms = FiveTerms(state, body, body, r, still.velocity(point).linear,
-                      still.acceleration(point).linear)
-    check(sum(terms.values()), state.acceleration(point).linear)
+    terms = state.relative_motion(point, body)
+    check(terms.relative_velocity, still.velocity(point).linear)
+    check(terms.relative, still.acceleration(point).linear)
+    check(sum(five_terms(terms)), state.acceleration(point).linear)
 
 
 def test_rotating_rod_link_assignment_7_5():

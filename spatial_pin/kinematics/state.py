@@ -32,6 +32,35 @@ class PointRates(NamedTuple):
     acceleration: Array
 
 
+class RelativeMotion(NamedTuple):
+    """Motion of a point split over a moving frame, world axes, each (3,) [EMT2431, 7.3].
+
+    The point's velocity is base_velocity + transport + relative_velocity, its acceleration
+    base + tangential + normal + relative + coriolis.
+
+    Attributes:
+        position: of the point from the frame's origin [m].
+        base_velocity: of the frame's origin [m/s].
+        transport: omega x position.
+        relative_velocity: of the point as seen in the frame.
+        base: acceleration of the frame's origin [m/s²].
+        tangential: alpha x position.
+        normal: omega x (omega x position).
+        relative: acceleration of the point as seen in the frame.
+        coriolis: 2 omega x relative_velocity.
+    """
+
+    position: Array
+    base_velocity: Array
+    transport: Array
+    relative_velocity: Array
+    base: Array
+    tangential: Array
+    normal: Array
+    relative: Array
+    coriolis: Array
+
+
 class State:
     """One configuration of a mechanism, its velocity and acceleration. Read-only.
 
@@ -134,6 +163,25 @@ class State:
             twist.linear + turning,
             accel.linear + np.cross(accel.angular, offset) + np.cross(w, turning),
         )
+
+    def relative_motion(self, point: str, frame: str) -> RelativeMotion:
+        """Return velocity and acceleration of a point split over a moving frame.
+
+        Args:
+            point: link, frame or joint whose origin is the point.
+            frame: link, frame or joint that the point is seen from.
+        """
+        r = self.placement(point).translation - self.placement(frame).translation
+        own, base = self.velocity(point).linear, self.velocity(frame)
+        own_rate, base_rate = self.acceleration(point).linear, self.acceleration(frame)
+        w = base.angular
+        transport = np.cross(w, r)
+        relative = own - base.linear - transport
+        tangential, normal = np.cross(base_rate.angular, r), np.cross(w, transport)
+        coriolis = 2.0 * np.cross(w, relative)
+        seen = own_rate - base_rate.linear - tangential - normal - coriolis
+        return RelativeMotion(r, base.linear.copy(), transport, relative, base_rate.linear.copy(),
+                              tangential, normal, seen, coriolis)
 
     def __repr__(self) -> str:
         drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)

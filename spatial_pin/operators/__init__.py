@@ -73,9 +73,25 @@ from spatial_pin.operators.screw import (
     screw_from_placement,
 )
 
+# what `spatial-pin list` shows: module, what is in it, where it comes from
+OPERATORS = {
+    "planar": ("Finite rotations and translations in the plane", "EMT 2431 lecture notes, 2"),
+    "rotation": ("Rotation about any axis and back, composite rotations",
+                 "EMT 2431 lecture notes, 3; Rodrigues 1840"),
+    "screw": ("Screw displacement about any axis, and back",
+              "EMT 2431 lecture notes, 4; Chasles 1830"),
+    "elementary": ("Seven elementary matrices, joints and links made of them",
+                   "EMT 2431 lecture notes, 5"),
+    "dh": ("Denavit-Hartenberg table to a Pinocchio model",
+           "A Novel Method for Spatial Structural Kinematic Analysis, section 1.3; Craig 2005"),
+    "angular": ("Angular velocity and acceleration from direction cosines",
+                "A Novel Method for Spatial Structural Kinematic Analysis, section 1.3"),
+}
+
 __all__ = [
     "DH_JOINTS",
     "ELEMENTARY_MATRICES",
+    "OPERATORS",
     "AxisAngle",
     "DHRow",
     "DirectionCosines",
