@@ -30,7 +30,8 @@ from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"
 
-_SEEN_ON_USE = ("show", "export_html", "plot", "screenshot")  # they load meshcat and matplotlib
+# they load meshcat and matplotlib
+_SEEN_ON_USE = ("Look", "export_html", "movie", "plot", "report", "screenshot", "show")
 
 __all__ = [
     "Accuracy",
@@ -38,6 +39,7 @@ __all__ = [
     "ClosureTypeError",
     "FrameMotion",
     "LimitError",
+    "Look",
     "Mechanism",
     "MechanismFileError",
     "Mobility",
@@ -58,7 +60,9 @@ __all__ = [
     "list_mechanisms",
     "load",
     "mobility",
+    "movie",
     "plot",
+    "report",
     "screenshot",
     "sensitivity",
     "show",

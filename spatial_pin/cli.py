@@ -19,6 +19,8 @@ from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
 from spatial_pin.mechanism.export import export_urdf
 from spatial_pin.operators import OPERATORS
 from spatial_pin.units import Quantity, quantity
+from spatial_pin.view.plots import usual_outputs
+from spatial_pin.view.usual import usual_motion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
@@ -99,8 +101,16 @@ def _parser() -> argparse.ArgumentParser:
                      help="stop after so many starts without a new one (200)")
     sub.add_argument("--json", metavar="F", help="write the modes as JSON (- for the screen)")
 
-    sub = command("show", _show, "animate a sweep in the browser")
+    sub = command("show", _show, "animate a motion in the browser")
     _sweep_arguments(sub, needed=False)
+    sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
+
+    sub = command("report", _report, "write a page to send and to print: 3-D, curves, numbers")
+    _sweep_arguments(sub, needed=False)
+    sub.add_argument("--html", metavar="F", required=True, help="the file to write")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what its figures show, as rocker_pin or coupler.com.position")
+    sub.add_argument("--title", help="heading (the mechanism's title)")
 
     sub = command("check", _check, "read a mechanism file and say what is wrong with it")
 
@@ -117,8 +127,8 @@ def _guess_option(sub: argparse.ArgumentParser) -> None:
 
 def _sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
     sub.add_argument("driver", nargs=None if needed else "?", help="driver or coordinate")
-    sub.add_argument("first", nargs=None if needed else "?", type=_quantity, default=0.0)
-    sub.add_argument("last", nargs=None if needed else "?", type=_quantity, default=2 * np.pi)
+    sub.add_argument("first", nargs=None if needed else "?", type=_quantity)
+    sub.add_argument("last", nargs=None if needed else "?", type=_quantity)
     sub.add_argument("--steps", type=_count, default=361, help="number of values (361)")
     sub.add_argument("--speed", type=_quantity, help="of the driver, as 240rpm (default 1)")
     sub.add_argument("--acceleration", type=_quantity, default=0.0)
@@ -256,8 +266,7 @@ def _sweep(options: argparse.Namespace) -> None:
     if options.npz:
         written.append(motion.save(options.npz))
     if options.plot:
-        outputs = options.output or _default_outputs(mechanism, options.driver)
-        sp.plot(motion, outputs, options.plot)
+        sp.plot(motion, options.output or _with_ratios(motion), options.plot)
         written.append(options.plot)
     if options.html:
         written.append(sp.export_html(motion, options.html))
@@ -271,20 +280,38 @@ def _sweep(options: argparse.Namespace) -> None:
             print(f"wrote {path}")
 
 
-def _default_outputs(mechanism: sp.Mechanism, driver: str) -> list[str]:
-    """Value and speed ratio of the coordinates that a plain number describes."""
-    swept = mechanism.coordinate(driver).name
-    plain = [c.name for c in mechanism.coordinate_table.values() if c.q >= 0 and c.name != swept]
-    return [name for c in plain[:3] for name in (c, f"{c}.ratio")] or [swept]
+def _with_ratios(motion: sp.Motion) -> list[str]:
+    """The outputs looked at first, each coordinate with its speed ratio."""
+    coordinates = motion.mechanism.coordinate_table
+    return [name for output in usual_outputs(motion)
+            for name in ([output, f"{output}.ratio"] if output in coordinates else [output])]
+
+
+def _shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | sp.State:
+    """The sweep that was asked for, or what a mechanism is shown with when none was."""
+    if options.last is not None:
+        return _run_sweep(options, mechanism)
+    said = (options.first, options.speed, options.acceleration or None, options.guess or None)
+    if any(x is not None for x in said):
+        options.usage_error("a sweep needs a driver, a first and a last value")
+    return usual_motion(mechanism, options.driver, options.steps)
 
 
 def _show(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    options.driver = options.driver or next(iter(mechanism.drivers), None)
-    subject = _run_sweep(options, mechanism) if options.driver else sp.assemble(mechanism)
+    subject = _shown(options, mechanism)
+    if options.movie:
+        print(f"wrote {sp.movie(subject, options.movie, progress=True)}")
+        return
     with sp.show(subject) as viewer:
         print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)")
         viewer.wait()
+
+
+def _report(options: argparse.Namespace) -> None:
+    subject = _shown(options, _load(options))
+    path = sp.report(subject, options.html, outputs=options.output or None, title=options.title)
+    print(f"wrote {path}")
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -66,6 +66,11 @@ def arm(text: str = ARM) -> SimpleNamespace:
         title="Arm <1> & co",
         model=model,
         visual_model=visuals,
+        pairs=("revolute", "prismatic"),
+        closures=(),
+        springs=(),
+        inertias={},
+        neutral=pin.neutral(model),
         drivers=("shoulder",),
         coordinate=lambda name: SimpleNamespace(unit="rad"),
     )
@@ -81,6 +86,7 @@ def motion(n: int = 60, turn: float = math.pi, **changes: object) -> SimpleNames
         driver_name="crank",
         driver_unit="rad",
         closure_error=np.linspace(0.0, 3e-14, n),
+        events=[],
     )
     made.output = lambda name: OUTPUTS[name](made)
     vars(made).update(changes)

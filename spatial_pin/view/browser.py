@@ -8,13 +8,16 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.film import film
+from spatial_pin.view.film import Film, film
 from spatial_pin.view.html import export_html
 
 if TYPE_CHECKING:
     from spatial_pin.kinematics.motion import Motion
     from spatial_pin.kinematics.state import State
+    from spatial_pin.view.look import Look
 
 BROWSERS = (
     "chromium",
@@ -70,6 +73,14 @@ def photograph(page: Path, fragment: str, path: Path, size: tuple[int, int]) -> 
         shutil.copyfile(shot, path)
 
 
+def _moment(shown: Film, source: Motion | State, row: int) -> float:
+    """Return when a row is shown [s]; of a long motion the nearest one that is shown at all."""
+    n = len(np.atleast_2d(source.q))
+    if not -n <= row < n:
+        raise SpatialPinError(f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1")
+    return float(shown.seconds[np.argmin(np.abs(shown.rows - row % n))])
+
+
 def screenshot(
     motion_or_state: Motion | State,
     path: str | Path,
@@ -77,6 +88,7 @@ def screenshot(
     row: int = 0,
     size: tuple[int, int] = (1280, 960),
     title: str | None = None,
+    look: Look | None = None,
 ) -> Path:
     """Write a picture of a state, or of one row of a motion; needs Chromium or Chrome.
 
@@ -86,16 +98,18 @@ def screenshot(
         row: row of the motion, negative from its end.
         size: width and height [pixels].
         title: heading; the mechanism's title if not given.
+        look: what is shown besides the bodies.
 
     Returns:
         The path written.
 
     Raises:
-        SpatialPinError: there is no browser, or it made no picture.
+        UnknownNameError: `look` names a point or vector that does not exist.
+        SpatialPinError: there is no such row, no browser, or it made no picture.
     """
     path = Path(path)
+    seconds = _moment(film(motion_or_state), motion_or_state, row)
     with tempfile.TemporaryDirectory() as folder:
-        page = export_html(motion_or_state, Path(folder) / "page.html", title=title)
-        seconds = film(motion_or_state).seconds
-        photograph(page, f"t={seconds[row]:.6f}&bare", path, size)
+        page = export_html(motion_or_state, Path(folder) / "page.html", title=title, look=look)
+        photograph(page, f"t={seconds:.6f}&bare", path, size)
     return path

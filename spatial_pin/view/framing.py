@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from spatial_pin.linalg import Array
 from spatial_pin.view.film import nice
-
-Array = NDArray[np.float64]
 
 FIELD_OF_VIEW = 35.0  # vertical [deg]
 ASPECT = 4 / 3  # width by height that the picture is made to fit
@@ -80,7 +78,7 @@ def direction(extent: Array) -> Array:
     return v / np.linalg.norm(v)
 
 
-def _axes_of_view(v: Array) -> Array:
+def axes_of_view(v: Array) -> Array:
     """Return right and up of the picture seen along the unit vector v (3,), shape (2, 3)."""
     right = np.cross([0.0, 0.0, 1.0], v)
     right /= np.linalg.norm(right)
@@ -92,7 +90,7 @@ def _step_back(points: Array, v: Array) -> tuple[float, Array]:
 
     The middle is that of what the picture holds, in the plane through the origin normal to v.
     """
-    axes = _axes_of_view(v)
+    axes = axes_of_view(v)
     picture, depth = points @ axes.T, points @ v
     half = math.tan(math.radians(FIELD_OF_VIEW) / 2) * np.array([ASPECT, 1.0]) / MARGIN
     away = float(np.max(depth[:, None] + np.abs(picture) / half))
@@ -100,12 +98,17 @@ def _step_back(points: Array, v: Array) -> tuple[float, Array]:
     return away, away * (seen.min(axis=0) + seen.max(axis=0)) / 2 @ axes
 
 
-def frame(points: Array) -> Framing:
-    """Return the view that holds the points (K, 3) [m], in the middle of the picture."""
+def frame(points: Array, v: Array | None = None) -> Framing:
+    """Return the view that holds the points (K, 3) [m], in the middle of the picture.
+
+    Args:
+        points: what is to be seen.
+        v: unit vector from the centre to the camera, shape (3,); the best one if not given.
+    """
     if len(points) == 0 or np.ptp(points, axis=0).max() == 0:
         points = np.concatenate([points, [[-1, -1, -1], [1, 1, 1]]])
     lower, upper = points.min(axis=0), points.max(axis=0)
-    v = direction(upper - lower)
+    v = direction(upper - lower) if v is None else v
     centre = (lower + upper) / 2
     for _ in range(5):
         centre = centre + _step_back(points - centre, v)[1]

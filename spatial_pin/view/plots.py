@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from spatial_pin.kinematics.motion import Motion
+    from spatial_pin.mechanism.mechanism import Mechanism
 
 Array = NDArray[np.floating]
 
@@ -22,6 +25,8 @@ INK, FAINT = "#2b3138", "#d5d9de"
 NEGLIGIBLE = 1e-9  # variation, by the largest value, that is round-off and not blown up
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
+MOST_OUTPUTS = 3  # drawn when none are named
+STILL = 1e-9  # change [rad, or of the characteristic length] that is no motion
 
 
 def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
@@ -29,8 +34,8 @@ def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
     return (np.rad2deg(values), "°") if unit == "rad" else (values, unit)
 
 
-def _abscissa(motion: Motion) -> tuple[Array, str, str]:
-    """Return values, name and unit of what outputs are drawn over."""
+def abscissa(motion: Motion) -> tuple[Array, str, str]:
+    """Return values, name and unit of what outputs are drawn over: the driver, or the time."""
     if motion.time is not None and (motion.driver is None or not _one_way(motion.driver)):
         return np.asarray(motion.time, float), "time", "s"
     values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)
@@ -78,6 +83,77 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
     _style(axes)
 
 
+def _mark_events(axes: Axes, motion: Motion, unit: str) -> None:
+    """Draw a line at the driver value of every event."""
+    for event in getattr(motion, "events", ()):
+        value = np.rad2deg(event.value) if unit == "°" else event.value
+        axes.axvline(value, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+
+
+def _moves(motion: Motion, name: str) -> bool:
+    """Whether an output changes by more than round-off."""
+    values, _, unit = motion.output(name)
+    size = motion.mechanism.characteristic_length if unit == "m" else 1.0
+    return len(values) > 0 and np.ptp(values, axis=0).max() > STILL * size
+
+
+def _of_joints(mechanism: Mechanism) -> dict[str, bool]:
+    """Return the outputs that tell where joints are, and whether they do from the ground.
+
+    They are the coordinates that a plain number describes, and the positions of floating bodies.
+    """
+    found = {}
+    for c in mechanism.coordinate_table.values():
+        from_ground = mechanism.model.parents[mechanism.joint_id(c.joint)] == 0
+        if c.q >= 0:
+            found[c.name] = from_ground
+        elif mechanism.pair_of(c.joint) == "floating":
+            found[f"{c.joint}.position"] = from_ground
+    return found
+
+
+def _of_links(mechanism: Mechanism) -> list[str]:
+    """Return the outputs that tell where the links are, the last of the tree first."""
+    heavy = [name for name, inertia in mechanism.inertias.items() if inertia.mass > 0.0]
+    found = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in mechanism.links]
+    return found[::-1]
+
+
+def usual_outputs(motion: Motion) -> list[str]:
+    """Return the outputs of a motion that an engineer looks at first, one to three.
+
+    They are what moves of these, the first that do: the coordinates of joints on the ground that a
+    plain number describes, and positions of floating bodies; the same of other joints; the
+    positions of links. The coordinate that is swept comes last, where nothing else moves.
+    """
+    mechanism = motion.mechanism
+    swept = mechanism.coordinate(motion.driver_name).name if motion.driver_name else ""
+    joints = {name: ground for name, ground in _of_joints(mechanism).items() if name != swept}
+    grounded = [name for name, from_ground in joints.items() if from_ground]
+    for candidates in (grounded, list(joints), _of_links(mechanism)):
+        moving = [name for name in candidates if _moves(motion, name)]
+        if moving:
+            return moving[:MOST_OUTPUTS]
+    return [swept or next(iter(mechanism.coordinates))]
+
+
+def svg(figure: Figure, name: str) -> str:
+    """Return a figure as an SVG element for a page.
+
+    Args:
+        figure: the figure.
+        name: what it shows, for those who cannot see it; its identifiers follow from it.
+    """
+    from matplotlib import rc_context
+
+    buffer = io.StringIO()
+    with rc_context({"svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    attributes = f'<svg role="img" aria-label="{html.escape(name)}"'
+    return attributes + text[text.index("<svg") + 4 :]
+
+
 def plot(
     motion: Motion,
     outputs: str | Sequence[str],
@@ -94,7 +170,7 @@ def plot(
         motion: the motion.
         outputs: names of outputs, as `motion.output` takes them.
         path: file to write as well; its suffix says how: .png, .svg, .pdf.
-        title: heading; the mechanism's title if not given.
+        title: heading, "" for none; the mechanism's title if not given.
 
     Returns:
         The figure.
@@ -107,16 +183,21 @@ def plot(
     if not names:
         raise ValueError("no outputs to plot: give at least one name")
     found = [motion.output(name) for name in names]
-    x, driver, unit = _abscissa(motion)
-    figure = Figure(figsize=(7.5, 1.0 + 2.1 * len(found)), dpi=150, layout="constrained")
+    x, driver, unit = abscissa(motion)
+    title = (motion.mechanism.title or motion.mechanism.name) if title is None else title
+    height = (1.0 if title else 0.6) + 2.1 * len(found)
+    figure = Figure(figsize=(7.5, height), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(found), sharex=True, squeeze=False)[:, 0]
     for axes, output in zip(panels, found, strict=True):
         _draw(axes, x, output)
+        if driver == motion.driver_name:
+            _mark_events(axes, motion, unit)
     if unit == "°":
         panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
     panels[-1].set_xlabel(_label(driver, unit))
-    figure.suptitle(title or motion.mechanism.title or motion.mechanism.name, fontsize=12)
+    if title:
+        figure.suptitle(title, fontsize=12)
     if path is not None:
         figure.savefig(path)
     return figure

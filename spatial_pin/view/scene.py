@@ -1,41 +1,65 @@
-"""A film as meshcat commands: solids, colours, ground grid, camera, and one track per joint."""
+"""A film as meshcat commands: bodies, what is shown besides them, ground grid, camera, tracks."""
 
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import umsgpack
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from spatial_pin.kinematics.views import placements
+from spatial_pin.linalg import Array
+from spatial_pin.view.arrows import arrows
+from spatial_pin.view.axes import axes
+from spatial_pin.view.bodies import bodies, colour
+from spatial_pin.view.centres import centres
 from spatial_pin.view.film import Film
-from spatial_pin.view.framing import FIELD_OF_VIEW, Framing, frame, occupied
+from spatial_pin.view.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
+from spatial_pin.view.gaps import gaps
+from spatial_pin.view.ghosts import beside, ghosts
+from spatial_pin.view.glyphs import glyphs
+from spatial_pin.view.look import Look
 from spatial_pin.view.quiet_meshcat import meshcat, mg
-from spatial_pin.view.shapes import solid
 from spatial_pin.view.skeleton import skeleton
+from spatial_pin.view.springs import springs
+from spatial_pin.view.stage import Item, Layer, Stage, Track, joined
+from spatial_pin.view.traces import traces
 
-Array = NDArray[np.float64]
+__all__ = [
+    "Scene",
+    "colour",
+    "grid_lines",
+    "item_path",
+    "joint_paths",
+    "joint_poses",
+    "scene",
+    "upright",
+]
+
 
 GROUP = "/mechanism"
 GRID_COLOUR = 0xDFE3E8
 AMBIENT_LIGHT = 0.55  # leaves colours as bright as they were chosen, with the other lights
 FLOAT32 = 0x17  # meshcat's MessagePack extension for a Float32Array
-# bodies without a colour of their own: steel grey ground, then the colours of Okabe and Ito
-GROUND_COLOUR = (0.62, 0.66, 0.70, 1.0)
-BODY_COLOURS = (
-    (0.835, 0.369, 0.000, 1.0),
-    (0.000, 0.447, 0.698, 1.0),
-    (0.000, 0.620, 0.451, 1.0),
-    (0.902, 0.624, 0.000, 1.0),
-    (0.800, 0.475, 0.655, 1.0),
-    (0.337, 0.706, 0.914, 1.0),
-)
+FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them
+
+
+class Scene(NamedTuple):
+    """A picture.
+
+    Attributes:
+        commands: meshcat's, packed.
+        framing: where the camera stands.
+        layer: what else the page says; `labels` are in the scaled scene.
+    """
+
+    commands: list[bytes]
+    framing: Framing
+    layer: Layer
 
 
 @dataclass(frozen=True)
@@ -51,26 +75,29 @@ class Recorder:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """An animation that repeats for ever, one track per joint.
+    """An animation that repeats for ever, one track for each thing that moves.
 
     Meshcat's own `Animation` keeps every key apart; arrays make the page five times smaller.
 
     Attributes:
         seconds: when each row is shown, shape (N,) [s].
-        poses: joint placements by meshcat path, shape (N, 7), x y z and quaternion x y z w.
+        tracks: by meshcat path.
     """
 
     seconds: Array
-    poses: dict[str, Array]
+    tracks: dict[str, Track]
 
     def lower(self) -> dict[str, Any]:
         """Return the command as meshcat's viewer reads it."""
         options = {"play": True, "repetitions": math.inf}
-        clips = [{"path": p, "clip": self._clip(x)} for p, x in self.poses.items()]
+        clips = [{"path": p, "clip": self._clip(x)} for p, x in self.tracks.items()]
         return {"type": "set_animation", "animations": clips, "options": options, "path": ""}
 
-    def _clip(self, poses: Array) -> dict[str, Any]:
-        parts = (("position", "vector3", poses[:, :3]), ("quaternion", "quaternion", poses[:, 3:]))
+    def _clip(self, track: Track) -> dict[str, Any]:
+        poses = track.poses
+        parts = [("position", "vector3", poses[:, :3]), ("quaternion", "quaternion", poses[:, 3:])]
+        if track.scales is not None:
+            parts.append(("scale", "vector3", track.scales))
         times = _float32(self.seconds)
         tracks = [
             {"name": f".{name}", "type": kind, "times": times, "values": _float32(x)}
@@ -107,40 +134,51 @@ def upright(model: pin.Model) -> Array:
     return pin.Quaternion.FromTwoVectors(-gravity, np.array([0.0, 0.0, 1.0])).matrix()
 
 
-def _joint_paths(model: pin.Model) -> list[str]:
+def joint_paths(model: pin.Model) -> list[str]:
     """Return the meshcat path of every joint."""
     return [f"{GROUP}/{name.replace('/', '_')}" for name in model.names]
 
 
-def colour(visual: pin.GeometryObject) -> tuple[float, ...]:
-    """Return the colour (red, green, blue, opacity) of a geometry object, 0 to 1 each."""
-    if visual.overrideMaterial:
-        return tuple(float(x) for x in np.clip(visual.meshColor, 0.0, 1.0))
-    if visual.parentJoint == 0:
-        return GROUND_COLOUR
-    return BODY_COLOURS[(visual.parentJoint - 1) % len(BODY_COLOURS)]
+def item_path(item: Item, model: pin.Model) -> str:
+    """Return the meshcat path of a solid."""
+    parent = GROUP if item.joint is None else joint_paths(model)[item.joint]
+    return f"{parent}/{item.name.replace('/', '_')}"
 
 
-def _material(visual: pin.GeometryObject, faceted: bool) -> Any:
-    *rgb, opacity = colour(visual)
+def _material(item: Item) -> Any:
+    *rgb, opacity = item.colour
     red, green, blue = (round(255 * x) for x in rgb)
     return mg.MeshPhongMaterial(
-        color=(red << 16) + (green << 8) + blue, opacity=opacity, flatShading=faceted
+        color=(red << 16) + (green << 8) + blue,
+        opacity=opacity,
+        flatShading=item.solid.faceted,
+        transparent=item.through or opacity != 1.0,
+        depthTest=not item.through,
+        side=FRONT_SIDE if item.through else BOTH_SIDES,
     )
 
 
-def _add_solids(viewer: Any, film: Film, visuals: list[pin.GeometryObject], size: float) -> None:
-    """Send every geometry object that can be drawn; warn of the others."""
-    paths = _joint_paths(film.mechanism.model)
-    for k, visual in enumerate(visuals):
-        drawn = solid(visual, size)
-        if drawn is None:
-            empty = type(visual.geometry).__name__
-            warnings.warn(f"{visual.name!r} is not shown: it is an empty {empty}", stacklevel=2)
-            continue
-        node = viewer[f"{paths[visual.parentJoint]}/{k} {visual.name.replace('/', '_')}"]
-        node.set_object(drawn.geometry, _material(visual, drawn.faceted))
-        node.set_transform(visual.placement.homogeneous @ drawn.placement)
+def _track_matrix(track: Track) -> Array:
+    """Return where a track starts, shape (4, 4)."""
+    matrix = pin.XYZQUATToSE3(track.poses[0]).homogeneous
+    if track.scales is not None:
+        matrix[:3, :3] *= np.maximum(track.scales[0], 1e-9)  # a matrix of 0 has no rotation
+    return matrix
+
+
+def _add_items(viewer: Any, film: Film, items: tuple[Item, ...]) -> dict[str, Track]:
+    """Send the solids; return the tracks of those that move on their own."""
+    tracks = {}
+    for item in items:
+        path = item_path(item, film.mechanism.model)
+        if item.track is not None:
+            viewer[path].set_transform(_track_matrix(item.track))
+            tracks[path] = item.track
+            path += "/solid"
+        node = viewer[path]
+        node.set_object(item.solid.geometry, _material(item))
+        node.set_transform(item.placement @ item.solid.placement)
+    return tracks
 
 
 def grid_lines(framing: Framing) -> Array:
@@ -173,32 +211,55 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
     camera.set_property("fov", FIELD_OF_VIEW)
 
 
-def _add_motion(viewer: Any, film: Film, poses: Array) -> None:
-    """Send the first row's placements, and the tracks of the joints that move."""
+def _joint_tracks(viewer: Any, film: Film, poses: Array) -> dict[str, Track]:
+    """Send the first row's placements; return the tracks of the joints that move."""
     tracks = {}
-    for j, path in enumerate(_joint_paths(film.mechanism.model)):
+    for j, path in enumerate(joint_paths(film.mechanism.model)):
         viewer[path].set_transform(pin.XYZQUATToSE3(poses[0, j]).homogeneous)
         if np.ptp(poses[:, j], axis=0).max() > 0:
-            tracks[path] = poses[:, j]
-    if film.seconds[-1] > 0:
-        viewer.window.send(Tracks(film.seconds, tracks))
+            tracks[path] = Track(poses[:, j])
+    return tracks
 
 
-def scene(film: Film) -> tuple[list[bytes], Framing]:
-    """Return the meshcat commands that show a film, and how it is framed.
+def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> Layer:
+    """Return all that is shown; `bare` where the model brings no picture of its own."""
+    layers = [bodies(stage), springs(stage), gaps(stage)]
+    if bare if look.pairs is None else look.pairs:
+        layers.append(glyphs(stage, through=not bare))
+    if look.axes:
+        layers.append(axes(stage))
+    if look.centres:
+        layers.append(centres(stage))
+    layers += [traces(stage, look.traces), *arrows(stage, look.arrows)]
+    if look.ghosts:
+        one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)
+        layers.append(one)
+    return joined(layers)
+
+
+def scene(film: Film, look: Look | None = None) -> Scene:
+    """Return what shows a film.
 
     The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
     planes fit a watch and a crane alike. A mechanism without visuals is shown as a skeleton.
+
+    Raises:
+        UnknownNameError: `look` names something that does not exist.
     """
     model, geometry = film.mechanism.model, film.mechanism.visual_model
-    if geometry is None or geometry.ngeoms == 0:
-        geometry = skeleton(model)
-    visuals = list(geometry.geometryObjects)
+    bare = geometry is None or geometry.ngeoms == 0
+    visuals = list((skeleton(model) if bare else geometry).geometryObjects)
     poses = joint_poses(model, film.q)
-    framing = frame(occupied(visuals, poses))
+    held = occupied(visuals, poses)
+    towards = direction(np.ptp(held, axis=0)) if len(held) else np.array([0.5, -0.7, 0.5])
+    size = frame(held, towards).radius
+    stage = Stage(film, tuple(visuals), poses, upright(model), size)
+    layer = _layers(stage, look or Look(), bare, towards)
+    framing = frame(np.concatenate([held, layer.points]), towards)
     recorder = Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     _add_surroundings(viewer, framing)
-    _add_solids(viewer, film, visuals, framing.radius)
-    _add_motion(viewer, film, poses)
-    return recorder.commands, framing
+    tracks = _joint_tracks(viewer, film, poses) | _add_items(viewer, film, layer.items)
+    if film.seconds[-1] > 0:
+        viewer.window.send(Tracks(film.seconds, tracks))
+    return Scene(recorder.commands, framing, layer)

@@ -1,13 +1,18 @@
-"""The page of a motion in the browser, served from this process on this machine only."""
+"""A page in the browser, served from this process to this machine only."""
 
 from __future__ import annotations
 
 import atexit
+import html
+import json
 import os
+import secrets
 import sys
 import threading
 import warnings
 import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -18,13 +23,29 @@ from spatial_pin.view.html import page
 if TYPE_CHECKING:
     from spatial_pin.kinematics.motion import Motion
     from spatial_pin.kinematics.state import State
+    from spatial_pin.view.look import Look
 
 HOST = "127.0.0.1"
 PATIENCE = 15.0  # longest wait for the browser to fetch the page [s]
+LONGEST_QUESTION = 4096  # of a page to its server [bytes]
+TOKEN = "X-Token"  # header that a question carries its token in
+
+
+@dataclass(frozen=True)
+class Service:
+    """What a page may ask its server.
+
+    Attributes:
+        answer: from a question to its answer, both plain data; what it raises is told the page.
+        token: a secret that only the page knows and sends with every question.
+    """
+
+    answer: Callable[[Any], Any]
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers with the server's one page, and with nothing else."""
+    """Answers with the server's one page, and its page's questions; nothing else, nobody else."""
 
     server: _Server
     timeout = 10  # a connection that says nothing is closed [s]
@@ -33,25 +54,77 @@ class _Handler(BaseHTTPRequestHandler):
         """Send the page."""
         if self.path.partition("?")[0] != "/":
             self.send_error(404)
-            return
+        elif self._host() is None:
+            self.send_error(403)
+        else:
+            self._send("text/html", self.server.body)
+            self.server.fetched.set()
+
+    def do_POST(self) -> None:
+        """Answer a question of the page."""
+        service = self.server.service
+        if service is None or self.path != "/":
+            self.send_error(404)
+        elif not self._is_from_page(service.token):
+            self.send_error(403)
+        elif (length := self._length()) is None:
+            self.send_error(413)
+        else:
+            answer = _answer(service, self.rfile.read(length))
+            self._send("application/json", json.dumps(answer, allow_nan=False).encode())
+
+    def _host(self) -> str | None:
+        """Return the name we were called by; None for one that is not ours.
+
+        Another site may have its own name lead here, to read as if it were of the same origin.
+        """
+        host = self.headers.get("Host", "")
+        port = self.server.server_address[1]
+        return host if host in (f"{HOST}:{port}", f"localhost:{port}") else None
+
+    def _is_from_page(self, token: str) -> bool:
+        """Whether a question comes from the page that we have served."""
+        host, given = self._host(), self.headers.get(TOKEN, "")
+        return (
+            host is not None
+            and self.headers.get("Origin") == f"http://{host}"
+            and secrets.compare_digest(given.encode(), token.encode())
+        )
+
+    def _length(self) -> int | None:
+        """Return the length of a question [bytes]; None where it is not told or too long."""
+        given = self.headers.get("Content-Length", "")
+        length = int(given) if given.isascii() and given.isdigit() and len(given) < 10 else -1
+        return length if 0 <= length <= LONGEST_QUESTION else None
+
+    def _send(self, kind: str, body: bytes) -> None:
         self.send_response(200)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.send_header("Content-Length", str(len(self.server.body)))
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        self.wfile.write(self.server.body)
-        self.server.fetched.set()
+        self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing on stderr."""
 
 
+def _answer(service: Service, question: bytes) -> Any:
+    """Return the answer to a question, or {"error": words}: nothing may end the server."""
+    try:
+        return service.answer(json.loads(question))
+    except (SpatialPinError, ValueError) as error:
+        return {"error": str(error)}
+    except Exception as error:
+        return {"error": f"{type(error).__name__}: {error}"}
+
+
 class _Server(ThreadingHTTPServer):
     """A server of one page; `fetched` is set once it has been sent."""
 
-    def __init__(self, body: bytes, port: int) -> None:
+    def __init__(self, body: bytes, port: int, service: Service | None) -> None:
         super().__init__((HOST, port), _Handler)
-        self.body = body
+        self.body, self.service = body, service
         self.fetched = threading.Event()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -62,24 +135,26 @@ class Viewer:
     """A page that is being served; `stop` it, or use it in a `with` statement.
 
     The page plays in the browser without the server, which is only asked for it again when it is
-    reloaded. The server is gone when the interpreter exits.
+    reloaded, or when it has a service. The server is gone when the interpreter exits. In a notebook
+    the viewer, as the last value of a cell, is the page itself.
 
     Attributes:
         url: where the page is.
     """
 
-    def __init__(self, text: str, port: int = 0) -> None:
+    def __init__(self, text: str, port: int = 0, service: Service | None = None) -> None:
         """Serve a page.
 
         Args:
             text: the page.
             port: port on the loopback interface, 0 for any that is free.
+            service: what the page may ask.
 
         Raises:
             SpatialPinError: the port cannot be had.
         """
         try:
-            self._server = _Server(text.encode(), port)
+            self._server = _Server(text.encode(), port, service)
         except OSError as error:
             raise SpatialPinError(
                 f"cannot serve a page on {HOST}, port {port}: {error}; "
@@ -137,6 +212,13 @@ class Viewer:
         """Return the address, or that it is no longer served."""
         return f"<Viewer at {self.url}>" if self.running else "<Viewer, stopped>"
 
+    def _repr_html_(self) -> str:
+        """Return the page in a frame, for a notebook."""
+        if not self.running:
+            return html.escape(repr(self))
+        style = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
+        return f'<iframe src="{self.url}" style="{style}"></iframe>'
+
 
 def _open(viewer: Viewer) -> bool:
     """Open the page in the user's browser; return whether a browser has fetched it."""
@@ -146,7 +228,28 @@ def _open(viewer: Viewer) -> bool:
     return webbrowser.open(viewer.url) and viewer.wait_until_fetched(PATIENCE)
 
 
-def show(motion_or_state: Motion | State, *, open_browser: bool = True) -> Viewer:
+def open_in_browser(viewer: Viewer, verb: str) -> None:
+    """Open a page in the user's browser; if none can be, warn with the address.
+
+    In a notebook nothing is opened: there the viewer shows itself.
+
+    Args:
+        viewer: the page; it is stopped if anything goes wrong.
+        verb: what the user has called.
+    """
+    try:
+        if "ipykernel" in sys.modules or _open(viewer):
+            return
+        message = f"no browser has opened the page: open {viewer.url}"
+        warnings.warn(f"{message} (`{verb}(...).wait()` keeps it there)", stacklevel=3)
+    except BaseException:
+        viewer.stop()
+        raise
+
+
+def show(
+    motion_or_state: Motion | State, *, look: Look | None = None, open_browser: bool = True
+) -> Viewer:
     """Show a motion, or a state, in the browser.
 
     Serves the page of `export_html` on a free port of the loopback interface and returns when the
@@ -155,17 +258,14 @@ def show(motion_or_state: Motion | State, *, open_browser: bool = True) -> Viewe
 
     Args:
         motion_or_state: what to show.
+        look: what is shown besides the bodies.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
 
     Raises:
         SpatialPinError: no port can be had.
+        UnknownNameError: `look` names a point or vector that does not exist.
     """
-    viewer = Viewer(page(motion_or_state))
-    try:
-        if open_browser and not _open(viewer):
-            message = f"no browser has opened the page: open {viewer.url}"
-            warnings.warn(f"{message} (`show(...).wait()` keeps it there)", stacklevel=2)
-    except BaseException:
-        viewer.stop()
-        raise
+    viewer = Viewer(page(motion_or_state, look=look))
+    if open_browser:
+        open_in_browser(viewer, "show")
     return viewer

@@ -14,9 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.linalg import Array
 from spatial_pin.view.quiet_meshcat import mg
-
-Array = NDArray[np.float64]
 
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
@@ -116,6 +115,36 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
 }
 
 
+def rod(radius: float, start: float = 0.0, end: float = 1.0) -> Solid:
+    """Return a round rod along z from `start` to `end` [m]."""
+    lift = Y_TO_Z.copy()
+    lift[2, 3] = (start + end) / 2
+    return Solid(mg.Cylinder(end - start, radius), lift)
+
+
+def bar(half_width: float, start: float, end: float) -> Solid:
+    """Return a square bar along z from `start` to `end` [m]."""
+    lift = np.eye(4)
+    lift[2, 3] = (start + end) / 2
+    return Solid(mg.Box([2 * half_width, 2 * half_width, end - start]), lift)
+
+
+def ball(radius: float) -> Solid:
+    """Return a ball about the origin."""
+    return Solid(mg.Sphere(radius))
+
+
+def turned(*corners: tuple[float, float], segments: int = 48) -> Solid:
+    """Return what a polygon of (radius, z) sweeps about z, with sharp edges.
+
+    Args:
+        corners: of the profile, outside to the right of the way along them [m].
+        segments: number of facets round the axis; few make a prism.
+    """
+    sides = [corner for k in range(len(corners) - 1) for corner in corners[k : k + 2]]
+    return Solid(revolve(np.array(sides), segments), faceted=segments < 12)
+
+
 def revolve(profile: Array, segments: int = 48) -> Any:
     """Return the surface that a profile sweeps about z.
 
@@ -128,10 +157,45 @@ def revolve(profile: Array, segments: int = 48) -> Any:
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     xy = r[:, None, None] * ring
     points = np.concatenate([xy, np.broadcast_to(z[:, None, None], (*xy.shape[:2], 1))], axis=2)
-    k, s = np.divmod(np.arange((len(profile) - 1) * segments), segments)
+    return mg.TriangularMeshGeometry(points.reshape(-1, 3), _quads(len(profile), segments))
+
+
+def tube(path: Array, radius: float, segments: int = 8) -> Any:
+    """Return a tube of a radius [m] round the points of a path (K, 3) [m], which need not differ.
+
+    Vertex k * segments + i is point i of the ring about point k of those that differ.
+    """
+    path = path[np.r_[True, np.any(np.diff(path, axis=0) != 0, axis=1)]]
+    tangent = np.gradient(path, axis=0) if len(path) > 1 else np.array([[0.0, 0.0, 1.0]])
+    u, v = _frames_along(tangent)
+    angle = np.arange(segments) * 2 * np.pi / segments
+    ring = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    points = path[:, None] + radius * ring
+    return mg.TriangularMeshGeometry(points.reshape(-1, 3), _quads(len(path), segments))
+
+
+def _frames_along(tangent: Array) -> tuple[Array, Array]:
+    """Return unit vectors u, v (K, 3) normal to tangents (K, 3), turned as little as can be."""
+    u, v = np.empty_like(tangent), np.empty_like(tangent)
+    last = np.eye(3)[np.argmin(np.abs(tangent[0]))]
+    t = np.array([0.0, 0.0, 1.0])
+    for k, along in enumerate(tangent):
+        length = np.linalg.norm(along)
+        t = along / length if length > 0 else t
+        across = last - (last @ t) * t
+        if np.linalg.norm(across) < 1e-6:
+            across = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
+        last = u[k] = across / np.linalg.norm(across)
+        v[k] = np.cross(t, u[k])
+    return u, v
+
+
+def _quads(rings: int, segments: int) -> NDArray[np.int64]:
+    """Return the triangles between rings of points that follow each other, shape (2 K, 3)."""
+    k, s = np.divmod(np.arange((rings - 1) * segments), segments)
     a, b = k * segments + s, k * segments + (s + 1) % segments
     quads = np.stack([a, b, b + segments, a, b + segments, a + segments], axis=1)
-    return mg.TriangularMeshGeometry(points.reshape(-1, 3), quads.reshape(-1, 3))
+    return quads.reshape(-1, 3)
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:

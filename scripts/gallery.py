@@ -1,0 +1,104 @@
+"""Pictures of the mechanism library: all on one sheet, or one of them as an animation.
+
+    python scripts/gallery.py [gallery.png] [--only NAME ...]
+    python scripts/gallery.py --animation rssr docs/rssr.gif [--trace POINT ...]
+
+A mechanism is shown on the way of a move of its first driver. Needs Chromium or Chrome.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator, Sequence
+from math import ceil, pi
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+import spatial_pin as sp
+from spatial_pin.view.devtools import Browser
+from spatial_pin.view.film import film
+from spatial_pin.view.html import export_html
+from spatial_pin.view.look import Look
+from spatial_pin.view.movie import open_page, shoot, write_gif
+from spatial_pin.view.usual import usual_motion
+
+TILE = (480, 360)  # [pixels]
+CAPTION = 30  # height of the name under a tile [pixels]
+COLUMNS = 6
+PART = 0.15  # of the motion, after which the picture is taken
+ANIMATION = (480, 360)
+FRAMES, FPS, COLOURS = 48, 16, 64
+
+
+def on_the_way(name: str) -> sp.State:
+    """Return a mechanism at a part of its usual motion, or as it is assembled."""
+    shown = usual_motion(sp.load(name))
+    return shown if isinstance(shown, sp.State) else shown.state(int(PART * len(shown)))
+
+
+def pictures(names: Sequence[str], folder: Path) -> Iterator[Image.Image]:
+    """Yield a picture of each mechanism, all by one browser."""
+    with Browser(TILE) as browser:
+        for name in names:
+            open_page(browser, export_html(on_the_way(name), folder / "page.html"))
+            browser.evaluate("document.getElementById('says').style.display = 'none'")
+            yield shoot(browser, 0.0)
+
+
+def sheet(names: Sequence[str], images: Sequence[Image.Image]) -> Image.Image:
+    """Return all pictures on one sheet with their names."""
+    columns = min(COLUMNS, len(names))
+    width, height = TILE[0], TILE[1] + CAPTION
+    made = Image.new("RGB", (columns * width, ceil(len(names) / columns) * height), "white")
+    draw = ImageDraw.Draw(made)
+    font = ImageFont.load_default(16)
+    for k, (name, image) in enumerate(zip(names, images, strict=True)):
+        x, y = k % columns * width, k // columns * height
+        made.paste(image, (x, y))
+        caption = f"{name}: {sp.load(name).title}".rstrip(": ")
+        draw.text((x + width / 2, y + TILE[1] + CAPTION / 2), caption, "black", font, "mm")
+        draw.rectangle((x, y, x + width - 1, y + height - 1), outline="#d5d9de")
+    return made
+
+
+def animate(name: str, path: Path, traces: Sequence[str]) -> None:
+    """Write one turn of a mechanism as a small GIF that repeats for ever."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    values = np.linspace(0.0, 2 * pi, 4 * FRAMES + 1)
+    motion = sp.sweep(mechanism, driver, values, speed=2 * pi * FPS / FRAMES, on_limit="stop")
+    seconds = np.linspace(0.0, film(motion).seconds[-1], FRAMES, endpoint=False).tolist()
+    with tempfile.TemporaryDirectory() as folder, Browser(ANIMATION) as browser:
+        page = export_html(motion, Path(folder) / "page.html", look=Look(traces=tuple(traces)))
+        open_page(browser, page)
+        browser.evaluate("document.head.insertAdjacentHTML('beforeend', "
+                         "'<style>#says h1, #says small { display: none }</style>')")
+        write_gif(path, seconds, lambda t: shoot(browser, t), FPS, COLOURS)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description="Pictures of the mechanism library.")
+    parser.add_argument("path", nargs="?", type=Path, default=Path("gallery.png"),
+                        help="the sheet (gallery.png)")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these mechanisms, not all")
+    parser.add_argument("--animation", nargs=2, metavar=("NAME", "PATH"),
+                        help="write one turn of a mechanism as a GIF instead")
+    parser.add_argument("--trace", nargs="+", default=[], metavar="POINT",
+                        help="points whose paths the animation shows")
+    options = parser.parse_args(arguments)
+    if options.animation:
+        name, path = options.animation
+        animate(name, Path(path), options.trace)
+    else:
+        path = options.path
+        names = options.only or sp.list_mechanisms()
+        with tempfile.TemporaryDirectory() as folder:
+            sheet(names, list(pictures(names, Path(folder)))).save(path, optimize=True)
+    print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""What a picture shows besides the bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spatial_pin.kinematics.state import State
+    from spatial_pin.view.arrows import Vectors
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a picture shows besides the bodies; open closures and springs are always shown.
+
+    Attributes:
+        pairs: whether a sign stands at every joint and closure that tells its kind; None: where
+            the model brings no picture of its own.
+        axes: whether the axes of joints and closures are drawn.
+        traces: points whose paths are drawn: links, frames, joints; `NAME.com` is a link's centre
+            of mass.
+        arrows: vectors drawn at their points, with a scale in the legend: `NAME.velocity`,
+            `.acceleration`, `.angular_velocity`, `.angular_acceleration` of a link, frame or
+            joint, `NAME.com.velocity`, `NAME.com.acceleration` of a link's centre of mass, or
+            any `spatial_pin.view.arrows.Vectors`.
+        centres: whether the centres of mass are marked.
+        ghosts: other configurations of the same mechanism, drawn half transparent.
+        beside: whether these stand side by side with the first, as solid as it is, instead.
+    """
+
+    pairs: bool | None = None
+    axes: bool = False
+    traces: tuple[str, ...] = ()
+    arrows: tuple[str | Vectors, ...] = ()
+    centres: bool = False
+    ghosts: tuple[State, ...] = ()
+    beside: bool = False

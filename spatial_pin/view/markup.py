@@ -1,0 +1,55 @@
+"""Pieces of a page to read: numbers, tables, sections. All text that comes in is escaped."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+
+NOTHING = 1e-12  # what is less is round-off [SI]
+
+
+def number(x: float, unit: str = "", digits: int = 6) -> str:
+    """Return a number to read, with its unit: angles in degrees, a true minus sign."""
+    x = x if abs(x) > NOTHING else 0.0
+    if unit == "rad":
+        x, unit = math.degrees(x), "°"
+    space = "" if unit in ("", "°") else "\u202f"
+    return f"{x:.{digits}g}".replace("-", "−") + space + unit
+
+
+def tiny(x: float) -> str:
+    """Return a small number as 3.4 · 10⁻¹⁵."""
+    mantissa, exponent = f"{x:.1e}".split("e")
+    power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa}\u00a0·\u00a010{power}" if x else "0"
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:
+    """Return a table.
+
+    Args:
+        heads: of the columns.
+        rows: plain text of the cells.
+        numbers: how many columns, from the last, hold numbers.
+    """
+    first = len(heads) - numbers
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        kinds = [' class="number"' if k >= first else "" for k in range(len(cells))]
+        return "".join(f"<{tag}{kind}>{html.escape(cell)}</{tag}>"
+                       for kind, cell in zip(kinds, cells, strict=True))
+
+    body = "".join(f"<tr>{line(row, 'td')}</tr>" for row in rows)
+    return (f'<div class="wide"><table><thead><tr>{line(heads, "th")}</tr></thead>'
+            f"<tbody>{body}</tbody></table></div>")
+
+
+def section(title: str, content: str) -> str:
+    """Return a section under its heading."""
+    return f"<section><h2>{html.escape(title)}</h2>{content}</section>"
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph of plain text."""
+    return f"<p>{html.escape(text)}</p>"

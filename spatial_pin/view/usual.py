@@ -1,0 +1,64 @@
+"""What is shown of a mechanism of which nothing is said: a move of its first driver."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+TURN = 2 * math.pi  # how far a driver turns [rad]
+SLIDE = 0.15  # how far it slides, by the characteristic length
+SECONDS = 6.0  # that it takes to slide that far
+ROWS = 361
+
+
+def _reach(state: State, driver: str, way: Array, speed: float) -> Motion | None:
+    """Return the motion of a driver by `way` from a state on, as far as it goes, or None."""
+    values = state.coordinate(driver).value + way
+    try:
+        return sweep(state.mechanism, driver, values, speed, guess=state, on_limit="stop")
+    except SpatialPinError as error:
+        return getattr(error, "motion", None)
+
+
+def usual_motion(
+    mechanism: Mechanism, driver: str | None = None, rows: int = ROWS
+) -> Motion | State:
+    """Return a motion that shows what a mechanism does.
+
+    A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess
+    on; where a limit or a singular position is in the way, to there, in the direction in which it
+    comes further. The other drivers are held. A driver turns at 1 rad/s and slides its way in 6 s.
+
+    Args:
+        mechanism: the mechanism.
+        driver: driver or coordinate that moves; the first driver if not given.
+        rows: number of rows of the whole way.
+
+    Returns:
+        The motion; the assembled state of a mechanism without drivers, or that cannot move.
+
+    Raises:
+        AssemblyError: the guess does not close.
+    """
+    state = assemble(mechanism)
+    driver = driver or next(iter(mechanism.drivers), None)
+    if driver is None:
+        return state
+    turns = mechanism.coordinate(driver).unit == "rad"
+    travel = TURN if turns else SLIDE * mechanism.characteristic_length
+    way, speed = np.linspace(0.0, travel, rows), 1.0 if turns else travel / SECONDS
+    forward = _reach(state, driver, way, speed)
+    if forward is not None and len(forward) == rows:
+        return forward
+    both = (forward, _reach(state, driver, -way, -speed))
+    best = max((m for m in both if m is not None), key=len, default=None)
+    return best if best is not None and len(best) > 1 else state

@@ -1,0 +1,234 @@
+"""The report as text: what it says, and that nothing leads out of it. No browser needed."""
+
+import html
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.view.look import Look
+from spatial_pin.view.markup import number, table, tiny
+from spatial_pin.view.movie import movie
+from spatial_pin.view.plots import plot, svg, usual_outputs
+from spatial_pin.view.report import report
+from spatial_pin.view.sections import SECTIONS, _reactions
+from spatial_pin.view.usual import ROWS, SLIDE, usual_motion
+
+
+@pytest.fixture(scope="module")
+def rssr() -> sp.Motion:
+    return sp.sweep(sp.load("rssr"), "crank", np.linspace(0, 2 * np.pi, 73), speed=25.0)
+
+
+def read(path) -> str:
+    """The report without its 3-D view."""
+    return re.sub(r'srcdoc="[^"]*"', "", path.read_text(encoding="utf-8"))
+
+
+def headings(text: str) -> list[str]:
+    return re.findall(r"<h2>(.*?)</h2>", text)
+
+
+def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
+    text = read(report(rssr, tmp_path / "rssr.html"))
+    assert headings(text) == [
+        "Outputs", "Speed ratios", "Accelerations", "Ranges",
+        "Special positions", "Mobility", "Dimensions", "Structure", "Accuracy",
+    ]
+    assert "<h1>RSSR spatial four-bar</h1>" in text
+    assert html.escape(str(sp.mobility(rssr.mechanism, rssr.state(21)))) in text
+    for name, value in rssr.mechanism.dimensions.items():
+        assert f'<td>{name}</td><td class="number">{value:g}</td>' in text
+    assert tiny(rssr.closure_error.max()) in text
+    assert f"spatial_pin {sp.__version__}" in text and f"Pinocchio {pin.__version__}" in text
+    assert "ball_a.x [rad], ball_a.y [rad], ball_a.z [rad]" in text
+    assert len(re.findall(r'<svg role="img"', text)) == 3
+    greatest = np.rad2deg(rssr.coordinate("rocker_pin").value.max())
+    assert f"{greatest:.6g}°" in text
+    assert "No limit and no singular" in text
+
+
+def test_report_refers_to_nothing_outside_itself(rssr, tmp_path):
+    text = report(rssr, tmp_path / "rssr.html").read_text(encoding="utf-8")
+    outer = re.sub(r'srcdoc="[^"]*"', "", text)
+    assert text.count("default-src 'none'") == 1 and "default-src &#x27;none&#x27;" in text
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)\s*=", outer)
+    assert not re.findall(r'(?:href|src)="(?!#)[^"]*"', outer)
+    assert len(text) < 1.6e6
+
+
+def test_view_in_the_report_is_the_page(rssr, tmp_path):
+    text = report(rssr, tmp_path / "rssr.html", title="A <b>").read_text(encoding="utf-8")
+    (view,) = re.findall(r'srcdoc="([^"]*)"', text)
+    inner = html.unescape(view)
+    assert inner.startswith("<!DOCTYPE html>") and "<h1>A &lt;b&gt;</h1>" in inner
+    assert inner.count("</body>") == 1 and "beforeprint" in inner
+    assert "<h1>A &lt;b&gt;</h1>" in text
+
+
+def test_view_in_the_report_has_the_look_asked_for(rssr, tmp_path):
+    path = report(rssr, tmp_path / "rssr.html", look=Look(traces=("coupler.com",)))
+    assert "path of coupler.com" in path.read_text(encoding="utf-8")
+
+
+def test_same_motion_gives_the_same_report(rssr, tmp_path):
+    first, second = (report(rssr, tmp_path / name) for name in ("a.html", "b.html"))
+    assert read(first) == read(second)
+
+
+def test_report_of_a_state_has_coordinates_instead_of_curves(tmp_path):
+    state = sp.assemble(sp.load("stewart"))
+    text = read(report(state, tmp_path / "stewart.html"))
+    assert headings(text) == ["Configuration", "Mobility", "Dimensions", "Structure", "Accuracy"]
+    assert "<svg" not in text and "hook_1.first" in text
+
+
+def test_report_of_a_limit_tells_it_and_marks_it(tmp_path):
+    motion = sp.sweep(sp.load("four_bar"), "rocker_pin", np.linspace(1.8, 2.9, 60), on_limit="stop")
+    text = read(report(motion, tmp_path / "limit.html"))
+    (event,) = motion.events
+    assert html.escape(event.text) in text and number(event.value, "rad", 10) in text
+    lines = plot(motion, "crank_pin").axes[0].lines
+    assert lines[-1].get_xdata()[0] == pytest.approx(np.rad2deg(event.value))
+
+
+def test_outputs_are_those_asked_for(rssr, tmp_path):
+    text = read(report(rssr, tmp_path / "a.html", outputs=["coupler.com.position", "rocker_pin"]))
+    names = re.findall(r'aria-label="([^"]*)"', text)
+    assert names == [
+        "Outputs of rssr: coupler.com.position, rocker_pin",
+        "Speed ratios of rssr: rocker_pin.ratio",
+        "Velocities of rssr: coupler.com.velocity",
+        "Accelerations of rssr: coupler.com.acceleration, rocker_pin.acceleration",
+    ]
+    assert "x, y and z are world axes" in text
+    with pytest.raises(sp.SpatialPinError, match="rocker_pin"):
+        report(rssr, tmp_path / "b.html", outputs=["rocker_pni"])
+
+
+def test_tree_without_loops_is_reported(tmp_path):
+    motion = sp.sweep(sp.load("crane"), "slew", np.linspace(0, 1, 11))
+    text = read(report(motion, tmp_path / "crane.html"))
+    assert "no loops" in text and "boom.com.position" in text
+    assert "Speed ratios" not in headings(text)
+
+
+def test_motion_in_time_without_a_driver_is_reported_over_time(rssr, tmp_path):
+    motion = replace(rssr, driver=None, driver_name="", driver_speed=None)
+    text = read(report(motion, tmp_path / "a.html"))
+    assert "Speed ratios" not in headings(text)
+    assert "<dt>Duration</dt>" in text and '<th class="number">at time</th>' in text
+
+
+def test_motion_without_rows_is_refused(rssr, tmp_path):
+    empty = sp.Motion(rssr.mechanism, rssr.driver[:0], "crank", None, rssr.q[:0], rssr.v[:0],
+                      rssr.a[:0], rssr.closure_error[:0], rssr.driver_speed[:0])
+    with pytest.raises(ValueError, match="no rows"):
+        report(empty, tmp_path / "a.html")
+
+
+@pytest.mark.parametrize(
+    "wrench", [pin.Force(np.array([3.0, 0, 4, 0, 2, 0])), np.array([[3.0, 0, 4, 0, 2, 0]] * 3)]
+)
+def test_reactions_are_told_where_there_are_any(wrench):
+    assert _reactions(SimpleNamespace(shown=SimpleNamespace())) is None
+    text = _reactions(SimpleNamespace(shown=SimpleNamespace(reactions={"ball_b": wrench})))
+    assert "<td>ball_b</td>" in text and "5\u202fN</td>" in text and "2\u202fN·m</td>" in text
+
+
+def test_every_section_says_what_it_does():
+    assert all(write.__doc__ for write in SECTIONS)
+
+
+# ---------------------------------------------------------------- pieces
+
+
+@pytest.mark.parametrize(
+    ("name", "driver", "expected"),
+    [
+        ("rssr", "crank", ["rocker_pin"]),
+        ("four_bar", "crank", ["rocker_pin"]),
+        ("four_bar", "rocker_pin", ["crank_pin"]),
+        ("slider_crank", "crank", ["slide"]),
+        ("rspc", "crank", ["guide.angle", "guide.slide"]),
+        ("delta", "arm_1", ["pose.position"]),
+        ("crane", "slew", ["boom.com.position", "cab.com.position"]),
+    ],
+)
+def test_usual_outputs_are_what_moves_from_the_ground_on(name, driver, expected):
+    mechanism = sp.load(name)
+    state = sp.assemble(mechanism)
+    first = state.coordinate(driver).value
+    motion = sp.sweep(mechanism, driver, np.linspace(first, first + 0.1, 5), guess=state)
+    assert usual_outputs(motion) == expected
+
+
+@pytest.mark.parametrize("name", sp.list_mechanisms())
+def test_every_mechanism_of_the_library_has_a_usual_motion(name):
+    motion = usual_motion(sp.load(name))
+    assert isinstance(motion, sp.Motion) and len(motion) > ROWS // 4
+    assert motion.driver_name == next(iter(motion.mechanism.drivers))
+    assert motion.time is not None and usual_outputs(motion)
+
+
+def test_usual_motion_slides_in_six_seconds_and_turns_away_from_a_limit():
+    slid = usual_motion(sp.load("stewart"))
+    assert slid.time[-1] == pytest.approx(6.0)
+    assert np.ptp(slid.driver) == pytest.approx(SLIDE * slid.mechanism.characteristic_length)
+    rocked = usual_motion(sp.load("four_bar"), "rocker_pin")
+    (event,) = rocked.events
+    assert event.kind == "limit" and 1 < len(rocked) < ROWS
+
+
+def test_usual_motion_of_a_mechanism_without_drivers_is_its_state():
+    mechanism = replace(sp.load("rssr"), drivers={})
+    assert isinstance(usual_motion(mechanism), sp.State)
+
+
+def test_usual_outputs_of_what_stands_still_are_its_driver():
+    motion = sp.sweep(sp.load("rssr"), "crank", [0.4])
+    assert usual_outputs(motion) == ["crank_pin"]
+
+
+def test_numbers_read_well():
+    assert number(np.pi / 2, "rad") == "90°"
+    assert number(-0.25, "m") == "−0.25\u202fm"
+    assert number(-3e-17, "m/s²") == "0\u202fm/s²"
+    assert tiny(8.4e-15) == "8.4\u00a0·\u00a010⁻¹⁵" and tiny(0.0) == "0"
+
+
+def test_table_escapes_what_it_is_given():
+    text = table(("<name>", "value"), [("a & b", "1")], numbers=1)
+    assert "&lt;name&gt;" in text and '<td>a &amp; b</td><td class="number">1</td>' in text
+
+
+def test_svg_is_one_element_with_identifiers_of_its_own(rssr):
+    first, second = (svg(plot(rssr, "rocker_pin", title=""), name) for name in ("one", "two"))
+    assert first.startswith('<svg role="img" aria-label="one"') and "<?xml" not in first
+
+    def clips(text):
+        return set(re.findall(r'<clipPath id="(\w+)"', text))
+
+    assert clips(first) and not clips(first) & clips(second)
+
+
+def test_plot_without_a_title_has_none(rssr):
+    assert plot(rssr, "rocker_pin", title="").get_suptitle() == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "fps", "message"),
+    [
+        ("a.avi", 5, 25, r"\.gif or \.mp4"),
+        ("a.gif", 5, 0, "positive"),
+        ("a.gif", 1, 25, "no movie"),
+    ],
+)
+def test_movie_that_cannot_be_is_refused_at_once(rssr, tmp_path, name, rows, fps, message):
+    motion = sp.sweep(rssr.mechanism, "crank", np.linspace(0.1, 0.2, rows))
+    with pytest.raises(ValueError, match=message):
+        movie(motion, tmp_path / name, fps=fps)
