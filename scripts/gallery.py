@@ -1,6 +1,7 @@
 """Pictures of the mechanism library: all on one sheet, or one of them as an animation.
 
     python scripts/gallery.py [gallery.png] [--only NAME ...]
+    python scripts/gallery.py docs/gallery.jpg --width 1440
     python scripts/gallery.py --animation rssr docs/rssr.gif [--trace POINT ...]
 
 A mechanism is shown on the way of a move of its first driver. Needs Chromium or Chrome.
@@ -83,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Pictures of the mechanism library.")
     parser.add_argument("path", nargs="?", type=Path, default=Path("gallery.png"),
                         help="the sheet (gallery.png)")
+    parser.add_argument("--width", type=int, help="of the sheet, to make it smaller [pixels]")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="these mechanisms, not all")
     parser.add_argument("--animation", nargs=2, metavar=("NAME", "PATH"),
                         help="write one turn of a mechanism as a GIF instead")
@@ -96,7 +98,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         path = options.path
         names = options.only or sp.list_mechanisms()
         with tempfile.TemporaryDirectory() as folder:
-            sheet(names, list(pictures(names, Path(folder)))).save(path, optimize=True)
+            made = sheet(names, list(pictures(names, Path(folder))))
+        if options.width:
+            size = options.width, round(options.width * made.height / made.width)
+            made = made.resize(size, Image.Resampling.LANCZOS)
+        made.save(path, optimize=True)
     print(f"wrote {path}")
 
 

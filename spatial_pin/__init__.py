@@ -31,7 +31,7 @@ from spatial_pin.settings import Accuracy
 __version__ = "0.1.0"
 
 # they load meshcat and matplotlib
-_SEEN_ON_USE = ("Look", "export_html", "movie", "plot", "report", "screenshot", "show")
+_SEEN_ON_USE = ("Look", "export_html", "live", "movie", "plot", "report", "screenshot", "show")
 
 __all__ = [
     "Accuracy",
@@ -58,6 +58,7 @@ __all__ = [
     "jacobian_rate",
     "limits",
     "list_mechanisms",
+    "live",
     "load",
     "mobility",
     "movie",

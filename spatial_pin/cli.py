@@ -19,6 +19,7 @@ from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
 from spatial_pin.mechanism.export import export_urdf
 from spatial_pin.operators import OPERATORS
 from spatial_pin.units import Quantity, quantity
+from spatial_pin.view import Viewer
 from spatial_pin.view.plots import usual_outputs
 from spatial_pin.view.usual import usual_motion
 
@@ -90,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
     sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
+    _look_options(sub)
 
     sub = command("limits", _limits, "how far a driver can go on its branch")
     sub.add_argument("driver", help="driver or coordinate")
@@ -100,10 +102,16 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--patience", type=_count, default=200,
                      help="stop after so many starts without a new one (200)")
     sub.add_argument("--json", metavar="F", help="write the modes as JSON (- for the screen)")
+    sub.add_argument("--html", metavar="F", help="write a page that shows them side by side")
 
     sub = command("show", _show, "animate a motion in the browser")
     _sweep_arguments(sub, needed=False)
     sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
+    sub.add_argument("--live", action="store_true",
+                     help="move it by hand instead: a slider for every driver, or for the one named")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what --live tells besides the drivers, as rocker_pin, coupler.position")
+    _look_options(sub)
 
     sub = command("report", _report, "write a page to send and to print: 3-D, curves, numbers")
     _sweep_arguments(sub, needed=False)
@@ -118,6 +126,21 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--urdf", metavar="F", required=True,
                      help="expanded URDF; closures go beside it as .toml")
     return parser
+
+
+def _look_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--trace", action="append", default=[], metavar="NAME",
+                     help="draw the path of a link, frame or joint, or of LINK.com")
+    sub.add_argument("--arrow", action="append", default=[], metavar="NAME.velocity",
+                     help="draw a velocity or acceleration as an arrow")
+    sub.add_argument("--axes", action="store_true", help="draw the axes of the joints")
+    sub.add_argument("--pairs", action="store_true", help="draw a sign for every pair")
+    sub.add_argument("--centres", action="store_true", help="mark the centres of mass")
+
+
+def _look(options: argparse.Namespace) -> sp.Look:
+    return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
+                   arrows=tuple(options.arrow), centres=options.centres)
 
 
 def _guess_option(sub: argparse.ArgumentParser) -> None:
@@ -234,6 +257,9 @@ def _modes(options: argparse.Namespace) -> None:
         print(f"{mechanism.name}: {len(modes)} assembly modes found")
         for k, mode in enumerate(modes, start=1):
             print(f"{k}: branch {mode.branch or '?'}\n{assembly_summary(mode)}")
+        if options.html and modes:
+            look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
+            print(f"wrote {sp.export_html(modes[0], options.html, look=look)}")
         if any(mode.branch == "singular" for mode in modes):
             print("a singular mode can move with the given values held: give more driver values, "
                   "or take it as one of many")
@@ -269,7 +295,7 @@ def _sweep(options: argparse.Namespace) -> None:
         sp.plot(motion, options.output or _with_ratios(motion), options.plot)
         written.append(options.plot)
     if options.html:
-        written.append(sp.export_html(motion, options.html))
+        written.append(sp.export_html(motion, options.html, look=_look(options)))
     if options.json:
         columns = {name: column.tolist() for name, column in motion.columns().items()}
         _write_json({"mechanism": mechanism.name, "columns": columns,
@@ -299,12 +325,28 @@ def _shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | 
 
 def _show(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    subject = _shown(options, mechanism)
-    if options.movie:
-        print(f"wrote {sp.movie(subject, options.movie, progress=True)}")
+    if options.live:
+        _wait(mechanism, _live(options, mechanism))
         return
-    with sp.show(subject) as viewer:
-        print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)")
+    subject, look = _shown(options, mechanism), _look(options)
+    if options.movie:
+        print(f"wrote {sp.movie(subject, options.movie, look=look, progress=True)}")
+        return
+    _wait(mechanism, sp.show(subject, look=look))
+
+
+def _live(options: argparse.Namespace, mechanism: sp.Mechanism) -> Viewer:
+    """The page whose sliders move a mechanism from its guess on."""
+    if options.movie or options.last is not None:
+        options.usage_error("--live takes no values to sweep and makes no film")
+    state = sp.assemble(mechanism, {}, _guess(options))
+    named = [options.driver] if options.driver else None
+    return sp.live(mechanism, state, drivers=named, outputs=options.output)
+
+
+def _wait(mechanism: sp.Mechanism, viewer: Viewer) -> None:
+    with viewer:
+        print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)", flush=True)
         viewer.wait()
 
 

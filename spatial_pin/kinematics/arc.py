@@ -60,7 +60,7 @@ class Curve:
         self.system, self.evaluation = system, system.evaluation
         self.model = system.evaluation.model
         self.scale = system.scale
-        self.tolerance = max(tolerance, 1e-14)
+        self.tolerance = tolerance
         self.driver = system.driven[0]
         self.drive = system.matrix[system.driver_rows][1:]
         self.selected = system.rows
@@ -160,7 +160,7 @@ def march(
     Returns:
         The configuration at the target, or at the limit or branch point that lies before it.
     """
-    curve = Curve(system, tolerance)
+    curve = Curve(system, max(tolerance, 1e-14))
     at = curve.driver.q
     heading = np.sign(target - q[at])
     point = curve.settle(q, heading * direction / curve.scale)

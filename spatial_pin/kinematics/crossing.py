@@ -19,8 +19,9 @@ from spatial_pin.kinematics.arc import Curve, CurvePoint
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.linalg import Array
 
-REACHES = (0.06, 0.02, 0.004)  # arc lengths from a crossing at which the equations are solved again
+REACHES = (0.12, 0.06, 0.02, 0.004)  # arc lengths from a crossing at which the equations are solved again
 NODES = 8  # configurations on either side that the curve is continued through
+ROUND_OFF = 5e-16  # closure residual of the nodes [-]
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
@@ -89,6 +90,10 @@ class Strip(NamedTuple):
         """Whether a driver value lies between the ends."""
         return min(self.ends) < value < max(self.ends)
 
+    def is_between(self, first: float, last: float) -> bool:
+        """Whether the strip lies between two driver values, ends included."""
+        return min(first, last) <= min(self.ends) and max(self.ends) <= max(first, last)
+
     def put(self, branch: Branch, value: float) -> None:
         """Write the branch at a driver value between the ends into `branch`."""
         q = pin.normalize(branch.model, self.q(value))
@@ -143,7 +148,7 @@ class _Side(NamedTuple):
 
 
 def _sides(branch: Branch, sense: float, reach: float) -> tuple[_Side, _Side] | None:
-    curve = Curve(branch.system, 0.0)
+    curve = Curve(branch.system, ROUND_OFF)
     near = curve.settle(branch.q, sense * branch.t / branch.scale)
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:

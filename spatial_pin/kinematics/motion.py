@@ -104,7 +104,7 @@ class Motion:
     """
 
     mechanism: Mechanism
-    driver: Array
+    driver: Array | None
     driver_name: str
     time: Array | None
     q: Array

@@ -210,8 +210,9 @@ def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
     for event in motion.events:
         after = min(event.row, len(seconds) - 1)
         before = max(after - 1, 0)
-        way = motion.driver[after] - motion.driver[before]
-        part = np.clip((event.value - motion.driver[before]) / way, 0.0, 1.0) if way else 1.0
+        part = 1.0
+        if motion.driver is not None and (way := motion.driver[after] - motion.driver[before]):
+            part = np.clip((event.value - motion.driver[before]) / way, 0.0, 1.0)
         moment = seconds[before] + part * (seconds[after] - seconds[before])
         marks.append(Mark(float(moment), event.kind, event.text))
     return tuple(marks)

@@ -136,13 +136,18 @@ def upright(model: pin.Model) -> Array:
 
 def joint_paths(model: pin.Model) -> list[str]:
     """Return the meshcat path of every joint."""
-    return [f"{GROUP}/{name.replace('/', '_')}" for name in model.names]
+    return [f"{GROUP}/{_plain(name)}" for name in model.names]
 
 
 def item_path(item: Item, model: pin.Model) -> str:
     """Return the meshcat path of a solid."""
-    parent = GROUP if item.joint is None else joint_paths(model)[item.joint]
-    return f"{parent}/{item.name.replace('/', '_')}"
+    parent = GROUP if item.joint is None else f"{GROUP}/{_plain(model.names[item.joint])}"
+    return f"{parent}/{_plain(item.name)}"
+
+
+def _plain(name: str) -> str:
+    """Return a name that is one step of a path."""
+    return name.replace("/", "_")
 
 
 def _material(item: Item) -> Any:

@@ -54,8 +54,8 @@ class _Handler(BaseHTTPRequestHandler):
         """Send the page."""
         if self.path.partition("?")[0] != "/":
             self.send_error(404)
-        elif self._host() is None:
-            self.send_error(403)
+        elif self.server.service is not None and self._host() is None:
+            self.send_error(403, explain=f"The address of this page is {self.server.url}")
         else:
             self._send("text/html", self.server.body)
             self.server.fetched.set()
@@ -125,6 +125,7 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, body: bytes, port: int, service: Service | None) -> None:
         super().__init__((HOST, port), _Handler)
         self.body, self.service = body, service
+        self.url = f"http://{HOST}:{self.server_address[1]}/"
         self.fetched = threading.Event()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -160,7 +161,7 @@ class Viewer:
                 f"cannot serve a page on {HOST}, port {port}: {error}; "
                 f"`export_html` writes the same page to a file"
             ) from error
-        self.url = f"http://{HOST}:{self._server.server_address[1]}/"
+        self.url = self._server.url
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(0.05,), name="spatial_pin viewer", daemon=True
         )

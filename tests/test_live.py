@@ -1,0 +1,668 @@
+"""The page whose sliders move a mechanism: what it is told, whom it answers, what it looks like."""
+
+import dataclasses
+import http.client
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from concurrent.futures import ThreadPoolExecutor
+from subprocess import PIPE
+
+import numpy as np
+import pytest
+from pictures import ink, pixels
+
+import spatial_pin as sp
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Spring
+from spatial_pin.view.browser import find_browser
+from spatial_pin.view.devtools import Browser
+from spatial_pin.view.drive import BESIDE, Drive
+from spatial_pin.view.html import page
+from spatial_pin.view.live import live
+from spatial_pin.view.look import Look
+from spatial_pin.view.scene import joint_paths, joint_poses
+from spatial_pin.view.server import LONGEST_QUESTION, Viewer
+
+DOUBLE_ROCKER = {"r1": 0.3, "r2": 0.24, "r3": 0.1, "r4": 0.28}
+PARALLELOGRAM = {"r1": 0.3, "r2": 0.1, "r3": 0.3, "r4": 0.1}
+
+
+def opened(name: str, *, dimensions=None, **options) -> Viewer:
+    return live(sp.load(name, **(dimensions or {})), open_browser=False, **options)
+
+
+@pytest.fixture
+def rssr():
+    with opened("rssr") as viewer:
+        yield viewer
+
+
+def text_of(viewer: Viewer) -> str:
+    with urllib.request.urlopen(viewer.url, timeout=10) as answer:
+        return answer.read().decode()
+
+
+def live_data(viewer: Viewer) -> dict:
+    pattern = r'<script type="application/json" id="live">(.*?)</script>'
+    return json.loads(re.search(pattern, text_of(viewer), re.S)[1])
+
+
+def headers_of(viewer: Viewer) -> dict[str, str]:
+    return {"Origin": viewer.url.rstrip("/"), "X-Token": live_data(viewer)["token"]}
+
+
+def post(viewer: Viewer, body: bytes, headers: dict[str, str]) -> tuple[int, bytes]:
+    """Status and body of the answer to a question."""
+    port = int(viewer.url.rsplit(":", 1)[1].strip("/"))
+    line = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    line.request("POST", "/", body, headers)
+    answer = line.getresponse()
+    found = answer.status, answer.read()
+    line.close()
+    return found
+
+
+class Page:
+    """What the script of the page does, without a browser."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self.viewer, self.headers = viewer, headers_of(viewer)
+
+    def ask(self, kind: str, **question) -> dict:
+        body = json.dumps({"ask": kind, **question}).encode()
+        status, answer = post(self.viewer, body, self.headers)
+        assert status == 200
+        return json.loads(answer)
+
+    def move(self, driver: str, value: float) -> dict:
+        return self.ask("move", driver=driver, value=value)
+
+
+# ---------------------------------------------------------------- following the branch
+
+
+def test_every_joint_is_told_where_the_assembled_mechanism_has_it(rssr):
+    answer = Page(rssr).move("crank", 40.0)
+    mechanism = sp.load("rssr")
+    state = sp.assemble(mechanism, {"crank": np.deg2rad(40.0)})
+    told = dict(answer["poses"])
+    paths = joint_paths(mechanism.model)[1:]
+    assert set(told) == set(paths)
+    for path, pose in zip(paths, joint_poses(mechanism.model, state.q[None])[0, 1:], strict=True):
+        np.testing.assert_allclose(told[path][:3], pose[:3], atol=1e-9)
+    assert answer["values"]["crank"] == pytest.approx(40.0)
+    assert "stop" not in answer
+    assert answer["says"][0] == "crank = 40.00°"
+    assert re.fullmatch(r"closure error \d\.\de-1\d", answer["says"][-1])
+
+
+@pytest.mark.parametrize("name", ["rssr", "bennett", "screw_press", "slider_crank", "stewart"])
+def test_drive_is_where_a_sweep_is_and_comes_back(name):
+    mechanism = sp.load(name)
+    state = sp.assemble(mechanism)
+    driver = next(iter(mechanism.drivers))
+    drive = Drive(state, mechanism.drivers)
+    start = drive.value(driver)
+    step = 0.05 * (1.0 if mechanism.coordinate(driver).unit == "rad" else 0.1)
+    values = start + step * np.arange(20)
+    motion = sp.sweep(mechanism, driver, values, guess=state)
+    for value, q in zip(values, motion.q, strict=True):
+        assert drive.move(driver, value) is None
+        there, wanted = (joint_poses(mechanism.model, x[None])[0, :, :3]
+                         for x in (drive.state.q, q))
+        np.testing.assert_allclose(there, wanted, atol=1e-6)
+        assert drive.state.closure_error < 1e-12
+    assert drive.move(driver, start) is None
+    there, wanted = (joint_poses(mechanism.model, x[None])[0, :, :3]
+                     for x in (drive.state.q, state.q))
+    np.testing.assert_allclose(there, wanted, atol=1e-9)
+
+
+def test_limit_is_where_it_is_and_the_way_back_is_the_same():
+    mechanism = sp.load("four_bar", **DOUBLE_ROCKER)
+    limit = sp.limits(mechanism, "crank").upper.value
+    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive.move("crank", 1.2)
+    before = drive.state.q
+    for beyond in (limit + 1e-9, limit + 0.01, 3.0, 2 * np.pi):
+        stop = drive.move("crank", beyond)
+        assert stop.kind == "limit" and stop.value == pytest.approx(limit, abs=1e-9)
+        assert drive.value("crank") == stop.value
+        assert drive.state.closure_error < 1e-12
+    assert drive.move("crank", 1.2) is None
+    np.testing.assert_allclose(drive.state.q, before, atol=1e-9)
+
+
+def test_value_of_the_limit_itself_is_reached_or_stopped_at_and_left_again():
+    mechanism = sp.load("four_bar", **DOUBLE_ROCKER)
+    limit = sp.limits(mechanism, "crank").upper.value
+    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    for value in (limit, limit - 1e-13, limit - 1e-10, limit):
+        drive.move("crank", value)
+        assert drive.value("crank") == pytest.approx(limit, abs=1e-9)
+    assert drive.move("crank", 1.0) is None
+    expected = sp.assemble(mechanism, {"crank": 1.0})
+    np.testing.assert_allclose(drive.state.q, expected.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("steps", [1, 7, 400])
+def test_change_point_is_passed_straight_on(steps):
+    mechanism = sp.load("four_bar", **PARALLELOGRAM)
+    state = sp.assemble(mechanism, {"crank": 1.0})
+    drive = Drive(state, mechanism.drivers)
+    poses = joint_poses(mechanism.model, state.q[None])
+    for value in [*np.linspace(1.0, 5.5, steps + 1)[1:], np.pi, 3.0, 1.0]:
+        assert drive.move("crank", value) is None
+        assert drive.value("crank") == pytest.approx(value)
+        assert drive.state.closure_error < 1e-9
+    np.testing.assert_allclose(joint_poses(mechanism.model, drive.state.q[None]), poses, atol=1e-9)
+
+
+def test_other_drivers_are_held_even_beside_a_limit():
+    mechanism = sp.load("stewart")
+    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    stop = drive.move("leg_1", 1.0)
+    assert stop.kind == "limit"
+    for name in ("leg_2", "leg_5"):
+        drive.move(name, drive.value(name) + 1e-3)
+    moved = abs(drive.value("leg_1") - stop.value)
+    assert moved <= 2 * BESIDE * mechanism.characteristic_length
+    assert drive.state.closure_error < 1e-12
+
+
+def test_coordinates_that_are_no_drivers_can_have_sliders():
+    with opened("four_bar", drivers=["rocker_pin"], outputs=["crank"]) as viewer:
+        before = Page(viewer).ask("ranges")
+        value = before["values"]["rocker_pin"] + 3.0
+        answer = Page(viewer).move("rocker_pin", value)
+    assert answer["values"] == {"rocker_pin": pytest.approx(value)}
+    assert before["says"][1] != answer["says"][1]
+    assert answer["says"][1].startswith("crank = ")
+
+
+def test_one_driver_of_many_can_have_the_only_slider():
+    with opened("stewart", drivers=["leg_2"], outputs=["leg_1", "leg_3"],
+                look=Look(traces=("platform",))) as viewer:
+        asking = Page(viewer)
+        answer = asking.move("leg_2", 420.0)
+        assert asking.ask("mode")["says"][:3] == answer["says"][:3]
+    assert answer["says"][:3] == ["leg_2 = 420.00 mm", "leg_1 = 392.58 mm", "leg_3 = 392.58 mm"]
+
+
+# ---------------------------------------------------------------- what the page is told
+
+
+def test_limit_is_told_in_words_and_marked_on_the_slider():
+    with opened("four_bar", dimensions=DOUBLE_ROCKER) as viewer:
+        asking = Page(viewer)
+        answer = asking.move("crank", 120.0)
+        ranges = asking.ask("ranges")["ranges"]["crank"]
+    assert answer["stop"]["text"] == "limit position: crank = 88.73°"
+    assert answer["stop"]["value"] == answer["values"]["crank"]
+    assert answer["says"][0] == "crank = 88.73°"
+    lower, upper = (np.rad2deg(end.value) for end in
+                    sp.limits(sp.load("four_bar", **DOUBLE_ROCKER), "crank")[1:3])
+    assert [m["at"] for m in ranges["marks"]] == pytest.approx([lower, upper])
+    assert ranges["ends"][0] < lower and upper < ranges["ends"][1]
+
+
+def test_slider_without_limits_goes_a_turn_either_way_and_follows_what_is_typed(rssr):
+    asking = Page(rssr)
+    assert asking.ask("ranges")["ranges"]["crank"] == {"ends": pytest.approx([-360, 360]),
+                                                      "marks": []}
+    asking.move("crank", 1000.0)
+    assert asking.ask("ranges")["ranges"]["crank"]["ends"] == pytest.approx([640, 1360])
+
+
+def test_lengths_and_points_are_told_in_a_unit_that_reads_well():
+    with opened("stewart", outputs=["platform.position"]) as viewer:
+        says = Page(viewer).ask("ranges")["says"]
+    assert says[0] == "leg_1 = 392.58 mm"
+    assert re.fullmatch(r"platform position = \((−?\d+\.\d\d, ){2}−?\d+\.\d\d\) mm", says[6])
+
+
+def test_transmission_angle_can_be_watched():
+    with opened("four_bar", outputs=["rocker_pin.transmission_angle"]) as viewer:
+        says = Page(viewer).move("crank", 40.0)["says"]
+    motion = sp.sweep(sp.load("four_bar"), "crank", [np.deg2rad(40.0)])
+    angle = np.rad2deg(motion.output("rocker_pin.transmission_angle").values[0])
+    assert says[1] == f"rocker_pin transmission angle = {angle:.1f}°"
+
+
+def test_other_assembly_and_start_again():
+    with opened("four_bar") as viewer:
+        asking = Page(viewer)
+        first = asking.move("crank", 50.0)
+        second = asking.ask("mode")
+        assert re.fullmatch(r"assembly mode [12] of 2 found", second["note"])
+        assert second["values"] == {"crank": pytest.approx(50.0)}
+        assert second["poses"] != first["poses"]
+        back = dict(asking.ask("mode")["poses"])
+        for path, pose in first["poses"]:
+            np.testing.assert_allclose(back[path], pose, atol=1e-6)
+        home = asking.ask("home")
+    assert home["values"]["crank"] == pytest.approx(np.rad2deg(
+        sp.assemble(sp.load("four_bar")).coordinate("crank").value))
+
+
+def test_springs_stretch_with_the_mechanism():
+    mechanism = sp.load("four_bar")
+    spring = Spring("return", frames=("coupler_b", "ground"), stiffness=1.0)
+    with live(dataclasses.replace(mechanism, springs=(spring,)), open_browser=False) as viewer:
+        asking = Page(viewer)
+        told = {x: dict(asking.move("crank", x)["poses"]) for x in (20.0, 100.0)}
+    for x, poses in told.items():
+        state = sp.assemble(mechanism, {"crank": np.deg2rad(x)})
+        ends = (state.placement(name).translation for name in spring.frames)
+        length = np.linalg.norm(np.subtract(*ends))
+        assert poses["/mechanism/spring return"][9] == pytest.approx(length)
+
+
+# ---------------------------------------------------------------- wrong questions
+
+
+@pytest.mark.parametrize(("question", "words"), [
+    ({"ask": "move", "driver": "cranc", "value": 1.0}, "did you mean 'crank'"),
+    ({"ask": "move", "driver": ["crank"], "value": 1.0}, "no driver"),
+    ({"ask": "move", "driver": "crank", "value": "1"}, "not a number"),
+    ({"ask": "move", "driver": "crank"}, "not a number"),
+    ({"ask": "move", "driver": "crank", "value": float("nan")}, "finite"),
+    ({"ask": "move", "driver": "crank", "value": 1e300}, "20 turns"),
+    ({"ask": "move", "driver": "crank", "value": 10**400}, "large"),
+    ({"ask": "spy"}, "asks for one of"),
+    ([1, 2], "asks for one of"),
+])
+def test_wrong_question_is_answered_with_what_is_wrong(rssr, question, words):
+    asking = Page(rssr)
+    before = asking.ask("ranges")
+    status, answer = post(rssr, json.dumps(question).encode(), asking.headers)
+    assert status == 200 and words in json.loads(answer)["error"]
+    assert asking.ask("ranges") == before
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"\xff\xfe\x00", b"[" * LONGEST_QUESTION])
+def test_question_that_is_no_json_does_no_harm(rssr, body, capfd):
+    asking = Page(rssr)
+    status, answer = post(rssr, body, asking.headers)
+    assert status == 200 and json.loads(answer)["error"]
+    assert asking.move("crank", 5.0)["values"]["crank"] == pytest.approx(5.0)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_failure_nobody_thought_of_is_told_and_does_no_harm(rssr, monkeypatch, capfd):
+    asking = Page(rssr)
+    monkeypatch.setattr(Drive, "move", lambda *_: 1 / 0)
+    assert asking.move("crank", 5.0) == {"error": "ZeroDivisionError: division by zero"}
+    monkeypatch.undo()
+    assert asking.move("crank", 5.0)["values"]["crank"] == pytest.approx(5.0)
+    assert capfd.readouterr() == ("", "")
+
+
+# ---------------------------------------------------------------- who is answered
+
+
+def port_of(viewer: Viewer) -> str:
+    return viewer.url.rsplit(":", 1)[1].strip("/")
+
+
+@pytest.mark.parametrize("change", [
+    {"X-Token": "guess"},
+    {"X-Token": "gueß"},
+    {"X-Token": ""},
+    {"Origin": "http://example.com"},
+    {"Origin": "null"},
+    {"Origin": ""},
+    {"Host": "example.com"},
+    {"Host": "rebound.example.com:80"},
+    {"Host": "127.0.0.1:1"},
+])
+def test_stranger_is_refused(rssr, change):
+    body = json.dumps({"ask": "move", "driver": "crank", "value": 33.0}).encode()
+    good = headers_of(rssr)
+    changed = {k: v.encode("utf-8").decode("latin-1") for k, v in change.items()}
+    assert post(rssr, body, {**good, **changed})[0] == 403
+    assert Page(rssr).ask("ranges")["values"]["crank"] != pytest.approx(33.0)
+    assert post(rssr, body, good)[0] == 200
+
+
+def test_site_that_is_no_origin_is_refused(rssr):
+    headers = headers_of(rssr)
+    del headers["Origin"]
+    assert post(rssr, b'{"ask": "ranges"}', headers)[0] == 403
+
+
+def test_page_with_its_token_is_not_given_away_under_another_name(rssr):
+    asked = urllib.request.Request(rssr.url, headers={"Host": "rebound.example.com"})
+    with pytest.raises(urllib.error.HTTPError, match="403") as caught:
+        urllib.request.urlopen(asked, timeout=10)
+    caught.value.close()
+    name = {"Host": f"localhost:{port_of(rssr)}"}
+    with urllib.request.urlopen(urllib.request.Request(rssr.url, headers=name), timeout=10) as got:
+        assert got.status == 200
+
+
+def test_page_without_secrets_may_be_seen_through_a_tunnel():
+    with sp.show(sp.assemble(sp.load("rssr")), open_browser=False) as viewer:
+        asked = urllib.request.Request(viewer.url, headers={"Host": "localhost:9000"})
+        with urllib.request.urlopen(asked, timeout=10) as got:
+            assert got.status == 200
+
+
+def test_long_question_is_refused_unread(rssr):
+    headers = headers_of(rssr)
+    assert post(rssr, b" " * (LONGEST_QUESTION + 1), headers)[0] == 413
+    for length in ("-1", "1e3", "9" * 5000):
+        assert post(rssr, b"", {**headers, "Content-Length": length})[0] == 413
+
+
+def test_page_that_asks_nothing_is_answered_nothing():
+    with Viewer("page") as viewer:
+        origin = viewer.url.rstrip("/")
+        assert post(viewer, b"{}", {"Origin": origin, "X-Token": ""})[0] == 404
+
+
+def test_token_is_new_every_time_and_only_the_live_page_may_connect():
+    with opened("rssr") as one, opened("rssr") as two:
+        assert headers_of(one)["X-Token"] != headers_of(two)["X-Token"]
+        text = text_of(one)
+    assert "connect-src 'self'" in text and "default-src 'none'" in text
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)\s*=", text)
+    still = page(sp.assemble(sp.load("rssr")))
+    assert "connect-src 'none'" in still and "fetch(\"/\"" not in still
+    assert "@" not in re.sub(r"<script>.*?</script>|<style>.*?</style>", "", still, flags=re.S)
+
+
+# ---------------------------------------------------------------- a server that lives and ends
+
+
+def test_many_questions_leave_nothing_behind(rssr):
+    asking = Page(rssr)
+    before = threading.active_count()
+    for k in range(600):
+        answer = asking.move("crank", 0.5 * k)
+    assert answer["values"]["crank"] == pytest.approx(299.5)
+    deadline = time.monotonic() + 5
+    while threading.active_count() > before and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert threading.active_count() <= before
+
+
+def test_questions_at_the_same_time_are_answered_one_by_one():
+    with opened("stewart") as viewer, ThreadPoolExecutor(8) as pool:
+        asking = Page(viewer)
+        answers = list(pool.map(
+            lambda k: asking.move(f"leg_{k % 6 + 1}", 390.0 + 0.2 * k), range(96)))
+        last = asking.ask("ranges")
+    assert all("error" not in a for a in answers)
+    assert last["values"]["leg_1"] == pytest.approx(390.0, abs=20.0)
+    assert float(last["says"][-1].rsplit(" ", 1)[1]) < 1e-12
+
+
+def test_browser_that_goes_away_in_the_middle_does_no_harm(rssr, capfd):
+    asking = Page(rssr)
+    port = int(port_of(rssr))
+    for sent in (b"", b"POST / HT", b"POST / HTTP/1.1\r\nContent-Length: 50\r\n\r\n{"):
+        with socket.create_connection(("127.0.0.1", port)) as line:
+            line.sendall(sent)
+    with socket.create_connection(("127.0.0.1", port)) as line:
+        line.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+        line.recv(100)
+    assert asking.move("crank", 7.0)["values"]["crank"] == pytest.approx(7.0)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_stopped_page_is_not_answered_any_more():
+    viewer = opened("rssr")
+    asking = Page(viewer)
+    viewer.stop()
+    with pytest.raises(ConnectionRefusedError):
+        asking.move("crank", 1.0)
+    assert not viewer.running
+
+
+PROGRAM = """
+import spatial_pin as sp
+from spatial_pin.view.live import live
+viewer = live(sp.load("rssr"), open_browser=False)
+print(viewer.url, flush=True)
+"""
+
+
+def test_ctrl_c_ends_the_wait_and_the_program():
+    command = [sys.executable, "-W", "error", "-c", PROGRAM + "viewer.wait(); print(viewer)"]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
+        url = process.stdout.readline().strip()
+        urllib.request.urlopen(url, timeout=10).close()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert (process.returncode, out, err) == (0, "<Viewer, stopped>\n", "")
+
+
+def test_program_ends_while_its_page_is_open():
+    done = subprocess.run([sys.executable, "-W", "error", "-c", PROGRAM], capture_output=True,
+                          text=True, timeout=30)
+    assert done.returncode == 0 and done.stderr == ""
+
+
+def test_taken_port_is_a_clear_error(rssr):
+    port = int(port_of(rssr))
+    with pytest.raises(SpatialPinError, match=rf"port {port}"):
+        opened("rssr", port=port)
+
+
+def test_notebook_shows_the_page_in_a_frame(rssr, monkeypatch):
+    assert f'<iframe src="{rssr.url}"' in rssr._repr_html_()
+    monkeypatch.setitem(sys.modules, "ipykernel", sys)
+    with live(sp.load("rssr")) as viewer:  # opens no browser and warns of none
+        pass
+    assert "iframe" not in viewer._repr_html_()
+
+
+@pytest.mark.parametrize("name", ["rssr", "delta", "stewart"])
+def test_a_dragged_slider_is_answered_twenty_times_a_second(name):
+    with opened(name) as viewer:
+        asking = Page(viewer)
+        driver, start = next(iter(asking.ask("ranges")["values"].items()))
+        step = 0.2 if name == "stewart" else 1.0
+        begin = time.perf_counter()
+        for k in range(60):
+            assert "stop" not in asking.move(driver, start + step * k)
+        assert 60 / (time.perf_counter() - begin) > 20
+
+
+# ---------------------------------------------------------------- what cannot be shown
+
+
+def test_what_cannot_be_moved_is_refused_at_once():
+    mechanism = sp.load("rssr")
+    with pytest.raises(SpatialPinError, match="no drivers"):
+        live(dataclasses.replace(mechanism, drivers={}), open_browser=False)
+    with pytest.raises(sp.SpatialPinError, match="did you mean 'crank'"):
+        live(mechanism, drivers=["cranc"], open_browser=False)
+    with pytest.raises(SpatialPinError, match="arrows"):
+        live(mechanism, look=Look(arrows=("coupler.velocity",)), open_browser=False)
+    with pytest.raises(SpatialPinError, match="traces"):
+        live(sp.load("stewart"), look=Look(traces=("platform",)), open_browser=False)
+    with pytest.raises(SpatialPinError, match="knows no rates"):
+        live(mechanism, outputs=["coupler.velocity"], open_browser=False)
+    with pytest.raises(SpatialPinError, match="no output"):
+        live(mechanism, outputs=["nothing"], open_browser=False)
+    with pytest.raises(SpatialPinError, match="belongs to mechanism"):
+        live(mechanism, sp.assemble(sp.load("four_bar")), open_browser=False)
+
+
+def test_mechanism_where_a_state_or_motion_is_needed_is_a_clear_error(tmp_path):
+    mechanism = sp.load("rssr")
+    for call in (sp.show, lambda m: sp.export_html(m, tmp_path / "a.html"),
+                 lambda m: sp.screenshot(m, tmp_path / "a.png")):
+        with pytest.raises(SpatialPinError, match=r"give a State or a Motion: sp\.assemble"):
+            call(mechanism)
+    assert not list(tmp_path.iterdir())
+
+
+def test_row_that_does_not_exist_is_a_clear_error(tmp_path):
+    motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0, 1, 11))
+    for row in (11, -12, 999):
+        with pytest.raises(SpatialPinError, match=rf"no row {row}: 11 rows are 0 to 10"):
+            sp.screenshot(motion, tmp_path / "a.png", row=row)
+
+
+# ---------------------------------------------------------------- in a browser
+
+READY = "typeof said === 'object' && said.length > 0 && !asking && !viewer.needs_render"
+needs_browser = [
+    pytest.mark.browser,
+    pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine"),
+]
+
+
+@pytest.fixture(scope="module")
+def one_browser():
+    with Browser((900, 700)) as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(one_browser):
+    """The browser of all tests, which must have nothing to complain of after each."""
+    yield one_browser
+    one_browser.evaluate("1")
+    kinds = ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalled")
+    assert [e for e in one_browser.events if e["method"] in kinds] == []
+
+
+def box_of(browser: Browser, element: str) -> dict[str, float]:
+    return browser.evaluate(f"{element}.getBoundingClientRect().toJSON()")
+
+
+def press(browser: Browser, kind: str, x: float, y: float) -> None:
+    browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
+def dragged(browser: Browser, first: float, last: float, steps: int = 20) -> None:
+    """Drag the first slider from one part of its length to another."""
+    box = box_of(browser, "dials[0].slider")
+    y = box["y"] + box["height"] / 2
+    places = box["x"] + 8 + (box["width"] - 16) * np.linspace(first, last, steps)
+    press(browser, "mousePressed", places[0], y)
+    for x in places[1:]:
+        press(browser, "mouseMoved", float(x), y)
+    press(browser, "mouseReleased", float(places[-1]), y)
+    browser.wait_until(READY)
+
+
+def typed(browser: Browser, text: str) -> None:
+    """Type a value into the first number field."""
+    browser.evaluate("dials[0].number.focus(); dials[0].number.select(); 1")
+    browser.call("Input.insertText", text=text)
+    for kind in ("keyDown", "keyUp"):
+        browser.call("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter",
+                     windowsVirtualKeyCode=13, text="\r")
+    browser.wait_until(READY)
+
+
+def words(browser: Browser) -> str:
+    return browser.evaluate("document.body.innerText")
+
+
+def picture(browser: Browser) -> np.ndarray:
+    """The page above the sliders."""
+    height = browser.evaluate("pane.clientHeight")
+    return pixels(browser.screenshot())[:height]
+
+
+class TestBrowser:
+    pytestmark = needs_browser
+
+    def test_typed_value_moves_the_picture_and_is_read(self, browser, rssr):
+        browser.open(rssr.url, READY)
+        first = picture(browser)
+        assert 0.02 < ink(first).mean() < 0.8
+        typed(browser, "75.5")
+        assert "crank = 75.50°" in words(browser)
+        assert browser.evaluate("dials[0].number.value") == "75.50"
+        assert browser.evaluate("Number(dials[0].slider.value)") == pytest.approx(75.5)
+        assert np.mean(np.any(np.abs(picture(browser) - first) > 0.1, axis=2)) > 0.01
+
+    def test_dragged_slider_moves_the_picture_as_the_typed_value_does(self, browser, rssr):
+        browser.open(rssr.url, READY)
+        dragged(browser, 0.5, 0.75)
+        value = browser.evaluate("dials[0].value")
+        assert value == pytest.approx(180.0, abs=3.0)
+        here = picture(browser)
+        typed(browser, "0")
+        assert np.mean(np.any(np.abs(picture(browser) - here) > 0.1, axis=2)) > 0.01
+        typed(browser, repr(value))
+        browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=450, y=10)
+        assert np.mean(np.any(np.abs(picture(browser)[150:] - here[150:]) > 0.1, axis=2)) < 1e-3
+
+    def test_slider_stops_at_the_limit_and_the_page_says_so(self, browser):
+        with opened("four_bar", dimensions=DOUBLE_ROCKER) as viewer:
+            browser.open(viewer.url, READY)
+            assert browser.evaluate("dials[0].track.querySelectorAll('b').length") == 2
+            dragged(browser, 0.05, 1.0)
+            assert "limit position: crank = 88.73°" in words(browser)
+            assert "crank = 88.73°" in words(browser)
+            assert browser.evaluate("Number(dials[0].slider.value)") == pytest.approx(88.7267,
+                                                                                       abs=1e-3)
+            stopped = picture(browser)
+            typed(browser, "200")
+            assert "limit position: crank = 88.73°" in words(browser)
+            np.testing.assert_allclose(picture(browser), stopped, atol=0.02)
+            dragged(browser, 0.96, 0.5)
+            assert "limit position" not in words(browser)
+            assert browser.evaluate("dials[0].value") < 70.0
+
+    def test_error_and_lost_server_are_told(self, browser):
+        viewer = opened("rssr")
+        try:
+            browser.open(viewer.url, READY)
+            typed(browser, "1e6")
+            assert "no further than 20 turns" in words(browser)
+            assert browser.evaluate("dials[0].number.value") != "1e6"
+        finally:
+            viewer.stop()
+        browser.evaluate("wish({ask: 'ranges'}); 1")
+        browser.wait_until("!asking")
+        assert "no answer from the program" in words(browser)
+        browser.events.clear()
+
+    def test_names_of_a_mechanism_cannot_break_out_of_the_page(self, browser):
+        title = "</script><script>document.title = 'broken'</script>"
+        with opened("rssr", title=title) as viewer:
+            browser.open(viewer.url, READY)
+            assert browser.evaluate("document.title") == title
+
+    def test_open_tree_has_no_other_assembly(self, browser, rssr):
+        for viewer, shown in ((opened("crane"), False), (rssr, True)):
+            with viewer:
+                browser.open(viewer.url, READY)
+                assert (box_of(browser, "document.getElementById('mode')")["width"] > 0) == shown
+
+    def test_reloaded_page_shows_where_the_mechanism_is(self, browser, rssr):
+        browser.open(rssr.url, READY)
+        typed(browser, "120")
+        browser.open(rssr.url, READY)
+        assert "crank = 120.00°" in words(browser)
+
+    @pytest.mark.parametrize("size", [(900, 700), (420, 700)])
+    def test_sliders_leave_room_for_the_picture(self, browser, size):
+        with opened("stewart") as viewer:
+            browser.resize(size)
+            try:
+                browser.open(viewer.url, READY)
+                seen = ink(picture(browser))
+                assert seen.shape[0] >= 0.5 * size[1] and seen.mean() > 0.05
+                assert browser.evaluate("document.documentElement.scrollWidth") <= size[0]
+                assert browser.evaluate("dials.length") == 6
+                assert box_of(browser, "dials[5].slider")["width"] > 80
+            finally:
+                browser.resize((900, 700))
