@@ -15,6 +15,10 @@ class Accuracy:
             is a difference of two accelerations).
         corrections: number of Newton corrections at each step; None corrects until `tolerance`.
         tolerance: closure residual to reach [-], relative to the characteristic length.
+        integrator: of `simulate`: "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4" or "Gauss".
+        time_tolerance: error that adaptive integrators allow in one step [rad, characteristic
+            lengths, and these per second], absolute and relative.
+        step: fixed step of "RK4" and "Gauss", longest step of the others [s].
 
     Equal steps are taken many at a time, two to three times faster, with order 3 to tolerance only.
     """
@@ -22,6 +26,9 @@ class Accuracy:
     order: int = 3
     corrections: int | None = None
     tolerance: float = 1e-13
+    integrator: str = "DOP853"
+    time_tolerance: float = 1e-11
+    step: float | None = None
 
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2, 3):
@@ -32,6 +39,10 @@ class Accuracy:
             raise ValueError("order 0 without corrections moves nothing but the driver")
         if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
             raise ValueError(f"tolerance is {self.tolerance}; it must be positive")
+        if not (math.isfinite(self.time_tolerance) and self.time_tolerance > 0.0):
+            raise ValueError(f"time_tolerance is {self.time_tolerance}; it must be positive")
+        if self.step is not None and not (math.isfinite(self.step) and self.step > 0.0):
+            raise ValueError(f"step is {self.step}; it must be positive")
 
     @classmethod
     def named(cls, level: str) -> Accuracy:
@@ -47,7 +58,7 @@ class Accuracy:
 
 
 LEVELS = {
-    "draft": Accuracy(tolerance=1e-8),
+    "draft": Accuracy(tolerance=1e-8, time_tolerance=1e-6),
     "engineering": Accuracy(),
-    "reference": Accuracy(tolerance=1e-15),
+    "reference": Accuracy(tolerance=1e-15, time_tolerance=1e-13),
 }

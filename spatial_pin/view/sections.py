@@ -14,8 +14,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.mobility import mobility
-from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.report import info
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -206,12 +207,24 @@ def _events(subject: Subject) -> str | None:
     if motion is None:
         return None
     title = "Special positions"
-    if not motion.events:
+    events = [*motion.events, *_outputs_turning(motion)]
+    if not events:
         return section(title, paragraph("No limit and no singular position was met."))
     unit = motion.driver_unit if motion.driver_name else "s"
-    rows = [(e.kind, e.text, number(e.value, unit, 10)) for e in motion.events]
+    rows = [(e.kind, e.text, number(e.value, unit, 10))
+            for e in sorted(events, key=lambda e: e.row)]
     heads = ("kind", "what was met", f"at {motion.driver_name or 'time'}")
     return section(title, table(heads, rows, numbers=1))
+
+
+def _outputs_turning(motion: Motion) -> list[Event]:
+    """Return the dead centres of a motion's outputs, as far as they can be located."""
+    if motion.driver is None or len(motion) < 2:
+        return []
+    try:
+        return dead_centres(motion)
+    except SpatialPinError:
+        return []
 
 
 def _reactions(subject: Subject) -> str | None:

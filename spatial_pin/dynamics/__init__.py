@@ -1,0 +1,1 @@
+"""Forces: forward and inverse dynamics, joint reactions, simulation."""

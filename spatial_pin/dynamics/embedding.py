@@ -1,0 +1,249 @@
+"""Motion in independent coordinates: the loops are closed inside, at every evaluation.
+
+The independent coordinates are entries of a chart about a closed configuration q0: x = q - q0 for
+joints with one coordinate each, the rotation vector from q0 for joints that turn in space. With
+K = [J; e] the closure rows and the unit rows of independent and prescribed velocities, velocities
+are v = K^-1 [0; v_i], accelerations a = K^-1 [-gamma; a_i], and virtual work along the columns
+G of the independent ones gives G^T (M a + b - f) = 0 [Wehage1982].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.newton import generic_rank
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array, decompose, independent_rows, pivots_of
+from spatial_pin.mechanism.pairs import PAIRS
+
+MOST_CORRECTIONS = 8
+CONTRACTION = 0.3  # a correction may be this fraction of the one before
+EXPLAINED = 0.2  # part of a step that the prediction may leave unexplained
+LONGEST = 0.7  # longest step in one go [rad, characteristic lengths]
+HALVINGS = 12
+SINGULAR = 1e-9  # smallest over largest pivot of K below which the coordinates are useless
+CLOSED = 1e-22  # squared residual that ends a contraction by round-off
+
+
+class Lost(Exception):
+    """The loops cannot be closed, or not surely on the same branch, at the coordinates asked for."""
+
+
+class Rates(NamedTuple):
+    """Velocities (nv,) and the factors of K at a place."""
+
+    v: Array
+    columns: Array
+
+
+class Embedding:
+    """A closed mechanism moved by its independent coordinates.
+
+    Args:
+        state: a closed configuration.
+        independent: velocity entries that are free.
+        prescribed: velocity entries that follow laws.
+        tolerance: closure residual to reach [-].
+
+    Attributes:
+        q: (nq,) present configuration.
+        x: (n,) chart coordinates of it, independent ones first [scaled].
+    """
+
+    def __init__(
+        self, state: State, independent: Sequence[int], prescribed: Sequence[int],
+        tolerance: float,
+    ) -> None:
+        self.mechanism, self.tolerance = state.mechanism, max(tolerance, 1e-14)
+        self.model = state.mechanism.model
+        self.scale = state.mechanism.velocity_scale
+        self.evaluation = Evaluation(constraints_of(state.mechanism))
+        self.n_rows = self.evaluation.constraints.n_rows
+        self.curved = any(not PAIRS[pair].is_linear for pair in state.mechanism.pairs)
+        self.places = {c.v: c.q for c in state.mechanism.coordinate_table.values() if c.q >= 0}
+        self.base(state.q, state.angles, independent, prescribed)
+
+    def base(
+        self, q: Array, angles: Array, independent: Sequence[int], prescribed: Sequence[int]
+    ) -> None:
+        """Begin a chart at a closed configuration.
+
+        Raises:
+            SingularError: the coordinates do not determine the motion there.
+        """
+        self.n_free = len(independent)
+        self.held = [*independent, *prescribed]
+        self.linear = not self.curved or all(v in self.places for v in self.held)
+        self.at = np.array([self.places.get(v, -1) for v in self.held], dtype=int)
+        self.q0, self.q = np.array(q), np.array(q)
+        self.evaluation.turns[:] = angles
+        self.evaluation.update(self.q)
+        self.rows = independent_rows(self.evaluation.jacobian[: self.n_rows])
+        self.whole = len(self.rows) == self.n_rows
+        n, r = len(self.scale), len(self.rows)
+        if r + len(self.held) != n:
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: {n - r} freedoms at {q}, but "
+                f"{len(self.held)} independent coordinates")
+        self.k = np.zeros((n, n))
+        self.k[np.arange(r, n), self.held] = 1.0
+        self.x = np.zeros(len(self.held))
+        self.sign, pivot = self._factor()
+        if pivot < SINGULAR:
+            raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration")
+        self.columns = self._columns()
+
+    def _factor(self) -> tuple[int, float]:
+        """Factor K at the evaluation's configuration; return determinant sign and pivots."""
+        jacobian = self.evaluation.jacobian
+        self.k[: len(self.rows)] = jacobian[: self.n_rows] if self.whole else jacobian[self.rows]
+        self.lu, self.pivots, info = lapack.dgetrf(self.k.T)
+        return pivots_of(self.lu, self.pivots) if info == 0 else (0, 0.0)
+
+    def _solve(self, rhs: Array) -> Array:
+        return lapack.dgetrs(self.lu, self.pivots, rhs, 1)[0]
+
+    def _columns(self) -> Array:
+        """Return the scaled joint velocities (nv, n) per unit of each held velocity."""
+        rhs = np.zeros((len(self.k), len(self.held)))
+        rhs[len(self.rows) :] = np.eye(len(self.held))
+        return self._solve(rhs)
+
+    def coordinates(self, q: Array) -> Array:
+        """Return the chart coordinates (n,) of a configuration, scaled."""
+        if self.linear:
+            return (q[self.at] - self.q0[self.at]) / self.scale[self.held]
+        return (pin.difference(self.model, self.q0, q) / self.scale)[self.held]
+
+    def chart_rates(self, v: Array) -> Array:
+        """Return the rates (n,) of the chart coordinates at joint velocities v (nv,)."""
+        if self.linear:
+            return (v / self.scale)[self.held]
+        slope = pin.dDifference(self.model, self.q0, self.q, pin.ARG1)
+        return (slope @ v / self.scale)[self.held]
+
+    def go(self, x: Array) -> None:
+        """Move to the chart coordinates x (n,), on the same branch.
+
+        Raises:
+            Lost: it cannot.
+        """
+        start = self.x
+        parts, done = 1, 0.0
+        while done < 1.0:
+            fraction = min(1.0, done + 1.0 / parts)
+            goal = x if fraction == 1.0 else start + fraction * (x - start)
+            if self._step(goal):
+                done = fraction
+            elif parts >= 2**HALVINGS:
+                raise Lost
+            else:
+                parts *= 2
+
+    def _step(self, x: Array) -> bool:
+        """Move in one step; False, and nothing changed, where that is not safe."""
+        evaluation = self.evaluation
+        step = self.columns @ (x - self.x)
+        size = float(np.sqrt(step @ step))
+        if not size <= LONGEST:
+            return False
+        turns = evaluation.turns.copy()
+        if turns.size:
+            evaluation.turns[:] = evaluation.angles + evaluation.angle_jacobian @ step
+        q = self._correct(pin.integrate(self.model, self.q, self.scale * step), x, size)
+        if q is not None:
+            sign, pivot = self._factor()
+            if sign == self.sign and pivot > SINGULAR:
+                self.q, self.x = q, x
+                self.columns = self._columns()
+                if turns.size:
+                    evaluation.turns[:] = evaluation.angles
+                return True
+        evaluation.turns[:] = turns
+        evaluation.update(self.q)
+        self._factor()
+        return False
+
+    def _correct(self, q: Array, x: Array, predicted: float) -> Array | None:
+        """Newton steps to the closed configuration with chart coordinates x; None if astray."""
+        last = np.inf
+        rhs = np.zeros(len(self.k))
+        r = len(self.rows)
+        for k in range(MOST_CORRECTIONS):
+            if self.linear:
+                q[self.at] = self.q0[self.at] + self.scale[self.held] * x
+            self.evaluation.update(q)
+            residual = self.evaluation.residual
+            off = x - self.coordinates(q) if not self.linear else None
+            error = float(residual @ residual) + (float(off @ off) if off is not None else 0.0)
+            if error <= self.tolerance**2:
+                return q
+            self._factor()
+            rhs[:r] = -(residual if self.whole else residual[self.rows])
+            if off is not None:
+                rhs[r:] = off
+            correction = self._solve(rhs)
+            size = float(np.sqrt(correction @ correction))
+            if k == 0 and not size <= EXPLAINED * predicted + 1e-9:
+                return None
+            if k and not size <= CONTRACTION * last:
+                return q if error <= CLOSED else None
+            last = max(size, 1e-14)
+            q = pin.integrate(self.model, q, self.scale * correction)
+        return None
+
+    def velocity(self, held: Array) -> Array:
+        """Return the joint velocities (nv,) for the held ones (n,)."""
+        return self.scale * (self.columns @ (held / self.scale[self.held]))
+
+    def bias(self, v: Array) -> Array:
+        """Return the joint accelerations (nv,) at velocities v when the held ones have none."""
+        gamma = self.evaluation.bias(self.q, v)[: self.n_rows]
+        rhs = np.zeros(len(self.k))
+        rhs[: len(self.rows)] = -(gamma if self.whole else gamma[self.rows])
+        return self.scale * self._solve(rhs)
+
+    @property
+    def pace(self) -> float:
+        """How many times faster than the fastest held coordinate another one may move."""
+        return float(np.abs(self.columns).max(initial=1.0))
+
+
+def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
+    """Return the velocity entries that determine the motion best, besides the prescribed ones.
+
+    Column-pivoted QR of the freedoms: joints that move most.
+
+    Raises:
+        SingularError: prescribed coordinates depend on each other, or the loops have lost rank.
+    """
+    mechanism = state.mechanism
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.turns[:] = state.angles
+    evaluation.update(state.q)
+    n = evaluation.constraints.n_rows
+    rows = independent_rows(evaluation.jacobian[:n])
+    if len(rows) < n and len(rows) < generic_rank(evaluation, state.q):
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: singular configuration, {state}: branches cross there "
+            "and the motion is not determined; start beside it", state=state)
+    evaluation.update(state.q)
+    drive = np.zeros((len(prescribed), mechanism.model.nv))
+    drive[np.arange(len(prescribed)), list(prescribed)] = 1.0
+    svd = decompose(np.vstack([evaluation.jacobian[rows], drive]))
+    if svd.rank < len(rows) + len(prescribed):
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: the prescribed coordinates are not independent of each "
+            f"other at {state}", state=state)
+    freedoms = svd.null_space
+    if not len(freedoms):
+        return []
+    _, pivots, *_ = lapack.dgeqp3(np.asfortranarray(freedoms))
+    return sorted(int(p) - 1 for p in pivots[: len(freedoms)])

@@ -1,0 +1,240 @@
+"""The equations of motion of a closed mechanism at one State.
+
+    M a + b = f + J^T lambda,     J a + gamma = 0
+
+with the mass matrix M, centrifugal, Coriolis and gravity forces b, given forces f, the closure
+rows' Jacobian J (`closure_jacobian`) and multipliers lambda. All rows that depend on others are
+left out when a is solved for, so that nothing is regularised; the multipliers of all rows are then
+the shortest that bear the same loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
+from spatial_pin.dynamics.reactions import Pairs, Poses
+from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
+from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.views import forces as force_view
+from spatial_pin.kinematics.views import joint_jacobian
+from spatial_pin.linalg import (
+    Array,
+    Decomposition,
+    decompose,
+    full_decomposition,
+    independent_rows,
+)
+from spatial_pin.mechanism.mechanism import Mechanism
+
+SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
+_RANKS: WeakKeyDictionary[Mechanism, int] = WeakKeyDictionary()
+
+
+class Equations:
+    """Mass matrix, forces and closure rows of a mechanism, at the State of the last `update`.
+
+    Attributes:
+        pairs: the pairs of the mechanism.
+        given: (nv,) generalised forces of springs and external wrenches.
+        turning: (nv,) those of springs about joints.
+        wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
+        scale: (nv,) velocity of a unit of each scaled unknown.
+        scaled: (n_rows, nv) Jacobian of the closure rows for scaled velocities.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.model = mechanism, mechanism.model
+        self.evaluation = Evaluation(constraints_of(mechanism))
+        self.data = self.model.createData()
+        self.pairs = Pairs(mechanism)
+        self.springs = Forces(mechanism)
+        self.scale = mechanism.velocity_scale
+        self.scaled = self.evaluation.jacobian[: self.evaluation.constraints.n_rows]
+        self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
+        self._transmitted = force_view(self.data)
+        self._passive_known: dict[bytes, int] = {}
+        self._svd: Decomposition | None = None
+
+    def update(
+        self, state: State, external: Mapping[str, pin.Force] | None = None,
+        laws: Mapping[str, Law] | None = None,
+    ) -> None:
+        """Evaluate rows and given forces at a State of this mechanism.
+
+        Args:
+            state: configuration and velocity.
+            external: wrenches at links, frames or joints, world axes [N, N·m].
+            laws: of springs, see `Forces`.
+        """
+        self.state = state
+        self._svd = None
+        evaluation = self.evaluation
+        evaluation.turns[:] = state.angles
+        evaluation.update(state.q)
+        springs = Forces(self.mechanism, laws) if laws else self.springs
+        self.wrenches = external_wrenches(self.mechanism, evaluation, external)
+        self.turning = self.given = springs.turning(state.q, state.v)
+        if springs.lines:
+            self.wrenches += springs.wrenches(evaluation, state.v)
+        if self.wrenches:
+            self.given = self.turning + generalised(evaluation, self.wrenches)
+
+    # ------------------------------------------------------------ closure rows
+
+    @property
+    def spaces(self) -> Decomposition:
+        """Decomposition of `scaled`: freedoms, self-stresses and what is between."""
+        if self._svd is None:
+            self._svd = full_decomposition(self.scaled)
+        return self._svd
+
+    @property
+    def row_wrenches(self) -> Array:
+        """(n_rows, 6) wrench of each closure row at the world origin."""
+        return self.evaluation.row_wrenches()
+
+    def check_rank(self, rank: int) -> None:
+        """Refuse configurations in which the loops have lost rank.
+
+        Raises:
+            SingularError: they have; the motion is not determined by the forces.
+        """
+        m = self.mechanism
+        if rank == len(self.scaled):
+            return
+        if m not in _RANKS:
+            _RANKS[m] = generic_rank(Evaluation(constraints_of(m)), self.state.q)
+        if rank < _RANKS[m]:
+            raise SingularError(
+                f"mechanism {m.name!r}: singular configuration, {self.state}: the loops lose "
+                f"{_RANKS[m] - rank} independent equation(s) there; the motion is not "
+                "determined by the forces", state=self.state,
+            )
+
+    def multipliers(self, closures: Array) -> Array:
+        """Return the shortest multipliers (n_rows,) whose generalised force is `closures`."""
+        return self.spaces.minimum_norm_transposed(self.scale * closures)
+
+    def passive_among(self, columns: NDArray[np.intp], freedoms: Array) -> int:
+        """Return how many of the freedoms (k, nv) that leave `columns` at rest are passive."""
+        key = columns.tobytes() + bytes(len(freedoms))
+        if key not in self._passive_known:
+            self._passive_known[key] = len(self._passive(freedoms))
+        return self._passive_known[key]
+
+    def active_among(self, freedoms: Array) -> Array:
+        """Return the freedoms (k, nv) that are left when passive ones are taken away."""
+        return decompose(self._passive(freedoms) @ freedoms.T).null_space @ freedoms
+
+    def _passive(self, freedoms: Array) -> Array:
+        found = passive_freedoms(self.evaluation, freedoms * self.scale)
+        return np.vstack([np.zeros((0, len(self.scale))),
+                          *(motion / self.scale for _, motion in found)])
+
+    # ------------------------------------------------------------ forces
+
+    def mass(self) -> Array:
+        """Return the mass matrix (nv, nv)."""
+        return pin.crba(self.model, self.data, self.state.q)
+
+    def motion_forces(self, a: Array) -> Array:
+        """Return M a + b (nv,)."""
+        return pin.rnea(self.model, self.data, self.state.q, self.state.v, a)
+
+    def accelerations(self, force: Array) -> tuple[Array, Array]:
+        """Return joint accelerations (nv,) and what the closures add to the forces, (nv,).
+
+        Args:
+            force: (nv,) joint efforts, springs and external wrenches.
+
+        Raises:
+            SingularError: a freedom has no inertia, or the loops have lost rank.
+        """
+        rows = independent_rows(self.scaled)
+        self.check_rank(len(rows))
+        d, nv, r = self.scale, len(self.scale), len(rows)
+        state = self.state
+        gamma = self.evaluation.bias(state.q, state.v)
+        mass = d[:, None] * self.mass() * d
+        bias = pin.nonLinearEffects(self.model, self.data, state.q, state.v)
+        heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
+        a = self.scaled[rows]
+        k = np.zeros((nv + r, nv + r))
+        k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = mass / heaviest, a.T, a
+        rhs = np.concatenate([d * (force - bias) / heaviest, -gamma[rows]])
+        lu, _, x, info = lapack.dgesv(k, rhs)
+        sizes = np.abs(lu.diagonal())
+        if info or sizes.min(initial=1.0) < SINGULAR * sizes.max(initial=1.0):
+            x = self._without_inertia(k, rhs)
+        closures = -heaviest * (a.T @ x[nv:]) / d
+        return d * x[:nv], closures
+
+    def _without_inertia(self, k: Array, rhs: Array) -> Array:
+        """Solve where a freedom has no inertia: it stays as it is, if no force works on it."""
+        svd = decompose(k, SINGULAR)
+        x = svd.minimum_norm(rhs)
+        if np.abs(k @ x - rhs).max() > 1e-9 * max(1.0, float(np.abs(rhs).max())):
+            raise self.no_inertia(svd.null_space[:, : len(self.scale)])
+        return x
+
+    def no_inertia(self, motions: Array) -> SingularError:
+        """Return the error for motions (k, nv) that forces work on but that have no inertia."""
+        return SingularError(
+            f"mechanism {self.mechanism.name!r}: a motion of {', '.join(self.moving(motions))} has "
+            "no inertia but a force works on it: give its links a mass or a moment of inertia",
+            state=self.state,
+        )
+
+    def moving(self, motions: Array) -> list[str]:
+        """Return the names of the coordinates that move in the motions (k, nv)."""
+        sizes = np.abs(motions).max(axis=0, initial=0.0)
+        return [c for c, s in zip(self.mechanism.coordinates, sizes, strict=True) if s > 1e-6]
+
+    # ------------------------------------------------------------ reactions
+
+    def poses(self) -> Poses:
+        """Return views on where the bodies are, overwritten by the next `update`."""
+        return Poses(self.evaluation.placements, self._columns, self.row_wrenches)
+
+    def transmitted(self, a: Array) -> Array:
+        """Return (njoints, 6) what joints hand on to move as a (nv,) says, joint axes; a view."""
+        self.motion_forces(a)
+        return self._transmitted
+
+    def reactions(
+        self, a: Array, multipliers: Array, effort: Array
+    ) -> tuple[dict[str, Array], Array]:
+        """Return the reactions (6,) by pair and the wrench (6,) on the fixed link."""
+        return self.pairs.reactions(self.poses(), self.transmitted(a), multipliers,
+                                    self.pairs.summed(self.wrenches), effort + self.turning)
+
+    def determined(self) -> dict[str, bool]:
+        """Return for every pair whether its reaction is unique."""
+        return self.pairs.determined(self.row_wrenches, self.spaces.left_null_space)
+
+
+_IDLE: WeakKeyDictionary[Mechanism, list[Equations]] = WeakKeyDictionary()
+
+
+@contextmanager
+def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
+    """Lend the equations of a mechanism, made once for each thread that asks at the same time."""
+    idle = _IDLE.setdefault(mechanism, [])
+    try:
+        equations = idle.pop()
+    except IndexError:
+        equations = Equations(mechanism)
+    try:
+        yield equations
+    finally:
+        idle.append(equations)

@@ -1,0 +1,219 @@
+"""Forces that are given: springs and dampers, efforts at joints, wrenches from outside.
+
+A spring between two frames acts along the line between their origins with the wrench of a distance
+row, one about a joint on its coordinate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import finite_number
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.views import joint_jacobian
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism, Spring
+
+Law = Callable[[float, float], float]
+
+
+class Line(NamedTuple):
+    """A spring between points of two bodies, in the frames of their joints."""
+
+    name: str
+    bodies: tuple[int, int]
+    points: tuple[Array, Array]
+    sign: Array
+    law: Law
+    energy: Callable[[float], float] | None
+    storing: Callable[[float], float] | None
+
+
+class Turn(NamedTuple):
+    """A spring about, or along, a joint coordinate."""
+
+    name: str
+    q: int
+    v: int
+    law: Law
+    energy: Callable[[float], float] | None
+    storing: Callable[[float], float] | None
+
+
+class SpringState(NamedTuple):
+    """A spring at one moment.
+
+    Attributes:
+        length: distance of its frames [m], or its joint's coordinate [rad, m].
+        rate: derivative of that.
+        force: pulling the frames together [N], or turning the joint back [N·m, N].
+    """
+
+    length: float
+    rate: float
+    force: float
+
+
+class Forces:
+    """The springs of a mechanism, ready to be evaluated.
+
+    Args:
+        mechanism: the mechanism.
+        laws: by spring name, force as a function of (length, rate) [m, m/s] or (coordinate, rate),
+            positive pulling together (or back), instead of stiffness and damping.
+    """
+
+    def __init__(self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None) -> None:
+        laws = dict(laws or {})
+        names = [spring.name for spring in mechanism.springs]
+        for name in laws:
+            if name not in names:
+                raise UnknownNameError("spring", name, names, f"mechanism {mechanism.name!r}: ")
+        self.mechanism = mechanism
+        self.lines: list[Line] = []
+        self.turns: list[Turn] = []
+        for spring in mechanism.springs:
+            self._add(spring, laws.get(spring.name))
+
+    def _add(self, spring: Spring, law: Law | None) -> None:
+        m = self.mechanism
+        free = spring.free_angle if spring.joint else spring.free_length
+        k, c = spring.stiffness, spring.damping
+        energy = None if law else lambda x: 0.5 * k * (x - free) ** 2
+        storing = None if law else lambda x: k * (x - free)
+        law = law or (lambda x, rate: k * (x - free) + c * rate)
+        if spring.joint:
+            coordinate = m.driven_coordinate(spring.joint)
+            self.turns.append(Turn(spring.name, coordinate.q, coordinate.v, law, energy, storing))
+            return
+        (i1, m1), (i2, m2) = (m.frame_on_joint(f) for f in spring.frames)
+        support = constraints_of(m).support
+        sign = support(i2) - support(i1)
+        points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
+        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy, storing))  # type: ignore[arg-type]
+
+    @property
+    def exist(self) -> bool:
+        """Whether there is any spring."""
+        return bool(self.lines or self.turns)
+
+    def generalised(self, evaluation: Evaluation, q: Array, v: Array) -> Array:
+        """Return the generalised forces (nv,) of all springs, after `evaluation.update(q)`."""
+        total = self.turning(q, v)
+        for line in self.lines:
+            row, length, _ = self.row(evaluation, line)
+            total -= line.law(length, float(row @ v)) * row
+        return total
+
+    def turning(self, q: Array, v: Array) -> Array:
+        """Return the generalised forces (nv,) of the springs about joints."""
+        total = np.zeros(len(v))
+        for turn in self.turns:
+            total[turn.v] -= turn.law(float(q[turn.q]), float(v[turn.v]))
+        return total
+
+    def states(self, evaluation: Evaluation, q: Array, v: Array) -> dict[str, SpringState]:
+        """Return every spring at (q, v), after `evaluation.update(q)`."""
+        found = {}
+        for line in self.lines:
+            row, length, _ = self.row(evaluation, line)
+            rate = float(row @ v)
+            found[line.name] = SpringState(length, rate, line.law(length, rate))
+        for turn in self.turns:
+            x, rate = float(q[turn.q]), float(v[turn.v])
+            found[turn.name] = SpringState(x, rate, turn.law(x, rate))
+        return found
+
+    def wrenches(self, evaluation: Evaluation, v: Array) -> list[tuple[int, Array]]:
+        """Return (joint, wrench (6,) on its body about the world origin) of line springs."""
+        found = []
+        for line in self.lines:
+            row, length, wrench = self.row(evaluation, line)
+            force = line.law(length, float(row @ v))
+            found += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
+        return found
+
+    def storing(self, evaluation: Evaluation, q: Array, v: Array) -> float:
+        """Return how fast springs store energy [W]; those with a law of their own store none."""
+        total = 0.0
+        for line in self.lines:
+            if line.storing:
+                row, length, _ = self.row(evaluation, line)
+                total += line.storing(length) * float(row @ v)
+        for turn in self.turns:
+            if turn.storing:
+                total += turn.storing(float(q[turn.q])) * float(v[turn.v])
+        return total
+
+    def energy(self, evaluation: Evaluation, q: Array) -> float:
+        """Return the energy stored in springs [J]; those with a law of their own store none."""
+        total = 0.0
+        for line in self.lines:
+            if line.energy:
+                total += line.energy(self.row(evaluation, line)[1])
+        for turn in self.turns:
+            if turn.energy:
+                total += turn.energy(float(q[turn.q]))
+        return total
+
+    def row(self, evaluation: Evaluation, line: Line) -> tuple[Array, float, Array]:
+        """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
+        g = evaluation.placements
+        first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
+        d = second - first
+        length = float(np.sqrt(d @ d))
+        n = d / length if length > 0.0 else d
+        wrench = np.concatenate([n, np.cross(second, n)])
+        jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
+        return (wrench @ jacobian) * line.sign, length, wrench
+
+
+def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:
+    """Return efforts by driver, joint or coordinate as generalised forces (nv,) [N·m, N].
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite.
+    """
+    total = np.zeros(mechanism.model.nv)
+    for name, value in (efforts or {}).items():
+        total[mechanism.driven_coordinate(name).v] += finite_number(value, f"effort at {name!r}")
+    return total
+
+
+def external_wrenches(
+    mechanism: Mechanism, evaluation: Evaluation, external: Mapping[str, pin.Force] | None
+) -> list[tuple[int, Array]]:
+    """Return (joint, wrench (6,) about the world origin) of forces given at frames, world axes.
+
+    Raises:
+        UnknownNameError: there is no such frame.
+        SpatialPinError: it is no `pin.Force`.
+        ValueError: it is not finite.
+    """
+    found = []
+    for name, force in (external or {}).items():
+        joint, placement = mechanism.frame_on_joint(name)
+        if not isinstance(force, pin.Force):
+            raise SpatialPinError(f"external force at {name!r} is no pin.Force but "
+                                  f"{type(force).__name__}")
+        if not np.all(np.isfinite(force.vector)):
+            raise ValueError(f"external force at {name!r} is NaN or infinite")
+        point = np.append(placement.translation, 1.0) @ evaluation.placements[joint]
+        moment = force.angular + np.cross(point, force.linear)
+        found.append((joint, np.concatenate([force.linear, moment])))
+    return found
+
+
+def generalised(evaluation: Evaluation, wrenches: list[tuple[int, Array]]) -> Array:
+    """Return the generalised forces (nv,) of wrenches on bodies, after `evaluation.update`."""
+    total = np.zeros(evaluation.model.nv)
+    jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
+    for joint, wrench in wrenches:
+        total += (wrench @ jacobian) * evaluation.constraints.support(joint)
+    return total

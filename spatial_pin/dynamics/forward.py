@@ -1,0 +1,139 @@
+"""Forward dynamics: accelerations and reactions under given forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from typing import NamedTuple
+
+import pinocchio as pin
+
+from spatial_pin.dynamics.equations import Equations, equations_of
+from spatial_pin.dynamics.forces import Law, joint_efforts
+from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+
+class Load(NamedTuple):
+    """Forces besides gravity, efforts and closures: on frames, and laws of springs."""
+
+    external: Mapping[str, pin.Force] | None = None
+    laws: Mapping[str, Law] | None = None
+
+
+class Dynamics:
+    """Accelerations and reactions of a mechanism under given forces.
+
+    Reactions are worked out when they are asked for.
+
+    Attributes:
+        state: the State with these accelerations.
+        a: (nv,) joint accelerations.
+    """
+
+    def __init__(
+        self, state: State, load: Load, a: Array, closures: Array, effort: Array
+    ) -> None:
+        self.state = State(state.mechanism, state.q, state.v, a, closure_error=state.closure_error,
+                           angles=state.angles, rate_error=state.rate_error)
+        self.a = self.state.a
+        self._load, self._closures, self._effort = load, closures, effort
+
+    @contextmanager
+    def _equations(self) -> Iterator[Equations]:
+        with equations_of(self.state.mechanism) as equations:
+            equations.update(self.state, *self._load)
+            yield equations
+
+    @cached_property
+    def multipliers(self) -> Array:
+        """(n_rows,) of the closure rows, so that M a + b = f + J^T multipliers.
+
+        J is `closure_jacobian`; the shortest ones where rows depend on each other.
+        """
+        with self._equations() as equations:
+            return equations.multipliers(self._closures)
+
+    @cached_property
+    def _borne(self) -> tuple[dict[str, pin.Force], pin.Force]:
+        with self._equations() as equations:
+            multipliers = equations.multipliers(self._closures)
+            found, ground = equations.reactions(self.a, multipliers, self._effort)
+        return {name: pin.Force(wrench) for name, wrench in found.items()}, pin.Force(ground)
+
+    @property
+    def reactions(self) -> dict[str, pin.Force]:
+        """What every pair exerts, world axes [N, N·m].
+
+        A joint of the tree: on its child link, at the joint's origin. A closure: on the link of its
+        second frame, at that frame's origin. What drivers and springs do about or along the pair's
+        own axis is not part of it.
+        """
+        return self._borne[0]
+
+    @property
+    def on_ground(self) -> pin.Force:
+        """What the mechanism exerts on the fixed link, at the world's origin: shaking wrench.
+
+        Joints, closures, drivers and springs together [N, N·m].
+        """
+        return self._borne[1]
+
+    @cached_property
+    def determined(self) -> dict[str, bool]:
+        """Whether each pair's reaction is unique.
+
+        It is not where an overconstrained loop can be under stress by itself.
+        """
+        with self._equations() as equations:
+            return equations.determined()
+
+    def __str__(self) -> str:
+        lines = [f"{name}: force {_words(r.linear)} N, moment {_words(r.angular)} N·m"
+                 + ("" if self.determined[name] else " (one of many)")
+                 for name, r in self.reactions.items()]
+        return "\n".join(lines)
+
+
+def _words(x: Array) -> str:
+    return "(" + ", ".join(f"{c:.6g}" for c in x) + ")"
+
+
+def forward_dynamics(
+    mechanism: Mechanism,
+    state: State,
+    efforts: Mapping[str, float] | None = None,
+    *,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+) -> Dynamics:
+    """Solve accelerations, multipliers and reactions of a closed mechanism under forces.
+
+    Gravity and the file's springs act always. Drivers are free unless an effort is given.
+    Loops are hard: accelerations are exact whether they are overconstrained or not.
+
+    Args:
+        mechanism: the mechanism.
+        state: configuration and velocity.
+        efforts: by driver, joint or coordinate [N·m about it, N along it].
+        external: by link, frame or joint, the force on it at its origin, world axes.
+        laws: by spring, force as a function of (length, rate) instead of stiffness and damping,
+            positive pulling together; about a joint torque of (angle, rate), positive turning back.
+
+    Returns:
+        The Dynamics.
+
+    Raises:
+        SingularError: the loops lose rank there, or a freedom that forces act on has no inertia.
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite.
+    """
+    state = of_mechanism(mechanism, state)
+    effort = joint_efforts(mechanism, efforts)
+    load = Load(external, laws)
+    with equations_of(mechanism) as equations:
+        equations.update(state, *load)
+        a, closures = equations.accelerations(effort + equations.given)
+    return Dynamics(state, load, a, closures, effort)

@@ -1,0 +1,169 @@
+"""Inverse dynamics: the efforts that a given motion needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import finite_number
+from spatial_pin.dynamics.equations import Equations, equations_of
+from spatial_pin.dynamics.forces import Law
+from spatial_pin.dynamics.forward import Dynamics, Load
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.linalg import Array, decompose
+from spatial_pin.mechanism.mechanism import Mechanism
+
+
+class Actuation:
+    """The coordinates that have efforts.
+
+    Attributes:
+        names: as they were given.
+        columns: (k,) their places in the velocity vector.
+        root: (k,) one over the square root of each weight.
+
+    Args:
+        mechanism: the mechanism.
+        actuated: as for `inverse_dynamics`.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, actuated: Iterable[str] | Mapping[str, float] | None = None
+    ) -> None:
+        if actuated is None:
+            self.names = list(mechanism.drivers)
+        else:
+            self.names = [actuated] if isinstance(actuated, str) else list(actuated)
+        given = actuated if isinstance(actuated, Mapping) else {}
+        weights = np.array([finite_number(given.get(n, 1.0), f"weight of {n!r}")
+                            for n in self.names])
+        if np.any(weights <= 0.0):
+            raise ValueError("weights of efforts must be positive")
+        self.columns = np.array([mechanism.driven_coordinate(n).v for n in self.names], dtype=int)
+        self.root = 1.0 / np.sqrt(weights)
+
+    def generalised(self, efforts: Array, nv: int) -> Array:
+        """Return efforts (k,) as joint forces (nv,)."""
+        total = np.zeros(nv)
+        np.add.at(total, self.columns, efforts)
+        return total
+
+
+class Efforts(Dynamics):
+    """The efforts of a given motion, with its reactions.
+
+    Attributes:
+        efforts: by driver or actuated coordinate [N·m about it, N along it].
+        power: of each of them [W].
+    """
+
+    def __init__(
+        self, state: State, load: Load, a: Array, closures: Array, actuation: Actuation,
+        efforts: Array,
+    ) -> None:
+        super().__init__(state, load, a, closures, actuation.generalised(efforts, len(a)))
+        names = actuation.names
+        self.efforts: dict[str, float] = dict(zip(names, efforts.tolist(), strict=True))
+        power = efforts * state.v[actuation.columns]
+        self.power: dict[str, float] = dict(zip(names, power.tolist(), strict=True))
+
+    def __str__(self) -> str:
+        lines = [f"{name}: {value:.9g} (power {self.power[name]:.6g} W)"
+                 for name, value in self.efforts.items()]
+        return "\n".join([*lines, super().__str__()])
+
+
+def inverse_dynamics(
+    mechanism: Mechanism,
+    state: State,
+    actuated: Iterable[str] | Mapping[str, float] | None = None,
+    *,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+) -> Efforts:
+    """Solve the efforts that move a mechanism as `state` says, and the reactions.
+
+    With more actuators than freedoms the efforts of least (weighted) squares are taken. Passive
+    freedoms are driven by nobody: their accelerations are those that the forces give them,
+    whatever `state` says, and nothing else depends on them. At rest this is statics.
+
+    Args:
+        mechanism: the mechanism.
+        state: configuration, velocity and acceleration, from `solve_rates`.
+        actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
+            weights (a mapping), the sum of weight * effort² is least.
+        external, laws: as for `forward_dynamics`.
+
+    Returns:
+        The Efforts.
+
+    Raises:
+        SpatialPinError: a freedom is not actuated; says which coordinates it moves.
+        SingularError: the loops lose rank there.
+        UnknownNameError: a name does not exist.
+        ValueError: a weight is not positive.
+    """
+    state = of_mechanism(mechanism, state)
+    actuation = Actuation(mechanism, actuated)
+    load = Load(external, laws)
+    with equations_of(mechanism) as equations:
+        equations.update(state, *load)
+        efforts, a, closures = balance(equations, actuation)
+    return Efforts(state, load, a, closures, actuation, efforts)
+
+
+def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array]:
+    """Return efforts (k,), accelerations (nv,), and the joint forces (nv,) closures must bear.
+
+    Along every freedom N of the closed loops, N^T (M a + b - f - E x) = 0. The accelerations are
+    those of the equations' state but for passive freedoms.
+
+    Raises:
+        SpatialPinError: a freedom is not actuated.
+        SingularError: the loops have lost rank, or a passive freedom has no inertia.
+    """
+    equations.check_rank(equations.spaces.rank)
+    a = equations.state.a
+    spare = _unactuated(equations, actuation)
+    if len(spare):
+        a = _spun(equations, spare, a)
+    wanted = equations.motion_forces(a) - equations.given
+    work = equations.spaces.null_space * equations.scale
+    pull = decompose(work[:, actuation.columns] * actuation.root)
+    efforts = actuation.root * pull.minimum_norm(work @ wanted)
+    return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
+
+
+def _unactuated(equations: Equations, actuation: Actuation) -> Array:
+    """Return the freedoms (k, nv), scaled, that no actuator moves; all must be passive."""
+    freedoms = equations.spaces.null_space
+    pull = freedoms[:, actuation.columns]
+    size = np.abs(pull).max(axis=0, initial=0.0)
+    spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
+    missing = len(spare)
+    if missing:
+        missing -= equations.passive_among(actuation.columns, spare)
+    if missing:
+        names = equations.moving(equations.active_among(spare))
+        raise SpatialPinError(
+            f"mechanism {equations.mechanism.name!r}: {missing} freedom(s) have no actuator; "
+            f"actuate as many more of: {', '.join(names)}"
+        )
+    return spare
+
+
+def _spun(equations: Equations, passive: Array, a: Array) -> Array:
+    """Return the accelerations (nv,) with passive freedoms (k, nv) moving as forces say."""
+    work = passive * equations.scale
+    mass = equations.mass()
+    wanted = equations.motion_forces(a) - equations.given
+    heaviest = float(np.abs(equations.scale[:, None] * mass * equations.scale).max()) or 1.0
+    inertia, load = work @ mass @ work.T / heaviest, work @ wanted / heaviest
+    z = -decompose(inertia).minimum_norm(load)
+    size = np.abs(equations.scale * wanted).max() / heaviest
+    if np.abs(inertia @ z + load).max() > 1e-9 * size:
+        raise equations.no_inertia(passive)
+    return a + work.T @ z

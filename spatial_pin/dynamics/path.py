@@ -1,0 +1,100 @@
+"""A mechanism of one freedom, moved by one coordinate along its branch, change points included."""
+
+from __future__ import annotations
+
+from spatial_pin.dynamics.embedding import Lost
+from spatial_pin.kinematics import crossing
+from spatial_pin.kinematics.arc import Arrival
+from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.settings import Accuracy
+
+
+ROUND_OFF = 1e-15  # closure residual: places are few and all else is made of them
+
+
+class Path:
+    """The branch of a mechanism of one freedom, as a place on it.
+
+    Args:
+        state: a closed configuration.
+        coordinate: the independent coordinate.
+
+    Attributes:
+        unit: size of one unit of the coordinate, 1 rad or the characteristic length.
+        start: value of the coordinate at `state`.
+        crossings: values of the coordinate at which other branches were crossed.
+    """
+
+    def __init__(self, state: State, coordinate: Coordinate) -> None:
+        self.branch = Branch(state, [coordinate], Accuracy(tolerance=ROUND_OFF))
+        self.evaluation = self.branch.evaluation
+        self.unit = float(self.branch.scale[coordinate.v])
+        self.start = float(state.q[coordinate.q])
+        self.crossings: list[float] = []
+        self._strip: crossing.Strip | None = None
+        self._strips: list[crossing.Strip] = []
+
+    @property
+    def value(self) -> float:
+        """The coordinate's present value [rad or m]."""
+        return self.branch.s
+
+    def go_to(self, value: float) -> None:
+        """Move to a value of the coordinate [rad or m].
+
+        Raises:
+            Lost: a limit lies before it, or a crossing that no branch passes straight.
+        """
+        if value != self.branch.s:
+            self._go(value)
+
+    @property
+    def q(self) -> Array:
+        """(nq,) the present configuration."""
+        return self.branch.q
+
+    def is_on_strip(self, value: float) -> bool:
+        """Whether a value of the coordinate lies on the strip about a known crossing."""
+        return any(strip.holds(value) for strip in self._strips)
+
+    def _go(self, value: float) -> None:
+        branch = self.branch
+        inside = next((strip for strip in self._strips if strip.holds(value)), None)
+        if inside is not None:
+            inside.put(branch, value)
+            self._strip = inside
+            return
+        if self._strip is not None:
+            self._strip.leave(branch, value)
+            self._strip = None
+        for _ in range(4):  # crossings on the way
+            between = next((s for s in self._strips if s.is_between(branch.s, value)), None)
+            if between is not None:
+                between.leave(branch, value)
+            try:
+                branch.reach(value)
+                return
+            except Stopped as stopped:
+                arrival = stopped.arrival
+            if not self._open_strip(arrival, value):
+                return
+        raise Lost
+
+    def _open_strip(self, arrival: Arrival, value: float) -> bool:
+        """Take in a crossing ahead; return whether the value lies beyond its strip."""
+        found = None
+        if arrival.kind in ("branch point", "singular"):
+            found = crossing.strip(self.branch, arrival.value)
+        if found is None:
+            raise Lost
+        self.crossings.append(arrival.value)
+        self._strips = [*self._strips[-7:], found]
+        if not found.holds(value):
+            found.leave(self.branch, value)
+            return True
+        found.put(self.branch, value)
+        self._strip = found
+        return False

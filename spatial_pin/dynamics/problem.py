@@ -1,0 +1,98 @@
+"""What a simulation is asked: forces, laws of drivers, and one row of its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.kinematics.constraints import Evaluation
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.laws import DriverLaw
+from spatial_pin.mechanism.mechanism import Mechanism
+
+EffortLaw = Callable[[float, State], Mapping[str, float]]
+
+
+class Row(NamedTuple):
+    """One row of a simulation.
+
+    Attributes:
+        q, v, a: the motion.
+        error: closure error [-].
+        energy: kinetic, potential and stored in springs [J].
+        efforts: of prescribed drivers [N·m, N].
+        angles: relative angles of screw closures [rad].
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    error: float
+    energy: float
+    efforts: Array
+    angles: Array
+
+
+class Problem:
+    """A mechanism, what acts on it and what is prescribed.
+
+    Attributes:
+        forces: its springs.
+        law: efforts as a function of time and state, if they are one.
+        constant: (nv,) efforts otherwise.
+        drives: prescribed coordinates with their laws.
+        works: whether anything but gravity does work.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, efforts: Mapping[str, float] | EffortLaw | None,
+        drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
+    ) -> None:
+        self.mechanism, self.model = mechanism, mechanism.model
+        self.scale, self.tolerance = mechanism.velocity_scale, tolerance
+        self.data = self.model.createData()
+        self.forces = Forces(mechanism, laws)
+        self.law: EffortLaw | None = efforts if callable(efforts) else None
+        self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
+        self.drives = [(mechanism.driven_coordinate(n), law) for n, law in (drives or {}).items()]
+        self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
+
+    def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:
+        """Return a State at which `evaluation` stands."""
+        return State(self.mechanism, q, v, a, closure_error=evaluation.closure_error,
+                     angles=evaluation.angles)
+
+    def efforts(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
+        """Return the efforts (nv,) at joints [N·m, N]."""
+        if self.law is None:
+            return self.constant
+        return joint_efforts(self.mechanism, self.law(t, self.state(q, v, evaluation)))
+
+    def given(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
+        """Return the joint forces (nv,) of efforts and springs."""
+        total = self.efforts(t, q, v, evaluation)
+        if self.forces.exist:
+            total = total + self.forces.generalised(evaluation, q, v)
+        return total
+
+    def energy(self, q: Array, v: Array, evaluation: Evaluation) -> float:
+        """Return kinetic, potential and spring energy [J]."""
+        total = float(pin.computeKineticEnergy(self.model, self.data, q, v))
+        total += float(pin.computePotentialEnergy(self.model, self.data, q))
+        return total + self.forces.energy(evaluation, q)
+
+    def unknowns(self, u: Array, work: float) -> Array:
+        """Return the unknowns: chart coordinates 0, their rates u, and the work if any is done."""
+        return np.concatenate([np.zeros(len(u)), u, [work] * self.works])
+
+    def work(self, y: Array) -> float:
+        """Return the work done, of unknowns."""
+        return float(y[-1]) if self.works else 0.0
+
+
+System = Any  # `Freedoms` or `OneFreedom`

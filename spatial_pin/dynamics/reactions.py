@@ -1,0 +1,192 @@
+"""Reactions of the pairs, from the multipliers of the closure rows and the forces in the tree.
+
+The rows of a loop that is overconstrained bear on each other: their multipliers can be changed
+by any self-stress, a vector that the transposed Jacobian takes to zero, without moving anything.
+A pair's reaction is determined if no self-stress reaches it [Wojtyra2009].
+
+Everything here works on one configuration or on many: arrays may have leading dimensions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+
+UNMOVED = 1e-8  # reaction to a unit self-stress that is none
+
+
+class ClosedPair(NamedTuple):
+    """A closure between two bodies: its rows, and its second frame's origin on body 2."""
+
+    name: str
+    rows: slice
+    bodies: tuple[int, int]
+    point: Array
+
+
+class Poses(NamedTuple):
+    """What reactions are worked out from, at one or many configurations.
+
+    Attributes:
+        placements: (..., njoints, 4, 3) columns of the rotation, then the position, of each joint.
+        columns: (..., 6, nv) world joint Jacobian.
+        rows: (..., n_rows, 6) wrench of each closure row at the world origin.
+    """
+
+    placements: Array
+    columns: Array
+    rows: Array
+
+
+class Pairs:
+    """The pairs of a mechanism, tree joints and closures, as places where forces pass.
+
+    Attributes:
+        closed: the closures between bodies.
+        names: of all pairs, the tree's first.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.model = model = mechanism.model
+        self.length = mechanism.characteristic_length
+        self.closed = _closed_pairs(mechanism)
+        self.names = [*list(model.names)[1:], *(pair.name for pair in self.closed)]
+        self.carries = np.zeros((model.njoints, model.njoints))  # joint i carries body j
+        for i in range(model.njoints):
+            self.carries[i, list(model.subtrees[i])] = 1.0
+        self.grounded = [int(i) for i in model.children[0]]
+        coordinates = list(mechanism.coordinate_table.values())
+        self.turns = np.array([c.unit == "rad" for c in coordinates], dtype=bool)
+
+    def on_bodies(self, rows: Array, multipliers: Array) -> Array:
+        """Return the wrenches (..., njoints, 6) of the closures on all bodies, world origin."""
+        total = np.zeros((*multipliers.shape[:-1], self.model.njoints, 6))
+        for pair in self.closed:
+            wrench = _borne(rows, multipliers, pair.rows)
+            total[..., pair.bodies[0], :] -= wrench
+            total[..., pair.bodies[1], :] += wrench
+        return total
+
+    def summed(self, wrenches: Iterable[tuple[int, Array]]) -> Array:
+        """Return wrenches on bodies, about the world origin, summed by body (njoints, 6)."""
+        total = np.zeros((self.model.njoints, 6))
+        for joint, wrench in wrenches:
+            total[joint] += wrench
+        return total
+
+    def reactions(
+        self, poses: Poses, transmitted: Array, multipliers: Array, given: Array, effort: Array
+    ) -> tuple[dict[str, Array], Array]:
+        """Return the reactions (..., 6) by pair and the wrench on the fixed link, world axes.
+
+        Args:
+            poses: where the bodies are.
+            transmitted: (..., njoints, 6) what joints would hand on, local axes, were there
+                no forces but the joints' own.
+            multipliers: (..., n_rows) of the closure rows.
+            given: (..., njoints, 6) other wrenches on bodies: springs, forces from outside.
+            effort: (..., nv) efforts at joints.
+        """
+        on_bodies = given + self.on_bodies(poses.rows, multipliers)
+        forces = _in_world(poses.placements, transmitted) - self.carries @ on_bodies
+        at_joints = _moved(forces, poses.placements[..., 3, :])
+        found = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
+                                                           effort)
+                 for i in range(1, self.model.njoints)}
+        for pair in self.closed:
+            g = poses.placements[..., pair.bodies[1], :, :]
+            found[pair.name] = _moved(_borne(poses.rows, multipliers, pair.rows), pair.point @ g)
+        return found, on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
+
+    def _without_effort(self, joint: int, force: Array, columns: Array, effort: Array) -> Array:
+        """Return what the pair itself bears: `force` (..., 6) less what the joint's effort does.
+
+        The effort of a turning coordinate is a torque, of a slide a force, along its axis.
+        """
+        at = self.model.idx_vs[joint]
+        own = slice(at, at + self.model.nvs[joint])
+        turns, tau = self.turns[own], effort[..., own]
+        if not np.any(tau):
+            return force
+        axes = columns[..., own]
+        force = force.copy()
+        force[..., 3:] -= _along(axes[..., 3:, turns], tau[..., turns])
+        force[..., :3] -= _along(axes[..., :3, ~turns], tau[..., ~turns])
+        return force
+
+    def determined(self, rows: Array, self_stresses: Array) -> dict[str, bool]:
+        """Return for every pair whether its reaction is unique.
+
+        Args:
+            rows: (n_rows, 6) wrench of each closure row at the world origin.
+            self_stresses: (k, n_rows) orthonormal multipliers that balance among themselves.
+        """
+        if not len(self_stresses):
+            return dict.fromkeys(self.names, True)
+        unit = np.array([1.0] * 3 + [1.0 / self.length] * 3)
+        scale = max(float(np.abs(rows * unit).max(initial=0.0)), 1e-300)
+        on_bodies = self.on_bodies(rows, self_stresses)
+        joints = np.moveaxis(self.carries @ on_bodies, -2, 0)[1:]
+        closed = [_borne(rows, self_stresses, pair.rows) for pair in self.closed]
+        largest = [float(np.abs(w * unit).max(initial=0.0)) / scale for w in [*joints, *closed]]
+        return {name: size < UNMOVED for name, size in zip(self.names, largest, strict=True)}
+
+
+def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:
+    found, at = [], 0
+    for closure in mechanism.closures:
+        if closure.type == COUPLING:
+            continue
+        rows = slice(at, at + closure.n_rows)
+        at = rows.stop
+        found.append(_closed_pair(mechanism, closure, rows))
+    return found
+
+
+def _closed_pair(mechanism: Mechanism, closure: Closure, rows: slice) -> ClosedPair:
+    (first, _), (second, placement) = (mechanism.frame_on_joint(f) for f in closure.frames)
+    return ClosedPair(closure.name, rows, (first, second), np.append(placement.translation, 1.0))
+
+
+def _borne(rows: Array, multipliers: Array, part: slice) -> Array:
+    """Return the wrench (..., 6) on body 2 of the closure with these rows, at the world origin."""
+    return (multipliers[..., None, part] @ rows[..., part, :])[..., 0, :]
+
+
+def _in_world(placements: Array, forces: Array) -> Array:
+    """Return forces (..., 6) given in joint axes at joint origins in world axes at its origin."""
+    turned = forces.reshape(*forces.shape[:-1], 2, 3) @ placements[..., :3, :]
+    turned = turned.reshape(forces.shape)
+    turned[..., 3:] += _cross(placements[..., 3, :], turned[..., :3])
+    return turned
+
+
+def _moved(wrench: Array, point: Array) -> Array:
+    """Return wrenches (..., 6) at the world origin with their moment about `point` (..., 3)."""
+    moved = wrench.copy()
+    moved[..., 3:] -= _cross(point, wrench[..., :3])
+    return moved
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return (a[..., _YZX] * b[..., _ZXY]) - (a[..., _ZXY] * b[..., _YZX])
+
+
+_YZX: NDArray[np.intp] = np.array([1, 2, 0])
+_ZXY: NDArray[np.intp] = np.array([2, 0, 1])
+
+
+def _along(axes: Array, values: Array) -> Array:
+    """Return the shortest x (..., 3) with axes^T x = values; axes (..., 3, k)."""
+    if not values.shape[-1]:
+        return np.zeros(axes.shape[:-1])
+    gram = np.swapaxes(axes, -1, -2) @ axes
+    return (axes @ np.linalg.solve(gram, values[..., None]))[..., 0]
+

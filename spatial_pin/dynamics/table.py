@@ -1,0 +1,289 @@
+"""A mechanism of one freedom as functions of its coordinate s, exact to round-off.
+
+Along its branch everything is a smooth function of s. Pieces of Chebyshev polynomials through
+exactly closed configurations hold q, dq/ds, d²q/ds² and the reduced equation of motion
+
+    m(s) s'' + h(s) s'² + g(s) = forces,
+
+with m = t^T M t, h = t^T (M c + C(q, t)), g = t^T gravity, t = dq/ds, c = d²q/ds². A piece is
+halved until its last coefficients are round-off. After a whole turn that brings all bodies back,
+pieces are used again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.dynamics.embedding import Lost
+from spatial_pin.dynamics.forces import Forces
+from spatial_pin.dynamics.path import Path
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+
+NODES = 24  # of a piece
+PIECES = 6  # of a turn, before any is halved
+HALVINGS = 7
+TAIL = 3  # last coefficients that tell the error
+USELESS = 0.3  # of the error that a halved piece may keep, else it is noise that halving keeps
+NOISE = 1e-7  # error of a piece that is not taken any more
+ROUND_OFF = 2e-12  # of a coefficient, by the largest
+SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are judged by it
+WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
+SAME = 1e-9  # difference of placements that are the same again
+TURN = 2.0 * math.pi
+
+_K = np.arange(NODES)
+_ANGLES = np.pi * (_K + 0.5) / NODES
+POINTS = np.cos(_ANGLES)  # Chebyshev points in (-1, 1), descending
+_TO_COEFFICIENTS = 2.0 / NODES * np.cos(np.outer(_K, _ANGLES))
+_TO_COEFFICIENTS[0] *= 0.5
+
+
+class Columns(NamedTuple):
+    """Where a table's functions stand among its columns."""
+
+    q: slice
+    t: slice
+    c: slice
+    springs: slice
+    angles: slice
+    reduced: slice
+    width: int
+
+
+class Piece(NamedTuple):
+    """Functions on one stretch of the coordinate.
+
+    Attributes:
+        first, last: ends of the stretch.
+        coefficients: (NODES, width) of Chebyshev polynomials.
+        reduced: (NODES, 4) those of m, h, g and the potential energy, contiguous.
+        shift: (nq,) what is to be added to q: whole turns.
+        tail: last coefficients, by the largest: the error.
+    """
+
+    first: float
+    last: float
+    coefficients: Array
+    reduced: Array
+    shift: Array
+    tail: float
+
+
+class Table:
+    """Everything about a one-freedom mechanism as functions of its coordinate.
+
+    Args:
+        path: the branch, at the start of the coordinate.
+        coordinate: the coordinate.
+        forces: the springs, whose lengths are tabulated too.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces
+    ) -> None:
+        self.mechanism, self.path, self.coordinate, self.forces = (
+            mechanism, path, coordinate, forces)
+        self.model = mechanism.model
+        self.data = self.model.createData()
+        nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
+        angles = len(path.branch.angles)
+        ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
+        self.columns = Columns(*(slice(a, b) for a, b in zip(ends, ends[1:], strict=False)),
+                               ends[-1])
+        self.turning = coordinate.unit == "rad"
+        size = mechanism.velocity_scale[coordinate.v]
+        self.span = TURN / PIECES if self.turning else size / PIECES
+        self.pieces: dict[tuple[int, int], Piece] = {}
+        self.first_made: dict[tuple[int, int], int] = {}
+        self.period: Array | None = np.empty(0)  # empty while not known, None if there is none
+        self.piece: Piece | None = None
+        self.turns = np.array([c.q for c in mechanism.coordinate_table.values()
+                                if c.q >= 0 and c.unit == "rad"], dtype=int)
+
+    def basis(self, s: float) -> tuple[Piece, Array]:
+        """Return the piece that holds s, and the Chebyshev polynomials (NODES,) there.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        piece = self.piece
+        if piece is None or not piece.first <= s <= piece.last:
+            self.piece = piece = self._find(s)
+        x = (2.0 * s - piece.first - piece.last) / (piece.last - piece.first)
+        return piece, self._basis_at(x)
+
+    @staticmethod
+    def _basis_at(x: float) -> Array:
+        basis: Array = np.cos(_K * math.acos(min(1.0, max(-1.0, x))))
+        return basis
+
+    def reduced(self, s: float) -> list[float]:
+        """Return m, h, g and the potential energy at s."""
+        piece, basis = self.basis(s)
+        found: list[float] = basis.dot(piece.reduced).tolist()
+        return found
+
+    def columns_at(self, s: float) -> Array:
+        """Return all columns (width,) at s, q with its whole turns."""
+        piece, basis = self.basis(s)
+        values = basis @ piece.coefficients
+        values[self.columns.q] += piece.shift
+        return values
+
+    def springs(self, values: Array, rate: float) -> tuple[float, float]:
+        """Return the springs' force on the coordinate, and the slope of the energy they store.
+
+        Args:
+            values: columns at the place, from `columns_at`.
+            rate: ds/dt.
+        """
+        force = stored = 0.0
+        t, lengths = values[self.columns.t], values[self.columns.springs]
+        for line, (length, slope) in zip(self.forces.lines, lengths.reshape(-1, 2).tolist(),
+                                         strict=True):
+            force -= line.law(length, slope * rate) * slope
+            if line.storing:
+                stored += line.storing(length) * slope
+        for turn in self.forces.turns:
+            x, slope = float(values[turn.q]), float(t[turn.v])
+            force -= turn.law(x, slope * rate) * slope
+            if turn.storing:
+                stored += turn.storing(x) * slope
+        return force, stored
+
+    def place(self, s: float) -> tuple[Array, Array, Array, Array]:
+        """Return q (nq,), dq/ds and d²q/ds² (nv,), and the angles of screw closures at s."""
+        values, columns = self.columns_at(s), self.columns
+        q = pin.normalize(self.model, values[columns.q])
+        q[self.coordinate.q] = s
+        return q, values[columns.t], values[columns.c], values[columns.angles]
+
+    def _find(self, s: float) -> Piece:
+        """Return the piece that holds s, made if need be; halved as long as that makes it exacter.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        if not math.isfinite(s):
+            raise Lost
+        best: tuple[int, int, Piece] | None = None
+        for level in range(HALVINGS):
+            k = math.floor((s - self.path.start) / self.span * 2**level)
+            piece = self.pieces.get((level, k)) or self._again(level, k) or self._make(level, k)
+            if piece is None:
+                continue
+            if best is not None and piece.tail > USELESS * best[2].tail:
+                break
+            best = level, k, piece
+            if piece.tail <= ROUND_OFF:
+                break
+        if best is None or best[2].tail > NOISE:
+            raise Lost
+        return self._keep(*best)
+
+    def _keep(self, level: int, k: int, piece: Piece) -> Piece:
+        self.pieces[level, k] = piece
+        self.first_made.setdefault((level, k % (PIECES * 2**level)), k)
+        return piece
+
+    def _make(self, level: int, k: int) -> Piece | None:
+        """Return a new piece; None where the branch does not go."""
+        width = self.span / 2**level
+        first = self.path.start + k * width
+        nodes = first + 0.5 * width * (1.0 + POINTS)
+        try:
+            rows = self._rows(nodes, width)
+        except Lost:
+            return None
+        coefficients = _TO_COEFFICIENTS @ rows
+        return Piece(first, first + width, coefficients,
+                     coefficients[:, self.columns.reduced].copy(), np.zeros(self.model.nq),
+                     self._tail(coefficients))
+
+    def _rows(self, nodes: Array, width: float) -> Array:
+        """Return all columns (NODES, width) at nodes, those near a crossing from its strip.
+
+        Raises:
+            Lost: the branch does not go to one of them.
+        """
+        path = self.path
+        order = np.argsort(np.abs(nodes - path.value))
+        rows, pivots = np.empty((NODES, self.columns.width)), np.ones(NODES)
+        plain = []
+        for i in order.tolist():
+            rows[i] = self._row(float(nodes[i]))
+            if not path.is_on_strip(float(nodes[i])):
+                plain.append(i)
+                pivots[i] = path.branch.system.pivots()[1]
+        for end, beyond in ((0, 0.25 * width), (-1, -0.25 * width)):  # nodes descend
+            if pivots[end] < WEAK * pivots.max():
+                with contextlib.suppress(Lost):
+                    path.go_to(float(nodes[end]) + beyond)
+        for i in plain:
+            if path.is_on_strip(float(nodes[i])):
+                rows[i] = self._row(float(nodes[i]))
+        return rows
+
+    def _again(self, level: int, k: int) -> Piece | None:
+        """Return a piece of a turn before or after, if all bodies stand as they did then.
+
+        Found to be so at one place, it is so at all others: the branch is one closed curve.
+        """
+        turn = PIECES * 2**level
+        made = self.first_made.get((level, k % turn))
+        if not self.turning or made is None or self.period is None:
+            return None
+        old, turns = self.pieces[level, made], (k - made) // turn
+        if self.period.size == 0:
+            self.period = self._compare(old, turns)
+            if self.period is None:
+                return None
+        return old._replace(first=old.first + turns * TURN, last=old.last + turns * TURN,
+                            shift=old.shift + turns * self.period)
+
+    def _compare(self, old: Piece, turns: int) -> Array | None:
+        """Return what a turn of the coordinate adds to q (nq,); None if bodies do not come back."""
+        middle = 0.5 * (old.first + old.last)
+        there = self._basis_at(0.0) @ old.coefficients
+        here = self._row(middle + turns * TURN)
+        q, t = self.columns.q, self.columns.t
+        shift = here[q] - there[q] - old.shift
+        whole = np.zeros(len(shift))
+        whole[self.turns] = TURN * np.round(shift[self.turns] / TURN)
+        same = np.abs(shift - whole).max() < SAME and np.abs(here[t] - there[t]).max() < SAME
+        return whole / turns if same else None
+
+    def _tail(self, coefficients: Array) -> float:
+        """Return the last coefficients of q, t, spring lengths, m, h and g, by the largest."""
+        tail = 0.0
+        for columns in (self.columns.q, self.columns.t, self.columns.springs, self.columns.reduced):
+            sizes = np.abs(coefficients[:, columns])
+            largest = sizes.max(axis=0, initial=0.0)
+            if columns == self.columns.reduced:
+                largest = sizes[:, [0, 0, 3, 3]].max(axis=0)  # h is measured by m, g by the energy
+            largest = np.maximum(largest, SMALL * largest.max(initial=0.0))
+            largest[largest == 0.0] = 1.0
+            tail = max(tail, float((sizes[-TAIL:] / largest).max(initial=0.0)))
+        return tail
+
+    def _row(self, s: float) -> Array:
+        """Return all columns (width,) at a node, loops closed."""
+        path, model, data = self.path, self.model, self.data
+        path.go_to(s)
+        q, t, c = path.q, path.branch.t, path.branch.c
+        gravity = pin.computeGeneralizedGravity(model, data, q).copy()
+        motion = pin.rnea(model, data, q, t, c) - gravity
+        mass = pin.crba(model, data, q)
+        springs: list[float] = []
+        for line in self.forces.lines:
+            row, length, _ = self.forces.row(path.evaluation, line)
+            springs += [length, float(row @ t)]
+        potential = float(pin.computePotentialEnergy(model, data, q))
+        reduced = [t @ mass @ t, t @ motion, t @ gravity, potential]
+        return np.concatenate([q, t, c, springs, path.branch.angles, reduced])

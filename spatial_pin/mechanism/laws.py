@@ -1,0 +1,93 @@
+"""Laws of drivers: the value, rate and acceleration of a prescribed coordinate over time.
+
+A law is a function of the time t [s] that returns (value, rate, acceleration) of the coordinate
+[rad or m, per s, per s²]; LAWS has the usual ones by name, and any function will do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from spatial_pin.checks import finite_array
+
+DriverLaw = Callable[[float], tuple[float, float, float]]
+
+
+def constant_speed(start: float, speed: float) -> DriverLaw:
+    """Return a law that moves on at constant speed."""
+    return lambda t: (start + speed * t, speed, 0.0)
+
+
+def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
+    """Return a law that speeds up from rest to `speed` at constant acceleration, then keeps it."""
+    rate = speed / rise_time
+
+    def law(t: float) -> tuple[float, float, float]:
+        if t < rise_time:
+            return start + 0.5 * rate * t * t, rate * t, rate
+        return start + speed * (t - 0.5 * rise_time), speed, 0.0
+
+    return law
+
+
+def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> DriverLaw:
+    """Return a law mean + amplitude sin(2 pi frequency t + phase); frequency in Hz."""
+    w = 2.0 * math.pi * frequency
+
+    def law(t: float) -> tuple[float, float, float]:
+        s, c = math.sin(w * t + phase), math.cos(w * t + phase)
+        return mean + amplitude * s, amplitude * w * c, -amplitude * w * w * s
+
+    return law
+
+
+def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
+    """Return a law from rest to rest with a full sine of acceleration [Norton2009, 2.4]."""
+    stroke, w = end - start, 2.0 * math.pi / rise_time
+
+    def law(t: float) -> tuple[float, float, float]:
+        if not 0.0 <= t <= rise_time:
+            return (start if t < 0.0 else end), 0.0, 0.0
+        value = start + stroke * (t / rise_time - math.sin(w * t) / (2.0 * math.pi))
+        return value, stroke / rise_time * (1.0 - math.cos(w * t)), (
+            stroke / rise_time * w * math.sin(w * t))
+
+    return law
+
+
+def polynomial(coefficients: Sequence[float]) -> DriverLaw:
+    """Return the law c0 + c1 t + c2 t² + ..."""
+    c = np.polynomial.Polynomial(finite_array(coefficients, (len(coefficients),), "coefficients"))
+    first, second = c.deriv(), c.deriv(2)
+    return lambda t: (float(c(t)), float(first(t)), float(second(t)))
+
+
+def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
+    """Return the quintic spline through (times, values), at rest and unaccelerated at its ends."""
+    from scipy.interpolate import make_interp_spline  # imported on use: it takes half a second
+
+    x = finite_array(times, (len(times),), "times")
+    y = finite_array(values, (len(times),), "values")
+    at_rest = [(1, 0.0), (2, 0.0)]
+    value = make_interp_spline(x, y, k=5, bc_type=(at_rest, at_rest))
+    first, second = value.derivative(1), value.derivative(2)
+
+    def law(t: float) -> tuple[float, float, float]:
+        if not x[0] <= t <= x[-1]:
+            return float(y[0] if t < x[0] else y[-1]), 0.0, 0.0
+        return float(value(t)), float(first(t)), float(second(t))
+
+    return law
+
+
+LAWS: dict[str, Callable[..., DriverLaw]] = {
+    "constant_speed": constant_speed,
+    "ramp": ramp,
+    "sine": sine,
+    "cycloid": cycloid,
+    "polynomial": polynomial,
+    "spline": spline,
+}
