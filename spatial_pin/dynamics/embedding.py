@@ -33,7 +33,7 @@ CLOSED = 1e-22  # squared residual that ends a contraction by round-off
 
 
 class Lost(Exception):
-    """The loops cannot be closed, or not surely on the same branch, at the coordinates asked for."""
+    """The loops cannot be closed at the coordinates asked for, or not surely on the branch."""
 
 
 class Rates(NamedTuple):
@@ -94,6 +94,7 @@ class Embedding:
                 f"{len(self.held)} independent coordinates")
         self.k = np.zeros((n, n))
         self.k[np.arange(r, n), self.held] = 1.0
+        self.units = self.k[r:].copy()
         self.x = np.zeros(len(self.held))
         self.sign, pivot = self._factor()
         if pivot < SINGULAR:
@@ -158,6 +159,8 @@ class Embedding:
         if turns.size:
             evaluation.turns[:] = evaluation.angles + evaluation.angle_jacobian @ step
         q = self._correct(pin.integrate(self.model, self.q, self.scale * step), x, size)
+        if not self.linear:
+            self.k[len(self.rows) :] = self.units
         if q is not None:
             sign, pivot = self._factor()
             if sign == self.sign and pivot > SINGULAR:
@@ -185,6 +188,7 @@ class Embedding:
             error = float(residual @ residual) + (float(off @ off) if off is not None else 0.0)
             if error <= self.tolerance**2:
                 return q
+            self._chart_rows(q)
             self._factor()
             rhs[:r] = -(residual if self.whole else residual[self.rows])
             if off is not None:
@@ -198,6 +202,12 @@ class Embedding:
             last = max(size, 1e-14)
             q = pin.integrate(self.model, q, self.scale * correction)
         return None
+
+    def _chart_rows(self, q: Array) -> None:
+        """Let K hold the derivative of the chart coordinates instead of the held velocities."""
+        if not self.linear:
+            slope = pin.dDifference(self.model, self.q0, q, pin.ARG1)[self.held]
+            self.k[len(self.rows) :] = slope * self.scale / self.scale[self.held][:, None]
 
     def velocity(self, held: Array) -> Array:
         """Return the joint velocities (nv,) for the held ones (n,)."""

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
-from spatial_pin.dynamics.embedding import best_coordinates
+from spatial_pin.dynamics.embedding import Lost, best_coordinates
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
@@ -127,6 +127,11 @@ def simulate(
     try:
         for t in run.follow(state):
             bar.update(t - bar.n)
+    except Lost:
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {bar.n:.9g} s: the "
+            "loops lose rank, or branches cross, there", motion=run.motion(),
+        ) from None
     except SingularError as error:
         error.motion = run.motion()
         raise

@@ -34,7 +34,7 @@ NOISE = 1e-7  # error of a piece that is not taken any more
 ROUND_OFF = 2e-12  # of a coefficient, by the largest
 SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are judged by it
 WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
-SAME = 1e-9  # difference of placements that are the same again
+SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
 
 _K = np.arange(NODES)

@@ -19,8 +19,9 @@ from spatial_pin.kinematics.arc import Curve, CurvePoint
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.linalg import Array
 
-REACHES = (0.12, 0.06, 0.02, 0.004)  # arc lengths from a crossing at which the equations are solved again
+REACHES = (0.12, 0.06, 0.02, 0.004)  # arc lengths from a crossing at which it can be solved
 NODES = 8  # configurations on either side that the curve is continued through
+CLOSED = 1e-12  # closure residual between the nodes, above which they are taken nearer
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
@@ -94,6 +95,14 @@ class Strip(NamedTuple):
         """Whether the strip lies between two driver values, ends included."""
         return min(first, last) <= min(self.ends) and max(self.ends) <= max(first, last)
 
+    def is_closed(self, branch: Branch, values: Array) -> bool:
+        """Whether the loops are closed between the nodes at `values` too."""
+        for value in 0.5 * (values[1:] + values[:-1]):
+            self.put(branch, float(value))
+            if np.abs(branch.residual).max(initial=0.0) > CLOSED:
+                return False
+        return True
+
     def put(self, branch: Branch, value: float) -> None:
         """Write the branch at a driver value between the ends into `branch`."""
         q = pin.normalize(branch.model, self.q(value))
@@ -134,7 +143,9 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
         if sides is not None:
             values = np.concatenate([sides[0].q[::-1, branch.at], sides[1].q[:, branch.at]])
             if np.all(sense * np.diff(values) > 0.0):  # else the driver turns back
-                return _joined(branch, *sides)
+                found = _joined(branch, *sides)
+                if found.is_closed(branch, values):
+                    return found
     return None
 
 
