@@ -2,6 +2,9 @@
 
 from typing import Any
 
+from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.dynamics.simulate import Simulation, simulate
 from spatial_pin.errors import (
     AssemblyError,
     ClosureTypeError,
@@ -24,6 +27,7 @@ from spatial_pin.kinematics.sensitivity import sensitivity, tolerance
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.kinematics.transmission import transmission
+from spatial_pin.mechanism import laws
 from spatial_pin.mechanism.files import list_mechanisms, load
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
@@ -44,6 +48,7 @@ __all__ = [
     "MechanismFileError",
     "Mobility",
     "Motion",
+    "Simulation",
     "SingularError",
     "SpatialPinError",
     "State",
@@ -52,10 +57,13 @@ __all__ = [
     "closure_jacobian",
     "dead_centres",
     "export_html",
+    "forward_dynamics",
     "grashof",
     "influence",
+    "inverse_dynamics",
     "jacobian",
     "jacobian_rate",
+    "laws",
     "limits",
     "list_mechanisms",
     "live",
@@ -67,6 +75,7 @@ __all__ = [
     "screenshot",
     "sensitivity",
     "show",
+    "simulate",
     "solve_jerks",
     "solve_rates",
     "sweep",

@@ -84,14 +84,21 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("sweep", _sweep, "follow one branch from one driver value to another")
     _sweep_arguments(sub)
-    sub.add_argument("--csv", metavar="F", help="write coordinates, rates and accelerations")
-    sub.add_argument("--json", metavar="F", help="write the same as JSON")
-    sub.add_argument("--npz", metavar="F", help="write all arrays")
-    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
-    sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
-    _look_options(sub)
+    _result_options(sub)
+
+    sub = command("simulate", _simulate, "let it move under gravity, springs and efforts")
+    sub.add_argument("--duration", type=_quantity, required=True, help="how long, as 10 or 500ms")
+    sub.add_argument("--rows", type=_count, default=1001, help="number of rows (1001)")
+    sub.add_argument("--at", action="append", default=[], type=_setting, metavar="DRIVER=VALUE",
+                     help="where it starts")
+    sub.add_argument("--speed", action="append", default=[], type=_setting,
+                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
+    sub.add_argument("--effort", action="append", default=[], type=_setting,
+                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N]")
+    sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
+                     default="engineering")
+    _guess_option(sub)
+    _result_options(sub)
 
     sub = command("limits", _limits, "how far a driver can go on its branch")
     sub.add_argument("driver", help="driver or coordinate")
@@ -126,6 +133,17 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--urdf", metavar="F", required=True,
                      help="expanded URDF; closures go beside it as .toml")
     return parser
+
+
+def _result_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--csv", metavar="F", help="write coordinates, rates and accelerations")
+    sub.add_argument("--json", metavar="F", help="write the same as JSON")
+    sub.add_argument("--npz", metavar="F", help="write all arrays")
+    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
+    sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
+    _look_options(sub)
 
 
 def _look_options(sub: argparse.ArgumentParser) -> None:
@@ -282,8 +300,25 @@ def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motio
 
 
 def _sweep(options: argparse.Namespace) -> None:
+    _write(options, _run_sweep(options, _load(options)))
+
+
+def _simulate(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    motion = _run_sweep(options, mechanism)
+    start = _fitting(mechanism, _unique(options, options.at))
+    speeds = _unique(options, options.speed)
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, start, _guess(options)), speeds)
+    times = np.linspace(0.0, options.duration, options.rows)
+    motion = sp.simulate(mechanism, state, options.duration, _unique(options, options.effort),
+                         times, sp.Accuracy.named(options.accuracy), progress=True)
+    _write(options, motion)
+    if options.json != "-":
+        print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
+              f"in {', '.join(motion.coordinates)}")
+
+
+def _write(options: argparse.Namespace, motion: sp.Motion) -> None:
+    """Say what a motion is, and write it as asked."""
     if options.json != "-":
         print(motion_summary(motion))
     written = []
@@ -298,7 +333,7 @@ def _sweep(options: argparse.Namespace) -> None:
         written.append(sp.export_html(motion, options.html, look=_look(options)))
     if options.json:
         columns = {name: column.tolist() for name, column in motion.columns().items()}
-        _write_json({"mechanism": mechanism.name, "columns": columns,
+        _write_json({"mechanism": motion.mechanism.name, "columns": columns,
                      "events": [event._asdict() for event in motion.events]}, options.json)
         written.append(options.json)
     if options.json != "-":
@@ -309,6 +344,8 @@ def _sweep(options: argparse.Namespace) -> None:
 def _with_ratios(motion: sp.Motion) -> list[str]:
     """The outputs looked at first, each coordinate with its speed ratio."""
     coordinates = motion.mechanism.coordinate_table
+    if motion.driver is None:
+        return usual_outputs(motion)
     return [name for output in usual_outputs(motion)
             for name in ([output, f"{output}.ratio"] if output in coordinates else [output])]
 

@@ -11,6 +11,7 @@ UNITS = {
     "deg": math.pi / 180.0,
     "°": math.pi / 180.0,
     "turn": 2.0 * math.pi,
+    "turns": 2.0 * math.pi,
     "m": 1.0,
     "cm": 1e-2,
     "mm": 1e-3,
@@ -26,7 +27,15 @@ UNITS = {
     "rpm/s": 2.0 * math.pi / 60.0,
     "m/s2": 1.0,
     "mm/s2": 1e-3,
+    "s": 1.0,
+    "ms": 1e-3,
+    "N": 1.0,
+    "kN": 1e3,
+    "Nm": 1.0,
+    "N·m": 1.0,
 }
+LENGTHS = ("m", "cm", "mm", "um", "in")
+NO_PLACES = ("s", "ms", "N", "kN", "Nm", "N·m")
 
 _PATTERN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
@@ -38,8 +47,8 @@ class Quantity(float):
 
     def is_for(self, base: str) -> bool:
         """Whether it may stand for a value in `base`, "rad" or "m", or a rate of it."""
-        length = self.unit.partition("/")[0] in ("m", "cm", "mm", "um", "in")
-        return not self.unit or length == (base == "m")
+        length = self.unit.partition("/")[0] in LENGTHS
+        return not self.unit or (self.unit not in NO_PLACES and length == (base == "m"))
 
 
 def quantity(text: str) -> Quantity:

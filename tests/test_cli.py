@@ -334,3 +334,32 @@ def test_a_quantity_is_a_number_with_a_unit(text, value):
 def test_what_is_no_quantity_is_refused_with_the_units_there_are(text):
     with pytest.raises(ValueError, match=r"deg|finite"):
         quantity(text)
+
+
+def test_a_simulation_is_told_and_written(run, tmp_path):
+    text = run("simulate", "four_bar", "--duration", "500ms", "--rows", "51", "--at", "crank=60deg",
+               "--speed", "crank=30rpm", "--csv", str(tmp_path / "f.csv"))
+    assert "51 steps, time 0 to 0.5 s" in text
+    assert "energy drift" in text
+    rows = list(csv.DictReader((tmp_path / "f.csv").read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == 51
+    assert float(rows[0]["crank_pin [rad]"]) == pytest.approx(np.pi / 3)
+    assert float(rows[0]["crank_pin rate [rad/s]"]) == pytest.approx(np.pi)
+
+
+def test_a_pushed_crank_gains_what_the_effort_works(run, tmp_path):
+    path = tmp_path / "s.json"
+    run("simulate", "rssr", "--duration", "0.2", "--rows", "21", "--effort", "crank=2Nm",
+        "--json", str(path), "--accuracy", "draft")
+    columns = json.loads(path.read_text(encoding="utf-8"))["columns"]
+    assert columns["crank_pin rate [rad/s]"][-1] != 0.0
+    assert columns["time [s]"][-1] == 0.2
+
+
+@pytest.mark.parametrize("words", [
+    ["simulate", "four_bar", "--duration", "1", "--at", "crank=2s"],
+    ["assemble", "rssr", "crank=5N"],
+])
+def test_seconds_and_newtons_are_no_angles(words, capsys):
+    assert main(words) == 1
+    assert "is in rad, not in" in capsys.readouterr().err

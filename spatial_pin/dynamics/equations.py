@@ -49,21 +49,23 @@ class Equations:
         turning: (nv,) those of springs about joints.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
-        scaled: (n_rows, nv) Jacobian of the closure rows for scaled velocities.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
-        self.evaluation = Evaluation(constraints_of(mechanism))
-        self.data = self.model.createData()
         self.pairs = Pairs(mechanism)
         self.springs = Forces(mechanism)
         self.scale = mechanism.velocity_scale
-        self.scaled = self.evaluation.jacobian[: self.evaluation.constraints.n_rows]
-        self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
-        self._transmitted = force_view(self.data)
         self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
+        self._make_rows()
+
+    def _make_rows(self) -> None:
+        """Make what evaluates the closure rows, once."""
+        self.evaluation = Evaluation(constraints_of(self.mechanism))
+        self.data = self.model.createData()
+        self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
+        self._transmitted = force_view(self.data)
 
     def update(
         self, state: State, external: Mapping[str, pin.Force] | None = None,
@@ -90,6 +92,11 @@ class Equations:
             self.given = self.turning + generalised(evaluation, self.wrenches)
 
     # ------------------------------------------------------------ closure rows
+
+    @property
+    def scaled(self) -> Array:
+        """(n_rows, nv) Jacobian of the closure rows for scaled velocities."""
+        return self.evaluation.jacobian[: self.evaluation.constraints.n_rows]
 
     @property
     def spaces(self) -> Decomposition:
@@ -160,15 +167,16 @@ class Equations:
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
-        rows = independent_rows(self.scaled)
+        scaled = self.scaled
+        rows = independent_rows(scaled)
         self.check_rank(len(rows))
         d, nv, r = self.scale, len(self.scale), len(rows)
         state = self.state
         gamma = self.evaluation.bias(state.q, state.v)
         mass = d[:, None] * self.mass() * d
-        bias = pin.nonLinearEffects(self.model, self.data, state.q, state.v)
+        bias = self.motion_forces(np.zeros(nv))
         heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
-        a = self.scaled[rows]
+        a = scaled[rows]
         k = np.zeros((nv + r, nv + r))
         k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = mass / heaviest, a.T, a
         rhs = np.concatenate([d * (force - bias) / heaviest, -gamma[rows]])
@@ -215,12 +223,28 @@ class Equations:
         self, a: Array, multipliers: Array, effort: Array
     ) -> tuple[dict[str, Array], Array]:
         """Return the reactions (6,) by pair and the wrench (6,) on the fixed link."""
-        return self.pairs.reactions(self.poses(), self.transmitted(a), multipliers,
-                                    self.pairs.summed(self.wrenches), effort + self.turning)
+        return self.pairs.reactions(
+            self.poses(), self.transmitted(a), multipliers, self.pairs.summed(self.wrenches),
+            self.at_joints(effort, multipliers))
+
+    def at_joints(self, effort: Array, multipliers: Array) -> Array:
+        """Return efforts (nv,) with springs about joints and what couplings do there."""
+        total = effort + self.turning
+        coupled = len(self.evaluation.constraints.couplings)
+        if coupled:
+            rows = slice(len(multipliers) - coupled, None)
+            total = total + multipliers[rows] @ self.scaled[rows] / self.scale
+        return total
 
     def determined(self) -> dict[str, bool]:
         """Return for every pair whether its reaction is unique."""
         return self.pairs.determined(self.row_wrenches, self.spaces.left_null_space)
+
+
+def _made_for(mechanism: Mechanism) -> Equations:
+    from spatial_pin.dynamics.sparse import SparseEquations, is_large  # which builds on this file
+
+    return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
 
 
 _IDLE: WeakKeyDictionary[Mechanism, list[Equations]] = WeakKeyDictionary()
@@ -233,7 +257,7 @@ def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
     try:
         equations = idle.pop()
     except IndexError:
-        equations = Equations(mechanism)
+        equations = _made_for(mechanism)
     try:
         yield equations
     finally:

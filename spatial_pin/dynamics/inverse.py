@@ -95,7 +95,8 @@ def inverse_dynamics(
         state: configuration, velocity and acceleration, from `solve_rates`.
         actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
             weights (a mapping), the sum of weight * effort² is least.
-        external, laws: as for `forward_dynamics`.
+        external: by link, frame or joint, the force on it at its origin, world axes.
+        laws: of springs, as for `forward_dynamics`.
 
     Returns:
         The Efforts.

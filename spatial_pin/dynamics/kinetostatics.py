@@ -63,8 +63,9 @@ class _Rows:
         x, a, closures = balance(equations, actuation)
         self.efforts[k], self.a[k] = x, a
         self.transmitted[k] = equations.transmitted(a)
-        self.joint_efforts[k] = actuation.generalised(x, len(a)) + equations.turning
         self.multipliers[k] = equations.multipliers(closures)
+        self.joint_efforts[k] = equations.at_joints(actuation.generalised(x, len(a)),
+                                                    self.multipliers[k])
         for kept, now in zip(self.poses, equations.poses(), strict=True):
             kept[k] = now
         if equations.wrenches:
@@ -114,7 +115,7 @@ def kinetostatics(
         reactions, ground = equations.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
         determined = dict(zip(equations.pairs.names, rows.determined.T, strict=True))
-    efforts = dict(zip(actuation.names, rows.efforts.T, strict=True))
+    efforts: dict[str, Array] = dict(zip(actuation.names, rows.efforts.T, strict=True))
     rates = motion.v[:, actuation.columns].T
     power = {name: x * rate for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     return Kinetostatics(motion, rows.a, efforts, power, reactions, ground, rows.multipliers,

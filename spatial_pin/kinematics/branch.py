@@ -71,10 +71,10 @@ class Branch:
         self._set_rates()
 
     def _set_rates(self) -> None:
-        self.t = self.scale * self.system.solve(self.unit)
-        self.c = self.system.acceleration(self.q, self.t, self._drive)
+        self.t: Array = self.scale * self.system.solve(self.unit)
+        self.c: Array = self.system.acceleration(self.q, self.t, self._drive)
         self.residual = self.evaluation.residual.copy()
-        self.angles = self.evaluation.angles.copy()
+        self.angles: Array = self.evaluation.angles.copy()
         self.evaluation.turns[:] = self.angles
 
     def jump(self, before: Array, q: Array, s: float, h: float) -> None:

@@ -108,7 +108,7 @@ class Strip(NamedTuple):
         q = pin.normalize(branch.model, self.q(value))
         branch.hold(q, value)
         branch.q, branch.s = q, value
-        branch.t, branch.c, branch.angles = self.t(value), self.c(value), self.angles(value)
+        branch.t, branch.c, branch.angles = (x(value) for x in (self.t, self.c, self.angles))
         branch.evaluation.turns[:] = branch.angles
         branch.evaluation.update(q)
         branch.residual = branch.evaluation.residual.copy()

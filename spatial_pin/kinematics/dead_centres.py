@@ -42,7 +42,7 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         turning = np.flatnonzero(np.diff(np.sign(rates[moving])))
         found += [_located(motion, int(moving[k]), int(moving[k + 1]), name) for k in turning]
         ends = {0, len(motion) - 1} - set(moving.tolist())
-        found += [_event(motion, name, row, float(motion.driver[row]),
+        found += [_event(motion, name, row, float(motion.swept[row]),
                          float(motion.coordinate(name).value[row])) for row in ends]
     return sorted(found, key=lambda event: event.row)
 
@@ -81,7 +81,7 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
         branch.reach(value)
         return float(branch.t[output.v])
 
-    ends = motion.driver[first], motion.driver[last]
+    ends = motion.swept[first], motion.swept[last]
     try:
         value = float(brentq(rate, *ends, xtol=1e-14, rtol=1e-14))
         branch.reach(value)

@@ -93,8 +93,8 @@ class Motion:
 
     Attributes:
         mechanism: the mechanism.
-        driver: (N,) driver values [rad or m].
-        driver_name: the driver, or coordinate, that was swept.
+        driver: (N,) driver values [rad or m]; None where none was swept (a simulation).
+        driver_name: the driver, or coordinate, that was swept; empty where none was.
         time: (N,) [s], or None where rows are no history in time.
         q: (N, nq) configurations; v, a: (N, nv) joint velocities and accelerations.
         closure_error: (N,) largest closure row of each row [-].
@@ -122,6 +122,18 @@ class Motion:
     def driver_unit(self) -> str:
         """Unit of the driver, "rad" or "m"."""
         return self.mechanism.coordinate(self.driver_name).unit
+
+    @property
+    def swept(self) -> Array:
+        """(N,) driver values.
+
+        Raises:
+            SpatialPinError: no driver was swept.
+        """
+        if self.driver is None:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r}: no driver was swept in this motion")
+        return self.driver
 
     def coordinate(self, name: str) -> CoordinateRates:
         """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
@@ -221,7 +233,8 @@ class Motion:
         raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
     def _jerks(self) -> Iterator[Jerks]:
-        return (solve_jerks(self.mechanism, self.state(k), {self.driver_name: 0.0})
+        driver = {self.driver_name: 0.0} if len(self.swept) else {}
+        return (solve_jerks(self.mechanism, self.state(k), driver)
                 for k in range(len(self)))
 
     def _coordinate_output(self, name: str, kind: str) -> Output:
@@ -236,12 +249,12 @@ class Motion:
             return Output(jerks, f"{name} jerk", f"{unit}/s³")
         if kind == "transmission_angle":
             angles = [transmission_angle(self.mechanism, self.state(k), name, self.driver_name)[0]
-                      for k in range(len(self))]
+                      for k in range(len(self.swept))]
             return Output(np.array(angles), f"{name} transmission angle", "rad")
         return self._ratio(name, rate, kind == "advantage")
 
     def _ratio(self, name: str, rate: Array, inverse: bool) -> Output:
-        if np.any(self.driver_speed == 0.0):
+        if len(self.swept) and np.any(self.driver_speed == 0.0):
             raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
         units = self.mechanism.coordinate(name).unit, self.driver_unit
         if inverse:
@@ -257,7 +270,8 @@ class Motion:
         table: dict[str, Array] = {}
         if self.time is not None:
             table["time [s]"] = self.time
-        table[f"{self.driver_name} [{self.driver_unit}]"] = self.driver
+        if self.driver is not None:
+            table[f"{self.driver_name} [{self.driver_unit}]"] = self.driver
         for name in self.mechanism.coordinates:
             unit = self.mechanism.coordinate(name).unit
             value, rate, acceleration = self.coordinate(name)
@@ -281,7 +295,8 @@ class Motion:
         path = Path(path)
         path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
         np.savez_compressed(
-            path, driver=self.driver, driver_name=self.driver_name,
+            path, driver=self.driver if self.driver is not None else np.empty(0),
+            driver_name=self.driver_name,
             time=self.time if self.time is not None else np.empty(0),
             q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
             driver_speed=self.driver_speed, angles=self.angles, mechanism=self.mechanism.name,
@@ -310,7 +325,8 @@ class Motion:
         events = zip(content["event_kind"].tolist(), content["event_value"].tolist(),
                      content["event_row"].tolist(), content["event_text"].tolist(), strict=True)
         return cls(
-            mechanism, content["driver"], str(content["driver_name"]),
+            mechanism, content["driver"] if content["driver_name"] else None,
+            str(content["driver_name"]),
             content["time"] if content["time"].size else None,
             content["q"], content["v"], content["a"], content["closure_error"],
             content["driver_speed"], [Event(*e) for e in events], content["angles"],
@@ -318,5 +334,6 @@ class Motion:
 
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
-        return (f"Motion({self.mechanism.name!r}: {len(self)} rows over {self.driver_name}, "
+        over = self.driver_name or "time"
+        return (f"Motion({self.mechanism.name!r}: {len(self)} rows over {over}, "
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")

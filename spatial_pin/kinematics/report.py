@@ -129,9 +129,11 @@ def motion_summary(motion: Motion) -> str:
     """Return the ranges of a motion's coordinates, its accuracy and its events."""
     mechanism = motion.mechanism
     width = max(map(len, mechanism.coordinates), default=0)
-    unit = motion.driver_unit
-    first, last = (motion.driver[0], motion.driver[-1]) if len(motion) else (np.nan, np.nan)
-    lines = [f"{mechanism.name}: {len(motion)} steps, {motion.driver_name} {first:.6g} to "
+    driven = motion.driver is not None
+    name, unit = (motion.driver_name, motion.driver_unit) if driven else ("time", "s")
+    over = motion.driver if driven else motion.time
+    first, last = (over[0], over[-1]) if over is not None and len(over) else (np.nan, np.nan)
+    lines = [f"{mechanism.name}: {len(motion)} steps, {name} {first:.6g} to "
              f"{last:.6g} {unit}, closure error at most {motion.closure_error.max(initial=0):.1e}"]
     for name, c in mechanism.coordinate_table.items():
         value, rate, _ = motion.coordinate(name)
@@ -145,6 +147,6 @@ def motion_summary(motion: Motion) -> str:
 def _dead_centres(motion: Motion) -> list[Event]:
     """Return the dead centres of the outputs, as far as they can be located."""
     try:
-        return dead_centres(motion) if len(motion) > 1 else []
+        return dead_centres(motion) if len(motion) > 1 and motion.driver is not None else []
     except SingularError:
         return []

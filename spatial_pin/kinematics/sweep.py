@@ -249,7 +249,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     if not fast.size:
         return []
     row, unit = int(fast[np.argmax(pace[fast])]), motion.driver_unit
-    worst, value = float(pace[row]), float(motion.driver[row])
+    worst, value = float(pace[row]), float(motion.swept[row])
     text = (f"near a limit position at {motion.driver_name} = {value:.12g} {unit}: joints move up "
             f"to {worst:.1e} times as fast as the driver; positions are good to about "
             f"{EPS * worst:.0e}, rates to {EPS * worst**2:.0e} of their size")
@@ -262,7 +262,7 @@ def _drift(motion: Motion) -> list[Event]:
     if not open_rows.size:
         return []
     row = int(open_rows[0])
-    value, unit = float(motion.driver[row]), motion.driver_unit
+    value, unit = float(motion.swept[row]), motion.driver_unit
     text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
             "on: too few corrections")
     return [Event("open", value, row, text)]
@@ -294,7 +294,7 @@ def _error(
 ) -> LimitError | SingularError | AssemblyError:
     name, unit = motion.mechanism.name, coordinate.unit
     where = f"mechanism {name!r}: {driver} = {value:.9g} {unit}"
-    last = f"last closed at {motion.driver[-1]:.9g} {unit}"
+    last = f"last closed at {motion.swept[-1]:.9g} {unit}"
     if stop.kind == "limit":
         return LimitError(
             f"{where} is out of reach: limit position at {stop.value:.12g} {unit} ({last})",
