@@ -53,7 +53,8 @@ def main(folder: Path) -> None:
     written = [
         motion.to_csv(folder / "rssr.csv"),
         folder / "rssr.png",
-        sp.export_html(motion, folder / "rssr.html"),
+        sp.export_html(motion, folder / "rssr.html", look=sp.Look(traces=("coupler.com",))),
+        sp.report(motion, folder / "rssr_report.html"),
     ]
     sp.plot(motion, outputs, folder / "rssr.png")
     try:
@@ -63,7 +64,8 @@ def main(folder: Path) -> None:
         print(f"no picture of the 3-D page: {error}")
     for path in written:
         print(f"wrote {path}")
-    print(f"open {folder / 'rssr.html'} in a browser: it needs no server and no network")
+    print(f"open {folder / 'rssr.html'} (3-D) and {folder / 'rssr_report.html'} (everything) in a "
+          "browser: they need no server and no network")
 
 
 if __name__ == "__main__":

@@ -91,6 +91,16 @@ def test_a_state_of_the_same_mechanism_loaded_twice_is_taken():
     assert rates.coordinate("crank_pin").rate == 1.0
 
 
+def test_what_is_no_mechanism_or_state_is_said_to_be_none():
+    for call in (lambda: sp.assemble("rssr"), lambda: sp.sweep("rssr", "crank", [0.0]),
+                 lambda: sp.mobility("rssr"), lambda: sp.assembly_modes("rssr", {}),
+                 lambda: sp.limits("rssr", "crank")):
+        with pytest.raises(TypeError, match=r"a Mechanism is needed, not 'rssr'.*sp\.load"):
+            call()
+    with pytest.raises(TypeError, match=r"a State is needed, not dict: sp\.assemble"):
+        sp.solve_rates(sp.load("rssr"), {"crank": 1.0})
+
+
 def test_a_guess_of_another_mechanism_is_refused():
     state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
     with pytest.raises(ValueError, match="other coordinates"):

@@ -19,6 +19,7 @@ from spatial_pin.mechanism.configuration import (
     finite_number,
     joint_values,
     joint_vector,
+    needed,
     with_values,
 )
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -68,6 +69,7 @@ def assemble(
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite.
     """
+    needed(mechanism)
     accuracy = accuracy or Accuracy.named("engineering")
     held: dict[str, float] = {}
     for name, value in (drivers or {}).items():

@@ -16,7 +16,7 @@ from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, decompose, independent_rows, null_space, rank, row_space
-from spatial_pin.mechanism.configuration import finite_array
+from spatial_pin.mechanism.configuration import finite_array, needed
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
@@ -160,6 +160,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         AssemblyError: no q was given and the guess does not close.
         SpatialPinError: the configuration is not closed.
     """
+    needed(mechanism)
     state = assemble(mechanism) if q is None else q
     evaluation = Evaluation(constraints_of(mechanism))
     if isinstance(state, State):

@@ -11,7 +11,7 @@ import pinocchio as pin
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
+from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 
 LOST = 1e-10  # round-off of rates, by their size, that is worth a word
@@ -196,6 +196,10 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
     Raises:
         SpatialPinError: it is a state of something else, or of other dimensions.
     """
+    needed(mechanism)
+    if not isinstance(state, State):
+        raise TypeError(f"a State is needed, not {type(state).__name__}: sp.assemble(mechanism, "
+                        "{driver: value}) makes one")
     if state.mechanism is mechanism:
         return state
     same = state.mechanism.coordinates == mechanism.coordinates

@@ -18,7 +18,7 @@ from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import finite_array
+from spatial_pin.mechanism.configuration import finite_array, needed
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
 
@@ -101,6 +101,7 @@ def sweep(
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
     """
     accuracy = accuracy or Accuracy.named("engineering")
+    needed(mechanism)
     _check_choice("on_limit", on_limit, ("raise", "stop"))
     _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     values = np.atleast_1d(np.asarray(values, dtype=np.float64))

@@ -21,6 +21,17 @@ from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 
 
+def needed(mechanism: object) -> None:
+    """Refuse what is no Mechanism.
+
+    Raises:
+        TypeError: says how to get one.
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"a Mechanism is needed, not {str(mechanism)[:40]!r} of type "
+                        f"{type(mechanism).__name__}: sp.load(...) makes one")
+
+
 class CoordinateRates(NamedTuple):
     """Value, rate and acceleration of one coordinate: floats of a State, (N,) of a Motion."""
 

@@ -302,6 +302,9 @@ def _accuracy(subject: Subject) -> str:
         f"{tiny(worst)} rad in angles. Rates and accelerations are solved from the exact "
         "derivatives of the closure equations; no difference quotients are taken."
     )
+    if hasattr(subject.shown, "energy_drift"):
+        text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of what is "
+                 f"exchanged, over {subject.shown.steps} steps of the integrator.")
     settings = getattr(subject.shown, "accuracy", None)
     words = "" if settings is None else paragraph("Settings: " + ", ".join(
         f"{f.name} {getattr(settings, f.name)}" for f in fields(settings)))
