@@ -2,8 +2,10 @@
 
 from typing import Any
 
+from spatial_pin.dynamics.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.dynamics.simulate import Simulation, simulate
 from spatial_pin.errors import (
     AssemblyError,
@@ -56,6 +58,7 @@ __all__ = [
     "assembly_modes",
     "closure_jacobian",
     "dead_centres",
+    "dynamics_derivatives",
     "export_html",
     "forward_dynamics",
     "grashof",
@@ -63,6 +66,7 @@ __all__ = [
     "inverse_dynamics",
     "jacobian",
     "jacobian_rate",
+    "kinetostatics",
     "laws",
     "limits",
     "list_mechanisms",

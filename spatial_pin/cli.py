@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     _sweep_arguments(sub, needed=False)
     sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
     sub.add_argument("--live", action="store_true",
-                     help="move it by hand instead: a slider for every driver, or for the one named")
+                     help="move it by hand instead: a slider for every driver, or the one named")
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what --live tells besides the drivers, as rocker_pin, coupler.position")
     _look_options(sub)

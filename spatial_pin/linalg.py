@@ -34,6 +34,16 @@ class Decomposition(NamedTuple):
         """(n - rank, n) orthonormal rows that span the null space."""
         return self.vt[self.rank :]
 
+    @property
+    def left_null_space(self) -> Array:
+        """(m - rank, m) orthonormal rows x with x a = 0, of a `full_decomposition`."""
+        return self.u[:, self.rank :].T
+
+    def minimum_norm_transposed(self, b: Array) -> Array:
+        """Return the least-squares solution x (m,) of least norm of x a = b (n,)."""
+        r = self.rank
+        return self.u[:, :r] @ ((self.vt[:r] @ b) / self.s[:r])
+
     def minimum_norm(self, b: Array) -> Array:
         """Return the least-squares solution of least norm for the right-hand side `b` (m,)."""
         r = self.rank
@@ -51,6 +61,15 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
     s = s[:m]  # what the padding adds is round-off, not a singular value of `a`
     rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))) if s.size else 0
     return Decomposition(u[:m, : len(s)], s, vt, rank)
+
+
+def full_decomposition(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
+    """Decompose `a` (m, n) with `u` (m, m) and `vt` (n, n) whole: all four subspaces."""
+    m, n = a.shape
+    if not a.size:
+        return Decomposition(np.eye(m), np.empty(0), np.eye(n), 0)
+    u, s, vt = np.linalg.svd(a, full_matrices=True)
+    return Decomposition(u, s, vt, int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))))
 
 
 def rank(a: Array, tolerance: float = RANK_TOLERANCE) -> int:

@@ -3,10 +3,8 @@
 import html
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
@@ -15,7 +13,7 @@ from spatial_pin.view.markup import number, table, tiny
 from spatial_pin.view.movie import movie
 from spatial_pin.view.plots import plot, svg, usual_outputs
 from spatial_pin.view.report import report
-from spatial_pin.view.sections import SECTIONS, _reactions
+from spatial_pin.view.sections import SECTIONS
 from spatial_pin.view.usual import ROWS, SLIDE, usual_motion
 
 
@@ -37,7 +35,7 @@ def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
     text = read(report(rssr, tmp_path / "rssr.html"))
     assert headings(text) == [
         "Outputs", "Speed ratios", "Accelerations", "Ranges",
-        "Special positions", "Mobility", "Dimensions", "Structure", "Accuracy",
+        "Special positions", "Efforts", "Reactions", "Mobility", "Dimensions", "Structure", "Accuracy",
     ]
     assert "<h1>RSSR spatial four-bar</h1>" in text
     assert html.escape(str(sp.mobility(rssr.mechanism, rssr.state(21)))) in text
@@ -104,6 +102,7 @@ def test_outputs_are_those_asked_for(rssr, tmp_path):
         "Speed ratios of rssr: rocker_pin.ratio",
         "Velocities of rssr: coupler.com.velocity",
         "Accelerations of rssr: coupler.com.acceleration, rocker_pin.acceleration",
+        "Efforts of rssr: crank effort",
     ]
     assert "x, y and z are world axes" in text
     with pytest.raises(sp.SpatialPinError, match="rocker_pin"):
@@ -131,13 +130,10 @@ def test_motion_without_rows_is_refused(rssr, tmp_path):
         report(empty, tmp_path / "a.html")
 
 
-@pytest.mark.parametrize(
-    "wrench", [pin.Force(np.array([3.0, 0, 4, 0, 2, 0])), np.array([[3.0, 0, 4, 0, 2, 0]] * 3)]
-)
-def test_reactions_are_told_where_there_are_any(wrench):
-    assert _reactions(SimpleNamespace(shown=SimpleNamespace())) is None
-    text = _reactions(SimpleNamespace(shown=SimpleNamespace(reactions={"ball_b": wrench})))
-    assert "<td>ball_b</td>" in text and "5\u202fN</td>" in text and "2\u202fN·m</td>" in text
+def test_a_motion_that_its_drivers_cannot_bring_about_has_no_efforts(rssr, tmp_path):
+    idle = replace(rssr.mechanism, drivers={})
+    motion = replace(rssr, mechanism=idle, driver=None, driver_name="")
+    assert not {"Efforts", "Reactions"} & set(headings(read(report(motion, tmp_path / "a.html"))))
 
 
 def test_every_section_says_what_it_does():
@@ -232,3 +228,20 @@ def test_movie_that_cannot_be_is_refused_at_once(rssr, tmp_path, name, rows, fps
     motion = sp.sweep(rssr.mechanism, "crank", np.linspace(0.1, 0.2, rows))
     with pytest.raises(ValueError, match=message):
         movie(motion, tmp_path / name, fps=fps)
+
+
+def test_the_report_of_a_simulation_balances_its_energy(rssr, tmp_path):
+    mechanism = rssr.mechanism
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism), {"crank": 3.0})
+    simulated = sp.simulate(mechanism, state, 0.2, times=np.linspace(0.0, 0.2, 21))
+    text = sp.report(simulated, tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Energy and work balance to" in text
+
+
+def test_the_report_tells_efforts_reactions_and_dead_centres(rssr, tmp_path):
+    text = sp.report(rssr, tmp_path / "r.html").read_text(encoding="utf-8")
+    for words in ("crank effort [N·m]", "fixed link, all together", "dead centre of rocker_pin"):
+        assert words in text
+    loads = sp.kinetostatics(rssr.mechanism, rssr)
+    largest = np.linalg.norm(loads.reactions["ball_b"][:, :3], axis=1).max()
+    assert f"{largest:.6g}" in text

@@ -24,6 +24,7 @@ import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
+from spatial_pin.view import arrows
 from spatial_pin.view.arrows import Vectors
 from spatial_pin.view.film import film, length_words
 from spatial_pin.view.framing import rotate
@@ -637,3 +638,14 @@ def test_page_fits_its_window_until_the_user_moves_the_camera_and_hides_the_cont
         browser.wait_until("alarms.innerText.startsWith('closure ball_b open by ')")
         browser.evaluate("location.hash = 't=0'")
         browser.wait_until("alarms.innerText === ''")
+
+
+def test_reaction_arrows_are_the_forces_at_the_pairs():
+    mechanism = sp.load("rssr")
+    motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 1.0, 5), speed=20.0)
+    found = arrows.load(motion, "ball_b", "reaction")
+    np.testing.assert_array_equal(found.vector,
+                                  sp.kinetostatics(mechanism, motion).reactions["ball_b"][:, :3])
+    np.testing.assert_allclose(found.point, motion.frame("rocker_b").position)
+    with pytest.raises(UnknownNameError, match="ball_b"):
+        arrows.load(motion, "ball_c", "reaction")

@@ -1,5 +1,8 @@
 """States know their mechanism and the turns of their screws."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -123,3 +126,13 @@ def test_a_sweep_can_stop_where_branches_cross():
 def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
     assert main(words) == 1
     assert "is in rad, not in" in capsys.readouterr().err
+
+
+def test_a_mechanism_that_nobody_holds_is_forgotten():
+    mechanism = sp.load("rssr")
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism), {"crank": 1.0})
+    sp.inverse_dynamics(mechanism, state)
+    gone = weakref.ref(mechanism)
+    del mechanism, state
+    gc.collect()
+    assert gone() is None

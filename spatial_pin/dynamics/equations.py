@@ -247,13 +247,10 @@ def _made_for(mechanism: Mechanism) -> Equations:
     return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
 
 
-_IDLE: WeakKeyDictionary[Mechanism, list[Equations]] = WeakKeyDictionary()
-
-
 @contextmanager
 def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
     """Lend the equations of a mechanism, made once for each thread that asks at the same time."""
-    idle = _IDLE.setdefault(mechanism, [])
+    idle: list[Equations] = mechanism.memo.setdefault("equations", [])
     try:
         equations = idle.pop()
     except IndexError:

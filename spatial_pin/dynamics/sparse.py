@@ -19,6 +19,8 @@ from spatial_pin.kinematics.pieces import PiecewiseRows
 from spatial_pin.linalg import RANK_TOLERANCE, Array, independent_rows
 from spatial_pin.mechanism.mechanism import Mechanism
 
+LARGE = 60  # freedoms from which sparse factorisation is faster
+PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
 
 
@@ -60,8 +62,8 @@ class _System:
 class SparseEquations(Equations):
     """`Equations` whose accelerations cost no more than in proportion to the number of loops.
 
-    What rank the loops have is learnt from the configurations met: one that loses rank is refused
-    when a better one came before it, or when an equation left out does not hold there.
+    With more than `PROBED` freedoms the rank of the loops is learnt from the configurations met:
+    one that loses rank is refused if a better one came before it.
     """
 
     evaluation: PiecewiseRows  # type: ignore[assignment]
@@ -104,11 +106,10 @@ class SparseEquations(Equations):
         load = d * (force - self.motion_forces(np.zeros(len(d)))) / heaviest
         if self._system is None:
             self._system = _System(rows, self._select())
-        x = self._solve(mass / heaviest, load, gamma)
-        if x is None:
-            if not self._select_again():
-                return super().accelerations(force)
-            x = self._solve(mass / heaviest, load, gamma)
+            self.check_rank(len(self._system.chosen))
+        x, holds = self._solve(mass / heaviest, load, gamma)
+        if not holds and self._select_again():
+            x, _ = self._solve(mass / heaviest, load, gamma)
         if x is None:
             return super().accelerations(force)
         scaled, multipliers = x[: len(d)], x[len(d) :]
@@ -117,24 +118,36 @@ class SparseEquations(Equations):
         closures = -heaviest * self._transposed(full) / d
         return d * scaled, closures
 
-    def _solve(self, mass: Array, load: Array, gamma: Array) -> Array | None:
-        """Return scaled accelerations and multipliers; None where the rows chosen do not do."""
+    def check_rank(self, rank: int) -> None:
+        """Refuse configurations in which the loops have lost rank, if that is cheap to know.
+
+        Raises:
+            SingularError: they have.
+        """
+        if self.model.nv <= PROBED:
+            super().check_rank(rank)
+
+    def _solve(self, mass: Array, load: Array, gamma: Array) -> tuple[Array | None, bool]:
+        """Return scaled accelerations and multipliers, None if the equations are singular.
+
+        And whether the closure rows that were left out hold as well.
+        """
         system = self._system
         assert system is not None
         rhs = np.concatenate([load, -gamma[system.chosen]])
         factors = system.factor(mass, self.evaluation.values)
         if factors is None:
-            return None
+            return None, False
         pivots = np.abs(factors.U.diagonal())
         if pivots.min(initial=1.0) < SINGULAR * pivots.max(initial=1.0):
-            return None
+            return None, False
         x = factors.solve(rhs)
         x += factors.solve(rhs - system.matrix @ x)
         terms = self.evaluation.values * x[self.evaluation.column_at]
         n = len(gamma)
         lacking = np.abs(np.bincount(self.evaluation.row_at, terms, n) + gamma)
         size = np.abs(gamma) + np.bincount(self.evaluation.row_at, np.abs(terms), n)
-        return x if np.all(lacking <= HOLDS * max(float(size.max(initial=0.0)), 1e-300)) else None
+        return x, bool(np.all(lacking <= HOLDS * max(float(size.max(initial=0.0)), 1e-300)))
 
     def _transposed(self, multipliers: Array) -> Array:
         """Return the scaled joint forces (nv,) of multipliers (n_rows,)."""
@@ -185,4 +198,4 @@ class SparseEquations(Equations):
 def is_large(mechanism: Mechanism) -> bool:
     """Whether sparse factorisation is the faster one for a mechanism."""
     branches = len(mechanism.model.children[0])
-    return mechanism.model.nv >= 40 and branches >= 4
+    return mechanism.model.nv >= LARGE and branches >= 4

@@ -23,13 +23,13 @@ from __future__ import annotations
 
 import math
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.kinematics.views import accelerations, joint_jacobian, placements, twists
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import needed
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.rows import Row
@@ -98,8 +98,8 @@ class Constraints:
         self.n_angles = len(self.screws)
         a, b, x = self._a.rows, self._b.rows, self._x.rows
         self.c_abx = _matrix([*a, *b, *x], 4 * n)
-        self.c_rates = _matrix(_rate_rows(a, b, n), 12 * n)
-        self.rate_sum = np.hstack([np.eye(len(a)), 2.0 * np.eye(len(a)), np.eye(len(a))])
+        self.c_rates = _rate_matrix(a, b, n)
+        self.rate_sum = _sum_of_rates(len(a))
         self.constants = np.array(self._constants)
         self.factors = np.array(self._factors).reshape(-1, 1)
         signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
@@ -196,6 +196,34 @@ def _matrix(rows: list[Array], width: int) -> Any:
     return csr_array(dense)
 
 
+def _rate_matrix(a: list[Array], b: list[Array], n: int) -> Any:
+    """Return the matrix of `_rate_rows`, never dense when it is large."""
+    height = 6 * len(a)
+    if height * 12 * n <= DENSE_LIMIT:
+        return _matrix(_rate_rows(a, b, n), 12 * n)
+    from scipy.sparse import csr_array
+
+    places, values = [], []
+    for k, (block, order) in enumerate([(a, 2), (a, 1), (a, 0), (b, 0), (b, 1), (b, 2)]):
+        dense = np.array(block)
+        rows, columns = np.nonzero(dense)
+        moved = 12 * (columns // 4) + 4 * (2 - order) + columns % 4
+        places.append([rows + k * len(a), moved])
+        values.append(dense[rows, columns])
+    return csr_array((np.concatenate(values), np.hstack(places)), shape=(height, 12 * n))
+
+
+def _sum_of_rates(n: int) -> Any:
+    """Return the matrix that takes n values each of A''.B, A'.B', A.B'' to their Leibniz sum."""
+    if 3 * n * n <= DENSE_LIMIT:
+        return np.hstack([np.eye(n), 2.0 * np.eye(n), np.eye(n)])
+    from scipy.sparse import csr_array
+
+    at = np.arange(n)
+    weights = np.repeat([1.0, 2.0, 1.0], n)
+    return csr_array((weights, (np.tile(at, 3), np.arange(3 * n))), shape=(n, 3 * n))
+
+
 def _product(matrix: Any, vectors: Array, out: Array) -> None:
     """Write matrix @ vectors into `out`; `np.dot` costs half of `@` here."""
     if isinstance(matrix, np.ndarray):
@@ -204,14 +232,13 @@ def _product(matrix: Any, vectors: Array, out: Array) -> None:
         out[:] = matrix @ vectors
 
 
-_COMPILED: WeakKeyDictionary[Mechanism, Constraints] = WeakKeyDictionary()
-
-
 def constraints_of(mechanism: Mechanism) -> Constraints:
     """Return the compiled constraints of a mechanism, made once."""
-    if mechanism not in _COMPILED:
-        _COMPILED[mechanism] = Constraints(mechanism)
-    return _COMPILED[mechanism]
+    needed(mechanism)
+    if "constraints" not in mechanism.memo:
+        mechanism.memo["constraints"] = Constraints(mechanism)
+    found: Constraints = mechanism.memo["constraints"]
+    return found
 
 
 # columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
@@ -291,6 +318,16 @@ class Evaluation:
 
     def update(self, q: Array) -> None:
         """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
+        self.update_wrenches(q)
+        if self._n_all:
+            products = np.dot(self.wrenches, self._joint_jacobian, self._products)
+            if self._plain:
+                np.multiply(products, self.constraints.signs, out=self.jacobian)
+                return
+        self._finish_rows(q)
+
+    def update_wrenches(self, q: Array) -> None:
+        """Evaluate placements, joint Jacobian, values and wrenches of the rows at q (nq,) only."""
         c = self.constraints
         pin.computeJointJacobians(self.model, self.data, q)
         if self._n_all:
@@ -304,11 +341,6 @@ class Evaluation:
             np.subtract(self._first, self._second, out=self._moments)
             if c.n_passive:
                 self._spin_moments[:] = self._spin_axes
-            products = np.dot(self.wrenches, self._joint_jacobian, self._products)
-            if self._plain:
-                np.multiply(products, c.signs, out=self.jacobian)
-                return
-        self._finish_rows(q)
 
     def row_wrenches(self) -> Array:
         """Return (n_rows, 6) force on body 2 per unit of each row, and moment about the origin.
@@ -389,7 +421,8 @@ class Evaluation:
         np.matmul(self._rates_h, self._g10, out=self._g2)  # G'' = H^T G' + H'^T G
         _product(c.c_rates, self._g_flat, self._ab_rates)
         np.vecdot(self._a_rates, self._b_rates, out=self._rate_products)
-        bias = np.dot(c.rate_sum, self._rate_products, self._bias)
+        bias = self._bias
+        _product(c.rate_sum, self._rate_products, bias)
         if c.n_passive:
             bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
         return bias if self._plain else self._finish_bias(bias)

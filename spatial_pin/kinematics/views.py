@@ -28,6 +28,11 @@ def accelerations(data: pin.Data) -> Array:
     return as_strided(data.a[0].linear, (len(data.a), 6), (48, 8))
 
 
+def forces(data: pin.Data) -> Array:
+    """Return a view (njoints, 6) on the forces through the joints, local axes, linear first."""
+    return as_strided(data.f[0].linear, (len(data.f), 6), (48, 8))
+
+
 def joint_jacobian(data: pin.Data, nv: int) -> Array:
     """Return a view (6, nv) on the world joint Jacobian, which is one-dimensional for nv = 1."""
     return data.J.reshape(6, nv)

@@ -129,6 +129,7 @@ class Mechanism:
         parameters: xacro parameters it was loaded with.
         path: the file it came from; tree: the URDF or xacro file of its open tree.
         urdf: the expanded URDF text.
+        memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
 
     name: str
@@ -148,6 +149,11 @@ class Mechanism:
     path: Path | None = None
     tree: Path | None = None
     urdf: str = ""
+    memo: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or sent elsewhere: all but the memo."""
+        return {**self.__dict__, "memo": {}}
 
     @cached_property
     def dimensions(self) -> dict[str, float]:
@@ -269,9 +275,12 @@ class Mechanism:
     @cached_property
     def characteristic_length(self) -> float:
         """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0."""
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, self.neutral)
-        points = np.array([m.translation for m in data.oMf])
+        joints = [pin.SE3.Identity()]  # every joint is the identity at neutral
+        for parent, placement in zip(self.model.parents[1:], self.model.jointPlacements[1:],
+                                     strict=True):
+            joints.append(joints[parent] * placement)
+        points = np.array([joints[f.parentJoint].act(f.placement.translation)
+                           for f in self.model.frames])
         span = max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
         return span if span > 0.0 else 1.0
 

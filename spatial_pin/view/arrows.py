@@ -27,6 +27,7 @@ from spatial_pin.view.stage import (
 )
 from spatial_pin.view.traces import point_motion
 
+LOADS = {"reaction": ("force", "N", slice(0, 3)), "moment": ("moment", "N·m", slice(3, 6))}
 KINDS = ("velocity", "acceleration", "angular_velocity", "angular_acceleration")
 LONGEST = 0.6  # arrow, at most, by the size of the scene; all sizes below too
 SHAFT, HEAD, HEAD_LENGTH = 0.011, 0.028, 0.08  # radius, radius, length
@@ -60,6 +61,28 @@ class Vectors(NamedTuple):
     unit: str
 
 
+def load(motion: Motion, pair: str, kind: str) -> Vectors:
+    """Return the force ("reaction") or moment that a pair exerts, at the pair.
+
+    On the child link of a joint, on the link of a closure's second frame, as the drivers bring the
+    motion about (`kinetostatics`).
+
+    Raises:
+        UnknownNameError: there is no such pair.
+        SpatialPinError: the drivers cannot bring the motion about.
+    """
+    from spatial_pin.dynamics.kinetostatics import kinetostatics
+
+    mechanism = motion.mechanism
+    found = kinetostatics(mechanism, motion).reactions
+    if pair not in found:
+        raise UnknownNameError("pair", pair, list(found), f"mechanism {mechanism.name!r}: ")
+    closure = next((c for c in mechanism.closures if c.name == pair), None)
+    place = motion.frame(closure.frames[1] if closure else pair).position
+    quantity, unit, part = LOADS[kind]
+    return Vectors(pair, place, found[pair][:, part], quantity, unit)
+
+
 def rates(motion: Motion, spec: str) -> Vectors:
     """Return the vectors that `NAME.velocity` and its kin name; see `Look.arrows`.
 
@@ -68,6 +91,8 @@ def rates(motion: Motion, spec: str) -> Vectors:
         SpatialPinError: a link asked for its centre of mass has none.
     """
     name, _, kind = spec.rpartition(".")
+    if kind in LOADS:
+        return load(motion, name, kind)
     if kind not in KINDS or not name:
         valid = [f"{n}.{k}" for n in motion.mechanism.frame_ids for k in KINDS]
         raise UnknownNameError("arrow", spec, valid, f"mechanism {motion.mechanism.name!r}: ")

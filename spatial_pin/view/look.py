@@ -22,8 +22,9 @@ class Look:
             of mass.
         arrows: vectors drawn at their points, with a scale in the legend: `NAME.velocity`,
             `.acceleration`, `.angular_velocity`, `.angular_acceleration` of a link, frame or
-            joint, `NAME.com.velocity`, `NAME.com.acceleration` of a link's centre of mass, or
-            any `spatial_pin.view.arrows.Vectors`.
+            joint, `NAME.com.velocity`, `NAME.com.acceleration` of a link's centre of mass,
+            `PAIR.reaction`, `PAIR.moment` of a joint or closure, or any
+            `spatial_pin.view.arrows.Vectors`.
         centres: whether the centres of mass are marked.
         ghosts: other configurations of the same mechanism, drawn half transparent.
         beside: whether these stand side by side with the first, as solid as it is, instead.

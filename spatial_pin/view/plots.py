@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.kinematics.motion import Output
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -156,7 +158,7 @@ def svg(figure: Figure, name: str) -> str:
 
 def plot(
     motion: Motion,
-    outputs: str | Sequence[str],
+    outputs: str | Output | Sequence[str | Output],
     path: str | Path | None = None,
     *,
     title: str | None = None,
@@ -168,7 +170,8 @@ def plot(
 
     Args:
         motion: the motion.
-        outputs: names of outputs, as `motion.output` takes them.
+        outputs: names of outputs, as `motion.output` takes them, or quantities of one's own with
+            a row for each of the motion's.
         path: file to write as well; its suffix says how: .png, .svg, .pdf.
         title: heading, "" for none; the mechanism's title if not given.
 
@@ -179,10 +182,10 @@ def plot(
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    names = [outputs] if isinstance(outputs, str) else list(outputs)
-    if not names:
+    asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
+    if not asked:
         raise ValueError("no outputs to plot: give at least one name")
-    found = [motion.output(name) for name in names]
+    found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
     x, driver, unit = abscissa(motion)
     title = (motion.mechanism.title or motion.mechanism.name) if title is None else title
     height = (1.0 if title else 0.6) + 2.1 * len(found)

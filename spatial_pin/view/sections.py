@@ -10,13 +10,16 @@ import contextlib
 import html
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
+from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
+from spatial_pin.dynamics.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.mobility import mobility
-from spatial_pin.kinematics.motion import Event, Motion
+from spatial_pin.kinematics.motion import Event, Motion, Output
 from spatial_pin.kinematics.report import info
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -72,17 +75,33 @@ class Subject:
         """The mechanism."""
         return self.shown.mechanism
 
+    @cached_property
+    def loads(self) -> Kinetostatics | None:
+        """Efforts and reactions over the motion, if its drivers can bring it about."""
+        massive = any(inertia.mass > 0.0 for inertia in self.mechanism.inertias.values())
+        if self.motion is None or not massive:
+            return None
+        try:
+            return kinetostatics(self.mechanism, self.motion)
+        except SpatialPinError:
+            return None
 
-def _drawn(subject: Subject, title: str, outputs: Sequence[str]) -> str | None:
+
+def _drawn(
+    subject: Subject, title: str, outputs: Sequence[str | Output], note: str = ""
+) -> str | None:
     """Return a section with a figure of outputs; None without any."""
     if subject.motion is None or not outputs:
         return None
     figure = plot(subject.motion, outputs, title="")
     figure.set_size_inches(WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
-    drawing = svg(figure, f"{title} of {subject.mechanism.name}: {', '.join(outputs)}")
-    vectors = any(subject.motion.output(name).values.ndim > 1 for name in outputs)
+    found = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
+    names = ", ".join(x if isinstance(x, str) else x.label for x in outputs)
+    drawing = svg(figure, f"{title} of {subject.mechanism.name}: {names}")
+    vectors = any(output.values.ndim > 1 for output in found)
     caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
-    return section(title, f"<figure>{drawing}{caption}</figure>")
+    words = paragraph(note) if note else ""
+    return section(title, f"{words}<figure>{drawing}{caption}</figure>")
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
@@ -227,17 +246,32 @@ def _outputs_turning(motion: Motion) -> list[Event]:
         return []
 
 
-def _reactions(subject: Subject) -> str | None:
-    """Tell the largest reactions, where they were computed: {pair: forces (N, 6)}."""
-    reactions = getattr(subject.shown, "reactions", None)
-    if not reactions:
+def _efforts(subject: Subject) -> str | None:
+    """Draw what the drivers have to do."""
+    if subject.loads is None:
         return None
+    units = {"rad": "N·m", "m": "N"}
+    curves = [Output(values, f"{name} effort", units[subject.mechanism.coordinate(name).unit])
+              for name, values in subject.loads.efforts.items()]
+    note = ("What the drivers bring about this motion with: links, gravity and springs, "
+            "without friction.")
+    return _drawn(subject, "Efforts", curves, note)
+
+
+def _reactions(subject: Subject) -> str | None:
+    """Tell the largest reactions of all pairs, and the largest shaking wrench."""
+    loads = subject.loads
+    if loads is None:
+        return None
+    wrenches = {**loads.reactions, "fixed link, all together": loads.on_ground}
     rows = []
-    for name, wrench in reactions.items():
-        parts = np.reshape(getattr(wrench, "vector", wrench), (-1, 2, 3))
-        force, moment = np.linalg.norm(np.asarray(parts, float), axis=2).max(axis=0)
-        rows.append((name, number(force, "N"), number(moment, "N·m")))
-    return section("Reactions", table(("pair", "largest force", "largest moment"), rows, 2))
+    for name, wrench in wrenches.items():
+        force, moment = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
+        unique = np.all(loads.determined.get(name, True))
+        rows.append((name + " *" * (not unique), number(force, "N"), number(moment, "N·m")))
+    note = paragraph("* one of many: the loop is overconstrained and can be under stress by "
+                     "itself; the least.") if any(" *" in row[0] for row in rows) else ""
+    return section("Reactions", table(("pair", "largest force", "largest moment"), rows, 2) + note)
 
 
 def _mobility(subject: Subject) -> str:
@@ -302,7 +336,7 @@ def _accuracy(subject: Subject) -> str:
         f"{tiny(worst)} rad in angles. Rates and accelerations are solved from the exact "
         "derivatives of the closure equations; no difference quotients are taken."
     )
-    if hasattr(subject.shown, "energy_drift"):
+    if isinstance(subject.shown, Simulation):
         text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of what is "
                  f"exchanged, over {subject.shown.steps} steps of the integrator.")
     settings = getattr(subject.shown, "accuracy", None)
@@ -321,6 +355,7 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _ranges,
     _coordinates,
     _events,
+    _efforts,
     _reactions,
     _mobility,
     _dimensions,

@@ -1,0 +1,169 @@
+"""The equations of motion in all joint coordinates, the loops kept closed by projection.
+
+    [M  J^T] [a      ]   [f - b  ]
+    [J   0 ] [-lambda] = [-gamma ]
+
+is solved at every evaluation; after every step the configuration is taken back to closed loops by
+the shortest way, and the velocity to what they allow [Eich1993]. Dearer than independent
+coordinates, but no coordinates have to be chosen.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from spatial_pin.dynamics.embedding import Lost
+from spatial_pin.dynamics.problem import Problem, Row
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.newton import generic_rank
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array, decompose, independent_rows
+from spatial_pin.mechanism.pairs import PAIRS
+
+FAR = 0.5  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
+OPEN = 1e-6  # closure residual that a step may leave to be projected away
+SINGULAR = 1e-12  # smallest over largest pivot at which the loops have lost rank
+
+
+class Projected:
+    """The right-hand side for the unknowns y: chart coordinates x, their rates u, work done.
+
+    Args:
+        problem: what acts; nothing is prescribed.
+        state: where the chart begins.
+
+    Attributes:
+        projections: how often the motion was taken back to closed loops.
+
+    Raises:
+        SpatialPinError: drivers are prescribed, which this formulation does not know.
+        SingularError: the loops have lost rank at the state.
+    """
+
+    def __init__(self, problem: Problem, state: State) -> None:
+        if problem.drives:
+            raise SpatialPinError(
+                f"mechanism {problem.mechanism.name!r}: the projected formulation prescribes no "
+                "drivers; use the independent one")
+        self.problem, self.model, self.scale = problem, problem.model, problem.scale
+        self.n = problem.model.nv
+        self.free = list(range(self.n))
+        self.evaluation = Evaluation(constraints_of(problem.mechanism))
+        self.evaluation.turns[:] = state.angles
+        self.curved = any(not PAIRS[pair].is_linear for pair in problem.mechanism.pairs)
+        self.n_rows = self.evaluation.constraints.n_rows
+        self.q0 = np.array(state.q)
+        self.evaluation.update(self.q0)
+        self.rows = independent_rows(self.evaluation.jacobian[: self.n_rows])
+        if len(self.rows) < self.n_rows and (
+                len(self.rows) < generic_rank(self.evaluation, self.q0)):
+            raise SingularError(
+                f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
+                "loops lose rank there", state=state)
+        self.evaluations = self.projections = 0
+        self.crossings: list[float] = []
+        self.is_fresh_the_same, self.patience = not self.curved, 0.0
+        self.kkt = np.zeros((self.n + len(self.rows),) * 2)
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y at the chart's origin, at joint velocities v (nv,)."""
+        return self.problem.unknowns(v / self.scale, work)
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return dy/dt; NaN where the loops lose rank."""
+        self.evaluations += 1
+        q, v = self._place(y)
+        try:
+            a, given = self._accelerate(t, q, v)
+        except Lost:
+            return np.full(len(y), np.nan)
+        rates = v / self.scale
+        if self.curved:
+            rates = pin.dDifference(self.model, self.q0, q, pin.ARG1) @ v / self.scale
+        power = []
+        if self.problem.works:
+            power = [float(given @ v) + self.problem.forces.storing(self.evaluation, q, v)]
+        return np.concatenate([rates, a / self.scale, power])
+
+    def _place(self, y: Array) -> tuple[Array, Array]:
+        """Return q and v of unknowns."""
+        n = self.n
+        return (pin.integrate(self.model, self.q0, self.scale * y[:n]),
+                self.scale * y[n : 2 * n])
+
+    def _accelerate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return joint accelerations and given joint forces (nv,)."""
+        problem, d, n = self.problem, self.scale, self.n
+        gamma = self._bias(q, v)[self.rows]
+        given = problem.given(t, q, v, self.evaluation)
+        force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
+        mass = d[:, None] * pin.crba(problem.model, problem.data, q) * d
+        heaviest = float(np.abs(mass).max()) or 1.0
+        jacobian = self.evaluation.jacobian[self.rows]
+        k = self.kkt
+        k[:n, :n], k[:n, n:], k[n:, :n] = mass / heaviest, jacobian.T, jacobian
+        lu, _, x, info = lapack.dgesv(k, np.concatenate([d * force / heaviest, -gamma]))
+        sizes = np.abs(lu.diagonal())
+        if info or sizes.min() < SINGULAR * sizes.max():
+            raise Lost
+        return d * x[:n], given
+
+    def _bias(self, q: Array, v: Array) -> Array:
+        """Return gamma (n_rows,), the evaluation standing at q."""
+        self.evaluation.update(q)
+        if self.evaluation.turns.size:
+            self.evaluation.turns[:] = self.evaluation.angles
+        gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
+        return gamma
+
+    def project(self, solver: Any) -> None:
+        """Take the solver's state back to closed loops and to velocities that they allow.
+
+        Raises:
+            Lost: the step has opened the loops too far.
+        """
+        self.projections += 1
+        n, y = self.n, np.array(solver.y)
+        q, v = self._place(y)
+        q, v = self._closed(q, v)
+        y[:n] = pin.difference(self.model, self.q0, q) / self.scale
+        y[n : 2 * n] = v / self.scale
+        solver.y = y
+        solver.f = self(solver.t, y)
+
+    def _closed(self, q: Array, v: Array) -> tuple[Array, Array]:
+        evaluation = self.evaluation
+        for k in range(6):
+            evaluation.update(q)
+            worst = evaluation.closure_error
+            if not worst < OPEN:
+                raise Lost
+            svd = decompose(evaluation.jacobian[self.rows])
+            if worst <= self.problem.tolerance or k == 5:
+                break
+            q = pin.integrate(self.model, q,
+                              -self.scale * svd.minimum_norm(evaluation.residual[self.rows]))
+        opening = evaluation.jacobian[self.rows] @ (v / self.scale)
+        return q, v - self.scale * svd.minimum_norm(opening)
+
+    def state(self, t: float, y: Array) -> State:
+        """Return the State at y, with velocities."""
+        q, v = self._closed(*self._place(y))
+        return self.problem.state(q, v, self.evaluation)
+
+    def row(self, t: float, y: Array) -> Row:
+        """Return everything at y, loops closed."""
+        q, v = self._closed(*self._place(y))
+        a, _ = self._accelerate(t, q, v)
+        return Row(q, v, a, self.evaluation.closure_error,
+                   self.problem.energy(q, v, self.evaluation), np.empty(0),
+                   self.evaluation.angles.copy())
+
+    def is_worn(self, t: float, y: Array) -> bool:
+        """Whether the chart should be begun anew."""
+        return self.curved and float(np.abs(y[: self.n]).max()) > FAR

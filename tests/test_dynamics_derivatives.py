@@ -1,0 +1,150 @@
+"""Derivatives of the constrained dynamics against differences of sixth order."""
+
+from __future__ import annotations
+
+import mechanisms as known
+import numpy as np
+import pinocchio as pin
+import pytest
+from masses import heavy, with_masses
+
+import spatial_pin as sp
+from spatial_pin.dynamics.derivatives import dynamics_derivatives
+from spatial_pin.dynamics.forward import forward_dynamics
+
+WEIGHT = (1.0, (0.01, 0.02, 0.03), (0.02, 0.03, 0.04))
+STENCIL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+
+
+def difference(f, h):
+    return sum(c * (f(k * h) - f(-k * h)) for k, c in STENCIL) / h
+
+
+def sprung(folder):
+    """An open chain with springs and dampers of both kinds."""
+    tree = heavy(known.turning("shoulder", "ground", "upper", axis=(0, 1, 0))
+                 + known.floating("elbow", "upper", "lower", (0.3, 0, 0)), upper=WEIGHT,
+                 lower=WEIGHT)
+    tree += known.point("hook", "ground", (0.1, 0.4, 0.2))
+    tree += known.point("eye", "lower", (0.1, 0, 0.1))
+    toml = known.refine("elbow", "spherical")
+    toml += ('[[springs]]\nname = "a"\nframes = ["hook", "eye"]\nstiffness = 80.0\ndamping = 4.0\n'
+             'free_length = 0.1\n[[springs]]\nname = "b"\njoint = "shoulder"\nstiffness = 9.0\n'
+             "damping = 0.5\nfree_angle = 0.3\n")
+    return known.load(folder, "sprung", tree, toml)
+
+
+def nut(folder):
+    """A nut on a screw, as a closure of a free body."""
+    tree = heavy(known.floating("free", "ground", "nut"), nut=WEIGHT)
+    tree += known.point("spindle", "ground", rpy=(0.3, 0.2, 0.1))
+    tree += known.point("thread", "nut", rpy=(0.3, 0.2, 0.1))
+    return known.load(folder, "nut", tree, known.closure("screw", "screw", "spindle", "thread",
+                                                         lead=0.3))
+
+
+def lamp(folder):
+    return with_masses(known.lamp(folder), folder, arm=WEIGHT, shade=WEIGHT)
+
+
+def rod(folder):
+    return with_masses(known.rssr_with_a_rod(folder), folder, crank=WEIGHT, rocker=WEIGHT)
+
+
+def swash(folder):
+    return with_masses(known.swash_point(folder), folder, plate=WEIGHT, piston=WEIGHT)
+
+
+def pointer(folder):
+    return with_masses(known.leaning_pointer(folder), folder, cone=WEIGHT, pointer=WEIGHT)
+
+
+REGULAR = [*(lambda _, name=name: sp.load(name) for name in (
+    "rssr", "rspc", "crank_collar", "stewart", "delta", "swash_plate", "turntable_collar")),
+    sprung, nut, lamp, rod, swash, pointer]
+NAMES = ["rssr", "rspc", "crank_collar", "stewart", "delta", "swash_plate", "turntable_collar",
+         "sprung", "nut", "lamp", "rod", "swash", "pointer"]
+OVERCONSTRAINED = ["bennett", "bricard", "four_bar", "hooke_joint", "double_cardan", "sarrus",
+                   "geared_five_bar", "screw_press", "oldham", "watt_six_bar"]
+
+
+def moving(mech):
+    state = sp.assemble(mech, {})
+    if mech.drivers:
+        return sp.solve_rates(mech, state, dict.fromkeys(mech.drivers, 0.7))
+    if mech.closures:  # the nut
+        turn = np.concatenate([0.3 / (2 * np.pi) * np.eye(3)[2], np.eye(3)[2]])
+        axis = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.zeros(3))
+        return sp.State(mech, state.q, axis.act(pin.Motion(1.3 * turn)).vector, closure_error=0.0,
+                        angles=state.angles)
+    rng = np.random.default_rng(5)
+    q = pin.integrate(mech.model, state.q, rng.uniform(-0.5, 0.5, mech.model.nv))
+    return sp.State(mech, q, rng.uniform(-1, 1, mech.model.nv), closure_error=0.0)
+
+
+@pytest.mark.parametrize("build", REGULAR, ids=NAMES)
+def test_partial_derivatives(build, tmp_path):
+    """Of accelerations and multipliers, in every direction."""
+    mech = build(tmp_path)
+    state, size = moving(mech), mech.velocity_scale
+    efforts = {name: 0.4 for name in list(mech.coordinates)[:1] if mech.coordinate(name).q >= 0}
+    found = dynamics_derivatives(mech, state, efforts)
+
+    def both(q, v, effort=efforts):
+        answer = forward_dynamics(mech, sp.State(mech, q, v, closure_error=0.0,
+                                                 angles=state.angles), effort)
+        return np.concatenate([answer.a, answer.multipliers])
+
+    value = both(state.q, state.v)
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        d = size * rng.uniform(-1, 1, mech.model.nv)
+        by_q = difference(lambda e, d=d: both(pin.integrate(mech.model, state.q, e * d), state.v),
+                          2e-4)
+        by_v = difference(lambda e, d=d: both(state.q, state.v + e * d), 0.05)
+        for got, want in ((np.concatenate([found.a_by_q, found.multipliers_by_q]) @ d, by_q),
+                          (np.concatenate([found.a_by_v, found.multipliers_by_v]) @ d, by_v)):
+            n = mech.model.nv
+            for part in (slice(0, n), slice(n, None)):
+                scale = np.abs(np.stack([want[part], value[part]])).max(initial=1e-9)
+                assert got[part] == pytest.approx(want[part], abs=1e-8 * scale)
+    for name in efforts:
+        unit = both(state.q, state.v, {name: 1.4}) - value
+        column = np.concatenate([found.a_by_effort, found.multipliers_by_effort])[
+            :, mech.coordinate(name).v]
+        assert column == pytest.approx(unit, abs=1e-9 * np.abs(unit).max())
+
+
+@pytest.mark.parametrize("name", OVERCONSTRAINED)
+def test_along_closed_motions_of_overconstrained_loops(name):
+    mech = sp.load(name)
+    driver = next(iter(mech.drivers))
+    start, speed = sp.assemble(mech, {}), 0.7
+    at = start.coordinate(driver).value
+
+    def near(e):
+        state = sp.assemble(mech, {driver: at + e}, guess=start)
+        return sp.solve_rates(mech, state, {driver: speed})
+
+    def accelerations(e):
+        return forward_dynamics(mech, near(e), {driver: 0.3}).a
+
+    state = near(0.0)
+    found = dynamics_derivatives(mech, state, {driver: 0.3})
+    want = difference(accelerations, 2e-3)
+    got = (found.a_by_q @ state.v + found.a_by_v @ state.a) / speed
+    scale = max(np.abs(want).max(), np.abs(found.a).max())
+    assert got == pytest.approx(want, abs=1e-7 * scale)
+
+
+def test_a_tree_without_closures_has_pinocchios_derivatives(tmp_path):
+    mech = with_masses(known.pendulum(tmp_path), tmp_path, upper=WEIGHT, lower=WEIGHT)
+    state = sp.solve_rates(mech, sp.assemble(mech, {"shoulder": 0.4, "elbow": -0.8}),
+                           {"shoulder": 2.0, "elbow": -1.0})
+    found = dynamics_derivatives(mech, state, {"elbow": 0.3})
+    data = mech.model.createData()
+    by_q, by_v, by_effort = pin.computeABADerivatives(mech.model, data, state.q, state.v,
+                                                      np.array([0.0, 0.3]))
+    assert found.a_by_q == pytest.approx(by_q, rel=1e-10, abs=1e-10)
+    assert found.a_by_v == pytest.approx(by_v, rel=1e-10, abs=1e-10)
+    assert found.a_by_effort == pytest.approx(by_effort, rel=1e-10, abs=1e-10)
