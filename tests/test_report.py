@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
@@ -35,7 +36,8 @@ def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
     text = read(report(rssr, tmp_path / "rssr.html"))
     assert headings(text) == [
         "Outputs", "Speed ratios", "Accelerations", "Ranges",
-        "Special positions", "Efforts", "Reactions", "Mobility", "Dimensions", "Structure", "Accuracy",
+        "Special positions", "Efforts", "Reactions", "Mobility", "Dimensions", "Structure",
+        "Accuracy",
     ]
     assert "<h1>RSSR spatial four-bar</h1>" in text
     assert html.escape(str(sp.mobility(rssr.mechanism, rssr.state(21)))) in text
@@ -44,7 +46,7 @@ def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
     assert tiny(rssr.closure_error.max()) in text
     assert f"spatial_pin {sp.__version__}" in text and f"Pinocchio {pin.__version__}" in text
     assert "ball_a.x [rad], ball_a.y [rad], ball_a.z [rad]" in text
-    assert len(re.findall(r'<svg role="img"', text)) == 3
+    assert len(re.findall(r'<svg role="img"', text)) == 4
     greatest = np.rad2deg(rssr.coordinate("rocker_pin").value.max())
     assert f"{greatest:.6g}°" in text
     assert "No limit and no singular" in text
