@@ -49,7 +49,7 @@ def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
     assert len(re.findall(r'<svg role="img"', text)) == 4
     greatest = np.rad2deg(rssr.coordinate("rocker_pin").value.max())
     assert f"{greatest:.6g}°" in text
-    assert "No limit and no singular" in text
+    assert "dead centre of rocker_pin" in text
 
 
 def test_report_refers_to_nothing_outside_itself(rssr, tmp_path):
