@@ -17,6 +17,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
 from spatial_pin.mechanism.export import export_urdf
+from spatial_pin.mechanism.files import library_titles
 from spatial_pin.operators import OPERATORS
 from spatial_pin.units import Quantity, quantity
 from spatial_pin.view import Viewer
@@ -224,7 +225,7 @@ def _load(options: argparse.Namespace) -> sp.Mechanism:
 
 
 def _list(options: argparse.Namespace) -> None:
-    rows = [(m.name, m.title, m.source) for m in map(sp.load, sp.list_mechanisms())]
+    rows = [(name, *words) for name, words in library_titles().items()]
     if options.json:
         _write_json([dict(zip(("name", "title", "source"), row, strict=True)) for row in rows],
                     options.json)

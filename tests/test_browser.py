@@ -206,7 +206,7 @@ def test_report_shows_the_mechanism_and_its_figures(browser, tmp_path):
     figures = browser.evaluate(
         "[...document.querySelectorAll('figure > svg')].map(s => s.getBoundingClientRect().width)"
     )
-    assert len(figures) == 3 and min(figures) > 700
+    assert len(figures) == 4 and min(figures) > 700
     browser.evaluate("document.querySelector('figure > svg').scrollIntoView(); 1")
     assert colour_mask(pixels(browser.screenshot()), (0.0, 0.447, 0.698)).sum() > 300
     assert browser.evaluate("document.documentElement.scrollWidth") <= 1100

@@ -47,6 +47,15 @@ def list_mechanisms() -> list[str]:
     return sorted(path.stem for path in library_folder().glob("*.toml"))
 
 
+def library_titles() -> dict[str, tuple[str, str]]:
+    """Return title and source of every library mechanism by name, without loading any."""
+    found = {}
+    for name in list_mechanisms():
+        table = tomllib.loads((library_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+        found[name] = table.get("title", ""), table.get("source", "")
+    return found
+
+
 def load(source: str | Path, **parameters: float) -> Mechanism:
     """Load a mechanism.
 
