@@ -27,8 +27,9 @@ MOST_CORRECTIONS = 8
 CONTRACTION = 0.3  # a correction may be this fraction of the one before
 EXPLAINED = 0.2  # part of a step that the prediction may leave unexplained
 LONGEST = 0.7  # longest step in one go [rad, characteristic lengths]
-HALVINGS = 12
-SINGULAR = 1e-9  # smallest over largest pivot of K below which the coordinates are useless
+HALVINGS = 10
+SINGULAR = 1e-9  # smallest over largest pivot of K below which nothing can be solved
+USELESS = 1e-7  # pivots below which no chart is begun
 CLOSED = 1e-22  # squared residual that ends a contraction by round-off
 
 
@@ -95,11 +96,11 @@ class Embedding:
         self.k = np.zeros((n, n))
         self.k[np.arange(r, n), self.held] = 1.0
         self.units = self.k[r:].copy()
-        self.x = np.zeros(len(self.held))
-        self.sign, pivot = self._factor()
-        if pivot < SINGULAR:
+        self.x: Array = np.zeros(len(self.held))
+        self.sign, self.pivot = self._factor()
+        if self.pivot < USELESS:
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration")
-        self.columns = self._columns()
+        self.columns = self._ahead = self._columns()
 
     def _factor(self) -> tuple[int, float]:
         """Factor K at the evaluation's configuration; return determinant sign and pivots."""
@@ -116,6 +117,13 @@ class Embedding:
         rhs = np.zeros((len(self.k), len(self.held)))
         rhs[len(self.rows) :] = np.eye(len(self.held))
         return self._solve(rhs)
+
+    def _chart_columns(self) -> Array:
+        """Return the scaled joint velocities (nv, n) per unit rate of each chart coordinate."""
+        if self.linear:
+            return self.columns
+        rates = self._chart_slopes(self.q) @ self.columns
+        return np.linalg.solve(rates.T, self.columns.T).T
 
     def coordinates(self, q: Array) -> Array:
         """Return the chart coordinates (n,) of a configuration, scaled."""
@@ -137,21 +145,22 @@ class Embedding:
             Lost: it cannot.
         """
         start = self.x
-        parts, done = 1, 0.0
+        part, done = 1.0, 0.0
         while done < 1.0:
-            fraction = min(1.0, done + 1.0 / parts)
+            fraction = min(1.0, done + part)
             goal = x if fraction == 1.0 else start + fraction * (x - start)
             if self._step(goal):
                 done = fraction
-            elif parts >= 2**HALVINGS:
+                part *= 2.0
+            elif part <= 0.5**HALVINGS:
                 raise Lost
             else:
-                parts *= 2
+                part *= 0.5
 
     def _step(self, x: Array) -> bool:
         """Move in one step; False, and nothing changed, where that is not safe."""
         evaluation = self.evaluation
-        step = self.columns @ (x - self.x)
+        step = self._ahead @ (x - self.x)
         size = float(np.sqrt(step @ step))
         if not size <= LONGEST:
             return False
@@ -164,8 +173,9 @@ class Embedding:
         if q is not None:
             sign, pivot = self._factor()
             if sign == self.sign and pivot > SINGULAR:
-                self.q, self.x = q, x
+                self.q, self.x, self.pivot = q, x, pivot
                 self.columns = self._columns()
+                self._ahead = self._chart_columns()
                 if turns.size:
                     evaluation.turns[:] = evaluation.angles
                 return True
@@ -206,8 +216,12 @@ class Embedding:
     def _chart_rows(self, q: Array) -> None:
         """Let K hold the derivative of the chart coordinates instead of the held velocities."""
         if not self.linear:
-            slope = pin.dDifference(self.model, self.q0, q, pin.ARG1)[self.held]
-            self.k[len(self.rows) :] = slope * self.scale / self.scale[self.held][:, None]
+            self.k[len(self.rows) :] = self._chart_slopes(q)
+
+    def _chart_slopes(self, q: Array) -> Array:
+        """Return the derivatives (n, nv) of the chart coordinates by scaled joint velocities."""
+        slope = pin.dDifference(self.model, self.q0, q, pin.ARG1)[self.held]
+        return slope * self.scale / self.scale[self.held][:, None]
 
     def velocity(self, held: Array) -> Array:
         """Return the joint velocities (nv,) for the held ones (n,)."""

@@ -17,11 +17,17 @@ FAR = 1.0  # chart coordinate at which a chart of joints that turn in space is b
 class Freedoms:
     """The right-hand side for the unknowns y: chart coordinates x, their rates u, work done.
 
+    Attributes:
+        rows_at_once: how many rows are worth being worked out in one go: the way from the last
+            place to the first is long.
+
     Args:
         problem: what acts.
         state: where the chart begins.
         free: velocity entries that are independent.
     """
+
+    rows_at_once = 1
 
     def __init__(self, problem: Problem, state: State, free: list[int]) -> None:
         self.problem, self.free, self.n = problem, free, len(free)
@@ -31,7 +37,10 @@ class Freedoms:
         self.held_scale = problem.scale[self.embedding.held]
         self.starts = np.array([state.q[c.q] for c, _ in problem.drives])
         self.evaluations, self.patience = 0, FAST
-        self.crossings: list[float] = []
+
+    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+        """Return none: with several freedoms no crossing is passed."""
+        return []
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
@@ -98,12 +107,7 @@ class Freedoms:
         v, _ = self._place(t, y)
         return self.problem.state(self.embedding.q, v, self.evaluation)
 
-    def row(self, t: float, y: Array) -> Row:
-        """Return everything at y, loops closed.
-
-        Raises:
-            Lost: they cannot be.
-        """
+    def _row(self, t: float, y: Array) -> Row:
         v, a0 = self._place(t, y)
         acceleration, missing, _ = self._accelerate(t, v, a0)
         q = self.embedding.q.copy()
@@ -111,6 +115,14 @@ class Freedoms:
         return Row(q, v, a, self.evaluation.closure_error,
                    self.problem.energy(q, v, self.evaluation), self._drive_efforts(missing),
                    self.evaluation.angles.copy())
+
+    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+        """Return everything at times (N,) and unknowns (N, n), loops closed.
+
+        Raises:
+            Lost: they cannot be at one of them.
+        """
+        return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""
@@ -121,6 +133,11 @@ class Freedoms:
         except Lost:
             return True
         return self.embedding.pace > self.patience
+
+    @property
+    def pivot(self) -> float:
+        """Smallest over largest pivot of the equations at the present place."""
+        return self.embedding.pivot
 
     @property
     def is_fresh_the_same(self) -> bool:

@@ -17,6 +17,9 @@ from spatial_pin.mechanism.mechanism import Coordinate
 class OneFreedom:
     """The right-hand side for the unknowns y: the coordinate's change, its rate, work done.
 
+    Attributes:
+        rows_at_once: how many rows are worth being worked out in one go.
+
     Args:
         problem: what acts; nothing is prescribed.
         state: where the coordinate begins.
@@ -26,20 +29,28 @@ class OneFreedom:
         SingularError: it does not determine the motion there.
     """
 
+    rows_at_once = 1000
+
     def __init__(self, problem: Problem, state: State, coordinate: Coordinate) -> None:
         self.problem, self.n, self.free = problem, 1, [coordinate.v]
         self.path = Path(state, coordinate)
         self.evaluation = self.path.evaluation
         self.unit, self.start = self.path.unit, self.path.start
+        self._seen = self.start
         self.table = Table(problem.mechanism, self.path, coordinate, problem.forces)
         self.forced = problem.forces.exist or problem.constant.any() or problem.law is not None
         self.evaluations, self.patience = 0, FAST
         self.is_fresh_the_same = True
+        self.pivot = 1.0  # the path itself watches what it meets
 
-    @property
-    def crossings(self) -> list[float]:
-        """Values of the coordinate at which branches were crossed, to be cleared by who reads."""
-        return self.path.crossings
+    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+        """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
+        before, self._seen = self._seen, self.start + self.unit * float(y[0])
+        low, high = sorted((before, self._seen))
+        found = {round(value, 6): value for crossing in self.path.crossings
+                 for value in self.table.images(crossing, low, high)}
+        return [(value, (value - self.start) / self.unit)
+                for value in sorted(found.values(), reverse=before > self._seen)]
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the coordinate's start, at joint velocities v (nv,)."""
@@ -62,27 +73,25 @@ class OneFreedom:
         m, h, g, _ = self.table.reduced(s)
         force = power = 0.0
         if self.forced:
-            force, power = self._forces(t, s, rate)
+            force, power = self._forces(t, s, rate, self.table.columns_at(s))
         return (force - h * rate * rate - g) / m if m else 0.0, power
 
-    def _forces(self, t: float, s: float, rate: float) -> tuple[float, float]:
+    def _forces(self, t: float, s: float, rate: float, values: Array) -> tuple[float, float]:
         """Return the force of efforts and springs on the coordinate, and their lasting power."""
-        values = self.table.columns_at(s)
         t1 = values[self.table.columns.t]
         efforts = self.problem.constant
         if self.problem.law is not None:
-            q = self._stand(s)[0]
-            efforts = self.problem.efforts(t, q, t1 * rate, self.evaluation)
+            efforts = self.problem.efforts(t, self._stand(s, values), t1 * rate, self.evaluation)
         springs, stored = self.table.springs(values, rate)
         effort = float(efforts @ t1)
         return effort + springs, (effort + springs + stored) * rate
 
-    def _stand(self, s: float) -> tuple[Array, Array, Array]:
-        """Return q, dq/ds, d²q/ds² at s, the evaluation standing there."""
-        q, t1, t2, angles = self.table.place(s)
-        self.evaluation.turns[:] = angles
+    def _stand(self, s: float, values: Array) -> Array:
+        """Return q at s, with these values of the columns, and let the evaluation stand there."""
+        q = self.table.configuration(s, values)
+        self.evaluation.turns[:] = values[self.table.columns.angles]
         self.evaluation.update(q)
-        return q, t1, t2
+        return q
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y, with velocities.
@@ -90,25 +99,39 @@ class OneFreedom:
         Raises:
             Lost: the branch does not go there.
         """
-        q, t1, _ = self._stand(self.start + self.unit * float(y[0]))
-        return self.problem.state(q, t1 * (self.unit * float(y[1])), self.evaluation)
+        s = self.start + self.unit * float(y[0])
+        values = self.table.columns_at(s)
+        v = values[self.table.columns.t] * (self.unit * float(y[1]))
+        return self.problem.state(self._stand(s, values), v, self.evaluation)
 
-    def row(self, t: float, y: Array) -> Row:
-        """Return everything at y.
+    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+        """Return everything at times (N,) and unknowns (N, n).
 
         Raises:
-            Lost: the branch does not go there.
+            Lost: the branch does not go to one of them.
         """
-        acceleration, _ = self._accelerate(t, y)
-        q, t1, t2 = self._stand(self.start + self.unit * float(y[0]))
-        rate = self.unit * float(y[1])
-        v = t1 * rate
-        return Row(q, v, t1 * acceleration + t2 * (rate * rate), self.evaluation.closure_error,
-                   self.problem.energy(q, v, self.evaluation), np.empty(0),
-                   self.evaluation.angles.copy())
+        places, rates = self.start + self.unit * unknowns[:, 0], self.unit * unknowns[:, 1]
+        values = self.table.columns_of(places)
+        columns, rates = self.table.columns, rates[:, None]
+        m, h, g, _ = values[:, columns.reduced].T
+        forces = np.zeros(len(times))
+        if self.forced:
+            forces[:] = [self._forces(*row)[0] for row in zip(
+                times.tolist(), places.tolist(), rates[:, 0].tolist(), values, strict=True)]
+        free = forces - h * rates[:, 0] ** 2 - g
+        second = np.divide(free, m, out=np.zeros(len(m)), where=m != 0.0)[:, None]
+        v = values[:, columns.t] * rates
+        a = values[:, columns.t] * second + values[:, columns.c] * rates**2
+        return [self._row(*row) for row in zip(places.tolist(), values, v, a, strict=True)]
+
+    def _row(self, s: float, values: Array, v: Array, a: Array) -> Row:
+        q, evaluation = self._stand(s, values), self.evaluation
+        return Row(q, v, a, evaluation.closure_error, self.problem.energy(q, v, evaluation),
+                   np.empty(0), evaluation.angles.copy())
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether another independent coordinate would be better."""
-        t1 = self.table.place(self.start + self.unit * float(y[0]))[1]
+        values = self.table.columns_at(self.start + self.unit * float(y[0]))
+        t1 = values[self.table.columns.t]
         pace = float(np.abs(t1 / self.problem.scale).max()) * self.unit
         return pace > self.patience

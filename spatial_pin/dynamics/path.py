@@ -11,7 +11,6 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
-
 ROUND_OFF = 1e-15  # closure residual: places are few and all else is made of them
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -95,4 +95,49 @@ class Problem:
         return float(y[-1]) if self.works else 0.0
 
 
-System = Any  # `Freedoms` or `OneFreedom`
+class System(Protocol):
+    """Equations of motion in independent coordinates: `Freedoms` or `OneFreedom`.
+
+    Called with (t, y) it returns dy/dt, NaN where the loops cannot be closed. y holds the chart
+    coordinates, their rates, and the work done if any is.
+
+    Attributes:
+        problem: what acts.
+        free: velocity entries that are independent.
+        evaluations: how often it was called.
+        patience: how many times faster than they another joint may move before they are worn.
+        rows_at_once: how many rows are worth being worked out in one go.
+    """
+
+    problem: Problem
+    free: list[int]
+    evaluations: int
+    patience: float
+    rows_at_once: int
+
+    @property
+    def pivot(self) -> float:
+        """Smallest over largest pivot of the equations at the present place."""
+
+    @property
+    def is_fresh_the_same(self) -> bool:
+        """Whether the same coordinates, taken anew, would be no better."""
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return dy/dt."""
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y at the chart's origin, at joint velocities v (nv,)."""
+
+    def state(self, t: float, y: Array) -> State:
+        """Return the State at y."""
+
+    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+        """Return everything at times (N,) and unknowns (N, n)."""
+
+    def is_worn(self, t: float, y: Array) -> bool:
+        """Whether other coordinates, or a chart begun anew, would be better."""
+
+    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+        """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
+

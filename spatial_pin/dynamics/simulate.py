@@ -26,6 +26,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
 
 ROWS = 1000  # rows of a simulation whose times are not given, less one
+NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
+CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
 
 
 @dataclass(eq=False)
@@ -52,24 +54,43 @@ class Simulation(Motion):
     steps: int = 0
 
 
-@dataclass
 class _Rows:
-    """Rows of a simulation, filled one by one."""
+    """Rows of a simulation, filled one after the other, several in one go.
 
-    times: Array
-    rows: list[Row] = field(default_factory=list)
-    work: list[float] = field(default_factory=list)
+    Args:
+        times: (N,) when.
+    """
 
-    @property
-    def next(self) -> float:
-        """Time of the row to be filled next; infinite after the last."""
-        k = len(self.rows)
-        return float(self.times[k]) if k < len(self.times) else np.inf
+    def __init__(self, times: Array) -> None:
+        self.times, self.asked = times, 0
+        self._waiting: list[tuple[Array, Array]] = []
+        self._times: list[float] = []
+        self._rows: list[Row] = []
+        self._work: list[float] = []
 
-    def put(self, system: System, t: float, y: Array) -> None:
-        """Add the row at y."""
-        self.rows.append(system.row(t, y))
-        self.work.append(system.problem.work(y))
+    def until(self, end: float) -> Array:
+        """Return the times of rows not yet asked for, up to `end`."""
+        return self.times[self.asked : np.searchsorted(self.times, end, "right")]
+
+    def ask(self, system: System, times: Array, unknowns: Array) -> None:
+        """Ask for rows at times (N,) and unknowns (N, n)."""
+        self._waiting.append((times, unknowns))
+        self.asked += len(times)
+        if self.asked - len(self._rows) >= system.rows_at_once:
+            self.fill(system)
+
+    def fill(self, system: System) -> None:
+        """Work out all rows that were asked for."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            times, unknowns = (np.concatenate(x) for x in zip(*waiting, strict=True))
+            self._rows += system.rows(times, unknowns)
+            self._times += times.tolist()
+            self._work += [system.problem.work(y) for y in unknowns]
+
+    def filled(self) -> tuple[Array, list[Row], Array]:
+        """Return the rows that are worked out: times (N,), rows, and work done until each (N,)."""
+        return np.array(self._times), self._rows, np.array(self._work)
 
 
 def simulate(
@@ -101,7 +122,8 @@ def simulate(
         accuracy: integrator, its tolerance or step, and closure; default "engineering".
         drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
-        stop_when: ends the simulation where this function (t, State) crosses zero; an event.
+        stop_when: ends the simulation where this function (t, State) crosses zero, with an event
+            and a last row there.
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
@@ -129,8 +151,8 @@ def simulate(
             bar.update(t - bar.n)
     except Lost:
         raise SingularError(
-            f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {bar.n:.9g} s: the "
-            "loops lose rank, or branches cross, there", motion=run.motion(),
+            f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
+            "the loops lose rank, or branches cross, there", motion=run.motion(),
         ) from None
     except SingularError as error:
         error.motion = run.motion()
@@ -184,7 +206,12 @@ def system_at(problem: Problem, state: State) -> System:
 
 
 class _Run:
-    """A simulation under way."""
+    """A simulation under way.
+
+    Attributes:
+        t: time reached [s].
+        y: unknowns there.
+    """
 
     def __init__(
         self, problem: Problem, accuracy: Accuracy, times: Array,
@@ -193,34 +220,66 @@ class _Run:
         self.problem, self.accuracy = problem, accuracy
         self.rows, self.events = _Rows(times), list[Event]()
         self.stop_when, self.last = stop_when, 0.0
+        self.t, self.end = 0.0, float(times[-1])
+        self.y: Array = np.empty(0)
         self.steps, self.evaluations = 0, 0
         self.used: list[str] = []
+        self._largest, self._creeping = np.zeros(2), 0
+        self._failed_at = -1.0
 
     def follow(self, state: State) -> Iterator[float]:
         """Integrate from coordinates to coordinates until the end; yields the time reached."""
         system = self._begin(state)
-        t, y = 0.0, system.unknowns(state.v, 0.0)
-        end = float(self.rows.times[-1])
-        while self.rows.next <= 0.0:
-            self.rows.put(system, 0.0, y)
+        self.y = system.unknowns(state.v, 0.0)
+        start = self.rows.until(0.0)
+        self.rows.ask(system, start, self.y[None][: len(start)])
         if self.stop_when is not None:
             self.last = self.stop_when(0.0, state)
-        while t < end:
-            solver = STEPPERS[self.accuracy.integrator](system, t, y, end, self.accuracy)
-            while solver.status == "running":
-                solver.step()
-                if solver.status == "failed":
-                    break
-                t, y = solver.t, solver.y
-                stopped = self._take(system, solver)
-                yield t
-                if stopped:
-                    return
-                if solver.status == "running" and system.is_worn(t, y):
-                    break
-            if t < end:
-                system, y = self._begin_again(system, t, y, solver.status == "failed")
-        self.evaluations += system.evaluations
+        while self.t < self.end:
+            solver = STEPPERS[self.accuracy.integrator](
+                system, self.t, self.y, self.end, self.accuracy)
+            before = system.evaluations
+            try:
+                for stopped in self._steps(system, solver):
+                    yield self.t
+                    if stopped:
+                        return
+            finally:
+                self.evaluations += system.evaluations - before
+                self.rows.fill(system)
+            if self.t < self.end:
+                system = self._begin_again(system, solver.status == "failed")
+
+    def _steps(self, system: System, solver: Any) -> Iterator[bool]:
+        """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed":
+                break
+            self._watch(system, solver)
+            self.t, self.y = solver.t, solver.y
+            yield self._take(system, solver)
+            if solver.status == "running" and system.is_worn(self.t, solver.y):
+                break
+
+    def _watch(self, system: System, solver: Any) -> None:
+        """Refuse to creep into a singular configuration.
+
+        Raises:
+            SingularError: ever shorter steps lead to one.
+        """
+        sizes = np.array([system.pivot, solver.t - solver.t_old])
+        self._largest = np.maximum(self._largest, sizes)
+        creeps = bool(np.all(sizes < NEAR * self._largest))
+        self._creeping = self._creeping + 1 if creeps else 0
+        if self._creeping > CREEPING:
+            raise self._singular(system.state(solver.t, solver.y))
+
+    def _singular(self, state: State) -> SingularError:
+        return SingularError(
+            f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
+            f"{self.t:.9g} s: the loops lose rank, or branches cross, just ahead of {state}",
+            state=state)
 
     def _begin(self, state: State) -> System:
         system = system_at(self.problem, state)
@@ -228,38 +287,36 @@ class _Run:
         self.used += [by_v[v] for v in system.free]
         return system
 
-    def _begin_again(
-        self, system: System, t: float, y: Array, failed: bool
-    ) -> tuple[System, Array]:
-        """Choose new coordinates where the old ones are worn; return them and the unknowns."""
-        state = system.state(t, y)
+    def _begin_again(self, system: System, failed: bool) -> System:
+        """Choose new coordinates where the old ones are worn, and change the unknowns to them."""
+        state = system.state(self.t, self.y)
+        if failed and self.t == self._failed_at:
+            raise self._singular(state)
+        if failed:
+            self._failed_at = self.t
         free = best_coordinates(state, [c.v for c, _ in self.problem.drives])
         if free == system.free and system.is_fresh_the_same:
             if failed:
-                raise SingularError(
-                    f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed "
-                    f"beyond {t:.9g} s: the loops lose rank, or branches cross, just ahead of "
-                    f"{state}", state=state)
+                raise self._singular(state)
             system.patience *= 2.0
-            return system, y
-        self.evaluations += system.evaluations
+            return system
         fresh = self._begin(state)
-        return fresh, fresh.unknowns(state.v, self.problem.work(y))
+        self.y = fresh.unknowns(state.v, self.problem.work(self.y))
+        return fresh
 
     def _take(self, system: System, solver: Any) -> bool:
         """Keep rows and events of the last step; return whether it is to be the last."""
         self.steps += 1
         stop = self._crossed(system, solver)
-        limit = solver.t if stop is None else stop
-        dense = solver.dense_output() if self.rows.next <= limit else None
-        while self.rows.next <= limit:
-            t = self.rows.next
-            assert dense is not None
-            self.rows.put(system, t, solver.y if t == solver.t else dense(t))
-        self._note_crossings(system)
+        times = self.rows.until(solver.t if stop is None else stop)
         if stop is not None:
-            self.events.append(Event("stopped", stop, len(self.rows.rows),
-                                     f"stopped at {stop:.12g} s"))
+            times = np.union1d(times, [stop])
+        unknowns = solver.dense_output()(times).T if times.size else np.empty((0, len(solver.y)))
+        self._note_crossings(system, solver.y, unknowns)
+        if times.size:
+            self.rows.ask(system, times, unknowns)
+        if stop is not None:
+            self.events.append(Event("stopped", stop, self.rows.asked, f"stopped at {stop:.12g} s"))
         return stop is not None
 
     def _crossed(self, system: System, solver: Any) -> float | None:
@@ -276,25 +333,28 @@ class _Run:
         return float(brentq(lambda t: function(t, system.state(t, dense(t))), solver.t_old,
                             solver.t, xtol=1e-14, rtol=1e-14))
 
-    def _note_crossings(self, system: System) -> None:
-        for value in system.crossings:
+    def _note_crossings(self, system: System, y: Array, unknowns: Array) -> None:
+        """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
+        for value, at in system.crossings_to(y):
+            row = self.rows.asked + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
             text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the "
                     "one that goes straight on")
-            self.events.append(Event("branch point", value, len(self.rows.rows), text))
-        system.crossings.clear()
+            self.events.append(Event("branch point", value, row, text))
 
     def motion(self) -> Simulation:
         """Return the rows so far."""
-        problem, n = self.problem, len(self.rows.rows)
+        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
+        times, rows, work = self.rows.filled()
+        n = len(rows)
         q, v, a, error, energy, efforts, angles = (
-            np.array(column) for column in (zip(*self.rows.rows, strict=True) if n else [[]] * 7))
-        q, v, a = (x.reshape(n, -1) for x in (q, v, a))
-        work, names = np.array(self.rows.work), [c.name for c, _ in problem.drives]
+            np.array(column) for column in (zip(*rows, strict=True) if n else [[]] * 7))
+        model = problem.model
+        q, v, a = q.reshape(n, model.nq), v.reshape(n, model.nv), a.reshape(n, model.nv)
         return Simulation(
-            mechanism=problem.mechanism, driver=None, driver_name="",
-            time=self.rows.times[:n].copy(), q=q, v=v, a=a, closure_error=error,
-            driver_speed=np.empty(0), events=self.events, angles=angles.reshape(n, -1),
-            energy=energy, work=work, energy_drift=_drift(problem, q, v, energy, work),
+            mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
+            closure_error=error, driver_speed=np.empty(0), events=self.events,
+            angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
+            energy_drift=_drift(problem, q, v, energy, work),
             efforts=dict(zip(names, efforts.reshape(n, len(names)).T, strict=True)),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
             steps=self.steps,

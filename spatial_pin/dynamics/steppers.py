@@ -2,7 +2,8 @@
 
 To add one, add an entry to STEPPERS: a function (fun, t0, y0, t_end, settings) to an object that
 steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running", "finished" or
-"failed") and `dense_output()`, a function of the time over the last step.
+"failed") and `dense_output()`, a function of the time, or of times (N,), over the last step that
+returns unknowns (n,) or (n, N).
 
 1. SciPy's adaptive methods: DOP853 and RK45 (explicit), Radau and BDF (stiff), LSODA (either).
 2. "RK4": the classical method, fixed step.
@@ -23,6 +24,7 @@ from spatial_pin.settings import Accuracy
 Function = Callable[[float, Array], Array]
 
 MOST_ITERATIONS = 60
+DIFFERENCE = 1e-7  # step of the differences for implicit methods [rad, characteristic lengths]
 ROOT3 = np.sqrt(3.0)
 GAUSS_A = np.array([[0.25, 0.25 - ROOT3 / 6], [0.25 + ROOT3 / 6, 0.25]])
 GAUSS_C = np.array([0.5 - ROOT3 / 6, 0.5 + ROOT3 / 6])
@@ -64,7 +66,8 @@ class _Fixed:
         from scipy.interpolate import CubicHermiteSpline
 
         (t, y, f) = self._before
-        return CubicHermiteSpline([t, self.t], [y, self.y], [f, self.f])
+        spline = CubicHermiteSpline([t, self.t], [y, self.y], [f, self.f])
+        return lambda times: spline(times).T
 
 
 class RK4(_Fixed):
@@ -81,8 +84,10 @@ class RK4(_Fixed):
 class Gauss(_Fixed):
     """Two-stage Gauss method, solved by fixed-point iteration to round-off."""
 
+    _k: Array | None = None  # slopes of the last step, to begin the iteration with
+
     def _advance(self, t: float, y: Array, f: Array, h: float) -> Array:
-        k = np.stack([f, f]) if not hasattr(self, "_k") else self._k
+        k = np.stack([f, f]) if self._k is None else self._k
         last = np.inf
         for _ in range(MOST_ITERATIONS):
             stages = y + h * (GAUSS_A @ k)
@@ -98,13 +103,25 @@ class Gauss(_Fixed):
         return y + 0.5 * h * (k[0] + k[1])
 
 
+def _jacobian(fun: Function) -> Callable[[float, Array], Array]:
+    """Return d fun/dy by forward differences; SciPy's own grow where nothing depends on y."""
+    def jacobian(t: float, y: Array) -> Array:
+        f = fun(t, y)
+        steps = DIFFERENCE * np.maximum(1.0, np.abs(y))
+        return np.column_stack([(fun(t, y + step) - f) / h
+                                for step, h in zip(np.diag(steps), steps, strict=True)])
+    return jacobian
+
+
 def _scipy(name: str) -> Callable[..., Any]:
     def make(fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy) -> Any:
         from scipy import integrate  # imported on use: it takes half a second
 
-        first = {} if accuracy.step is None else {"max_step": accuracy.step}
+        more: dict[str, Any] = {} if accuracy.step is None else {"max_step": accuracy.step}
+        if name in ("Radau", "BDF"):
+            more["jac"] = _jacobian(fun)
         return getattr(integrate, name)(fun, t0, y0, t_end, rtol=accuracy.time_tolerance,
-                                        atol=accuracy.time_tolerance, **first)
+                                        atol=accuracy.time_tolerance, **more)
     return make
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -94,12 +95,13 @@ class Table:
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
         angles = len(path.branch.angles)
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
-        self.columns = Columns(*(slice(a, b) for a, b in zip(ends, ends[1:], strict=False)),
-                               ends[-1])
+        q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))
+        self.columns = Columns(q, t, c, springs, turns, reduced, ends[-1])
         self.turning = coordinate.unit == "rad"
         size = mechanism.velocity_scale[coordinate.v]
         self.span = TURN / PIECES if self.turning else size / PIECES
         self.pieces: dict[tuple[int, int], Piece] = {}
+        self.divided: set[tuple[int, int]] = set()  # pieces too long, or lost
         self.first_made: dict[tuple[int, int], int] = {}
         self.period: Array | None = np.empty(0)  # empty while not known, None if there is none
         self.piece: Piece | None = None
@@ -136,6 +138,28 @@ class Table:
         values[self.columns.q] += piece.shift
         return values
 
+    def columns_of(self, places: Array) -> Array:
+        """Return all columns (N, width) at places (N,), q with its whole turns."""
+        found = np.empty((len(places), self.columns.width))
+        rest = np.arange(len(places))
+        while rest.size:
+            piece, _ = self.basis(float(places[rest[0]]))
+            inside = (piece.first <= places[rest]) & (places[rest] <= piece.last)
+            here, rest = rest[inside], rest[~inside]
+            x = (2.0 * places[here] - piece.first - piece.last) / (piece.last - piece.first)
+            angles = np.arccos(np.clip(x, -1.0, 1.0))
+            found[here] = np.cos(angles[:, None] * _K) @ piece.coefficients
+            found[here, self.columns.q] += piece.shift
+        return found
+
+    def images(self, crossing: float, low: float, high: float) -> list[float]:
+        """Return where in (low, high] a crossing is met, in every turn if turns are alike."""
+        if self.period is None or not self.period.size:
+            return [crossing] if low < crossing <= high else []
+        first = math.floor((low - crossing) / TURN) + 1
+        last = math.floor((high - crossing) / TURN)
+        return [crossing + TURN * k for k in range(first, last + 1)]
+
     def springs(self, values: Array, rate: float) -> tuple[float, float]:
         """Return the springs' force on the coordinate, and the slope of the energy they store.
 
@@ -157,12 +181,11 @@ class Table:
                 stored += turn.storing(x) * slope
         return force, stored
 
-    def place(self, s: float) -> tuple[Array, Array, Array, Array]:
-        """Return q (nq,), dq/ds and d²q/ds² (nv,), and the angles of screw closures at s."""
-        values, columns = self.columns_at(s), self.columns
-        q = pin.normalize(self.model, values[columns.q])
+    def configuration(self, s: float, values: Array) -> Array:
+        """Return q (nq,) at s, where the columns have these values."""
+        q = pin.normalize(self.model, values[self.columns.q])
         q[self.coordinate.q] = s
-        return q, values[columns.t], values[columns.c], values[columns.angles]
+        return q
 
     def _find(self, s: float) -> Piece:
         """Return the piece that holds s, made if need be; halved as long as that makes it exacter.
@@ -173,9 +196,13 @@ class Table:
         if not math.isfinite(s):
             raise Lost
         best: tuple[int, int, Piece] | None = None
+        tried = []
         for level in range(HALVINGS):
             k = math.floor((s - self.path.start) / self.span * 2**level)
+            if (level, k) in self.divided:
+                continue
             piece = self.pieces.get((level, k)) or self._again(level, k) or self._make(level, k)
+            tried.append((level, k))
             if piece is None:
                 continue
             if best is not None and piece.tail > USELESS * best[2].tail:
@@ -184,7 +211,9 @@ class Table:
             if piece.tail <= ROUND_OFF:
                 break
         if best is None or best[2].tail > NOISE:
+            self.divided.update(tried)
             raise Lost
+        self.divided.update(tried[: tried.index(best[:2])])
         return self._keep(*best)
 
     def _keep(self, level: int, k: int, piece: Piece) -> Piece:

@@ -1,0 +1,1 @@
+"""Judging accuracy: problems with published answers."""
