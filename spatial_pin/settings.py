@@ -15,6 +15,8 @@ class Accuracy:
             is a difference of two accelerations).
         corrections: number of Newton corrections at each step; None corrects until `tolerance`.
         tolerance: closure residual to reach [-], relative to the characteristic length.
+        formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
+            "projected" (all joint coordinates, taken back to closed loops after every step).
         integrator: of `simulate`: "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4" or "Gauss".
         time_tolerance: error that adaptive integrators allow in one step [rad, characteristic
             lengths, and these per second], absolute and relative.
@@ -26,8 +28,9 @@ class Accuracy:
     order: int = 3
     corrections: int | None = None
     tolerance: float = 1e-13
+    formulation: str = "independent"
     integrator: str = "DOP853"
-    time_tolerance: float = 1e-11
+    time_tolerance: float = 4e-12
     step: float | None = None
 
     def __post_init__(self) -> None:

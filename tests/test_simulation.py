@@ -610,3 +610,35 @@ def test_a_start_in_a_change_point_is_refused(tmp_path):
     state = sp.State(mech, np.zeros(3), np.zeros(3), closure_error=0.0)
     with pytest.raises(sp.SingularError, match="start beside it"):
         sp.simulate(mech, state, 1.0)
+
+
+# ---------------------------------------------------------------- formulations
+
+
+@pytest.mark.parametrize("name", ["four_bar", "rssr", "bennett", "rspc", "swash_plate", "crane"])
+def test_all_joint_coordinates_projected_give_the_motion_of_independent_ones(name):
+    """Plane, spatial with a passive spin, overconstrained, with a slide, open."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, {driver: 0.3}), {driver: 2.0})
+    times = np.linspace(0.0, 0.5, 6)
+    ways = [sp.simulate(mechanism, state, 0.5, times=times, accuracy=sp.Accuracy(formulation=f))
+            for f in ("independent", "projected")]
+    np.testing.assert_allclose(ways[1].q, ways[0].q, atol=3e-10)
+    np.testing.assert_allclose(ways[1].a, ways[0].a, atol=1e-8 * (1.0 + abs(ways[0].a).max()))
+    assert ways[1].closure_error.max() < 1e-12
+    assert ways[1].energy_drift < 1e-10
+
+
+def test_what_the_projected_formulation_cannot_do_is_said():
+    mechanism = sp.load("four_bar")
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 2.0})
+    projected = sp.Accuracy(formulation="projected")
+    with pytest.raises(sp.SpatialPinError, match="prescribes no drivers"):
+        sp.simulate(mechanism, state, 0.1, accuracy=projected,
+                    drives={"crank": sp.laws.constant_speed(0.3, 2.0)})
+    with pytest.raises(ValueError, match=r"LSODA.*cannot be corrected"):
+        sp.simulate(mechanism, state, 0.1,
+                    accuracy=sp.Accuracy(formulation="projected", integrator="LSODA"))
+    with pytest.raises(ValueError, match="no formulation 'lagrange'"):
+        sp.simulate(mechanism, state, 0.1, accuracy=sp.Accuracy(formulation="lagrange"))

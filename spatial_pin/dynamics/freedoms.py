@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -123,6 +125,9 @@ class Freedoms:
             Lost: they cannot be at one of them.
         """
         return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
+
+    def settle(self, solver: Any) -> None:
+        """Do nothing: every evaluation closes the loops."""
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from spatial_pin.dynamics.embedding import Lost
@@ -128,6 +130,9 @@ class OneFreedom:
         q, evaluation = self._stand(s, values), self.evaluation
         return Row(q, v, a, evaluation.closure_error, self.problem.energy(q, v, evaluation),
                    np.empty(0), evaluation.angles.copy())
+
+    def settle(self, solver: Any) -> None:
+        """Do nothing: every evaluation closes the loops."""
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether another independent coordinate would be better."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -134,6 +134,9 @@ class System(Protocol):
 
     def rows(self, times: Array, unknowns: Array) -> list[Row]:
         """Return everything at times (N,) and unknowns (N, n)."""
+
+    def settle(self, solver: Any) -> None:
+        """Take the loops back that a step of the solver has opened, if it can open any."""
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other coordinates, or a chart begun anew, would be better."""

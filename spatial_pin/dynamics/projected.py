@@ -37,13 +37,12 @@ class Projected:
         problem: what acts; nothing is prescribed.
         state: where the chart begins.
 
-    Attributes:
-        projections: how often the motion was taken back to closed loops.
-
     Raises:
         SpatialPinError: drivers are prescribed, which this formulation does not know.
         SingularError: the loops have lost rank at the state.
     """
+
+    rows_at_once = 1
 
     def __init__(self, problem: Problem, state: State) -> None:
         if problem.drives:
@@ -59,16 +58,15 @@ class Projected:
         self.n_rows = self.evaluation.constraints.n_rows
         self.q0 = np.array(state.q)
         self.evaluation.update(self.q0)
-        self.rows = independent_rows(self.evaluation.jacobian[: self.n_rows])
-        if len(self.rows) < self.n_rows and (
-                len(self.rows) < generic_rank(self.evaluation, self.q0)):
+        self.selected = independent_rows(self.evaluation.jacobian[: self.n_rows])
+        if len(self.selected) < self.n_rows and (
+                len(self.selected) < generic_rank(self.evaluation, self.q0)):
             raise SingularError(
                 f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
                 "loops lose rank there", state=state)
-        self.evaluations = self.projections = 0
-        self.crossings: list[float] = []
+        self.evaluations, self.pivot = 0, 1.0
         self.is_fresh_the_same, self.patience = not self.curved, 0.0
-        self.kkt = np.zeros((self.n + len(self.rows),) * 2)
+        self.kkt = np.zeros((self.n + len(self.selected),) * 2)
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
@@ -99,17 +97,18 @@ class Projected:
     def _accelerate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return joint accelerations and given joint forces (nv,)."""
         problem, d, n = self.problem, self.scale, self.n
-        gamma = self._bias(q, v)[self.rows]
+        gamma = self._bias(q, v)[self.selected]
         given = problem.given(t, q, v, self.evaluation)
         force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
         mass = d[:, None] * pin.crba(problem.model, problem.data, q) * d
         heaviest = float(np.abs(mass).max()) or 1.0
-        jacobian = self.evaluation.jacobian[self.rows]
+        jacobian = self.evaluation.jacobian[self.selected]
         k = self.kkt
         k[:n, :n], k[:n, n:], k[n:, :n] = mass / heaviest, jacobian.T, jacobian
         lu, _, x, info = lapack.dgesv(k, np.concatenate([d * force / heaviest, -gamma]))
         sizes = np.abs(lu.diagonal())
-        if info or sizes.min() < SINGULAR * sizes.max():
+        self.pivot = float(sizes.min() / sizes.max())
+        if info or self.pivot < SINGULAR:
             raise Lost
         return d * x[:n], given
 
@@ -121,20 +120,28 @@ class Projected:
         gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
         return gamma
 
-    def project(self, solver: Any) -> None:
+    def settle(self, solver: Any) -> None:
         """Take the solver's state back to closed loops and to velocities that they allow.
 
         Raises:
             Lost: the step has opened the loops too far.
         """
-        self.projections += 1
         n, y = self.n, np.array(solver.y)
         q, v = self._place(y)
+        self._choose(q)
         q, v = self._closed(q, v)
         y[:n] = pin.difference(self.model, self.q0, q) / self.scale
         y[n : 2 * n] = v / self.scale
         solver.y = y
         solver.f = self(solver.t, y)
+
+    def _choose(self, q: Array) -> None:
+        """Choose the independent rows anew, where there is a choice."""
+        if len(self.selected) < self.n_rows:
+            self.evaluation.update(q)
+            found = independent_rows(self.evaluation.jacobian[: self.n_rows])
+            if len(found) == len(self.selected):
+                self.selected = found
 
     def _closed(self, q: Array, v: Array) -> tuple[Array, Array]:
         evaluation = self.evaluation
@@ -143,12 +150,12 @@ class Projected:
             worst = evaluation.closure_error
             if not worst < OPEN:
                 raise Lost
-            svd = decompose(evaluation.jacobian[self.rows])
+            svd = decompose(evaluation.jacobian[self.selected])
             if worst <= self.problem.tolerance or k == 5:
                 break
             q = pin.integrate(self.model, q,
-                              -self.scale * svd.minimum_norm(evaluation.residual[self.rows]))
-        opening = evaluation.jacobian[self.rows] @ (v / self.scale)
+                              -self.scale * svd.minimum_norm(evaluation.residual[self.selected]))
+        opening = evaluation.jacobian[self.selected] @ (v / self.scale)
         return q, v - self.scale * svd.minimum_norm(opening)
 
     def state(self, t: float, y: Array) -> State:
@@ -156,8 +163,15 @@ class Projected:
         q, v = self._closed(*self._place(y))
         return self.problem.state(q, v, self.evaluation)
 
-    def row(self, t: float, y: Array) -> Row:
-        """Return everything at y, loops closed."""
+    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+        """Return everything at times (N,) and unknowns (N, n), loops closed."""
+        return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
+
+    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+        """Return nothing: where branches cross the loops lose rank."""
+        return []
+
+    def _row(self, t: float, y: Array) -> Row:
         q, v = self._closed(*self._place(y))
         a, _ = self._accelerate(t, q, v)
         return Row(q, v, a, self.evaluation.closure_error,

@@ -15,6 +15,7 @@ from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
 from spatial_pin.dynamics.problem import EffortLaw, Problem, Row, System
+from spatial_pin.dynamics.projected import Projected
 from spatial_pin.dynamics.steppers import STEPPERS
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.motion import Event, Motion
@@ -141,6 +142,7 @@ def simulate(
     times = _times(duration, times)
     if accuracy.integrator not in STEPPERS:
         raise ValueError(f"no integrator {accuracy.integrator!r}; there are {', '.join(STEPPERS)}")
+    _check_formulation(accuracy)
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance)
     _check_start(problem, state)
     run = _Run(problem, accuracy, times, stop_when)
@@ -160,6 +162,15 @@ def simulate(
     finally:
         bar.close()
     return run.motion()
+
+
+def _check_formulation(accuracy: Accuracy) -> None:
+    if accuracy.formulation not in FORMULATIONS:
+        raise ValueError(f"no formulation {accuracy.formulation!r}; there are "
+                         f"{', '.join(FORMULATIONS)}")
+    if accuracy.formulation == "projected" and accuracy.integrator not in SETTLING:
+        raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
+                         f"for the projected formulation there are {', '.join(SETTLING)}")
 
 
 def _times(duration: float, times: Any) -> Array:
@@ -191,7 +202,7 @@ def _check_start(problem: Problem, state: State) -> None:
                 f"state moves with {state.v[c.v]:.9g}: solve its rates")
 
 
-def system_at(problem: Problem, state: State) -> System:
+def _independent(problem: Problem, state: State) -> System:
     """Return the equations of motion in the independent coordinates that fit a state best.
 
     Raises:
@@ -203,6 +214,13 @@ def system_at(problem: Problem, state: State) -> System:
         if only.q >= 0:
             return OneFreedom(problem, state, only)
     return Freedoms(problem, state, free)
+
+
+FORMULATIONS: dict[str, Callable[[Problem, State], System]] = {
+    "independent": _independent,
+    "projected": Projected,
+}
+SETTLING = ("DOP853", "RK45", "Radau", "RK4", "Gauss")  # integrators that a projection can correct
 
 
 class _Run:
@@ -256,6 +274,7 @@ class _Run:
             solver.step()
             if solver.status == "failed":
                 break
+            system.settle(solver)
             self._watch(system, solver)
             self.t, self.y = solver.t, solver.y
             yield self._take(system, solver)
@@ -282,7 +301,7 @@ class _Run:
             state=state)
 
     def _begin(self, state: State) -> System:
-        system = system_at(self.problem, state)
+        system = FORMULATIONS[self.accuracy.formulation](self.problem, state)
         by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
         self.used += [by_v[v] for v in system.free]
         return system

@@ -26,8 +26,9 @@ class Event(NamedTuple):
     """Something met on the way.
 
     Attributes:
-        kind: "limit", "singular", "branch point", "lost", or "open" (drifted without corrections).
-        value: driver value of it [rad or m].
+        kind: "limit", "near limit" (digits are lost), "singular", "branch point", "dead centre",
+            "lost", "open" (drifted without corrections), or "stopped" (a simulation).
+        value: driver value of it [rad or m]; the time of "stopped" [s].
         row: number of rows of the motion before it.
         text: the same as a sentence.
     """
