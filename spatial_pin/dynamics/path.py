@@ -89,7 +89,7 @@ class Path:
             found = crossing.strip(self.branch, arrival.value)
         if found is None:
             raise Lost
-        self.crossings.append(arrival.value)
+        self.crossings.append(found.crossing)
         self._strips = [*self._strips[-7:], found]
         if not found.holds(value):
             found.leave(self.branch, value)

@@ -95,6 +95,8 @@ class Branch:
         """
         self.q, self.s = q, float(q[self.at])
         self.system.select(q)
+        self.sign, self._pivot = self.system.pivots()
+        self._previous, self._room = None, math.inf
         self._set_rates()
 
     def _begin_spins(self, before: Array, h: float) -> None:

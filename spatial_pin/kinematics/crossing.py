@@ -8,6 +8,7 @@ sides everything is interpolated from both.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -74,12 +75,14 @@ class Strip(NamedTuple):
     """The stretch of a branch about a crossing, as polynomials in the driver value.
 
     Attributes:
+        crossing: driver value of the crossing.
         ends: driver values before and behind the crossing, where the equations are solvable.
         q, angles: interpolators of configuration and relative angles of screw closures.
         t, c: of the first and second derivatives with respect to the driver.
         places: (q, driver value) of two nodes at either end, the outer one first.
     """
 
+    crossing: float
     ends: tuple[float, float]
     q: Callable[[float], Array]
     t: Callable[[float], Array]
@@ -126,7 +129,7 @@ class Strip(NamedTuple):
 def strip(branch: Branch, crossing: float) -> Strip | None:
     """Return the branch about a crossing ahead of it, going straight on; None if none does.
 
-    The branch is left somewhere on the strip.
+    The branch is left somewhere on the strip, or before it where there is none.
 
     Args:
         branch: stands before the crossing.
@@ -134,9 +137,15 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
     """
     sense = 1.0 if crossing >= branch.s else -1.0
     pace = float(np.linalg.norm(branch.t / branch.scale))
-    for reach in REACHES:
+    clear = branch.q, branch.angles  # where the equations are solvable, before the crossing
+    for k, reach in enumerate(REACHES):
         try:
+            if k:
+                branch.evaluation.turns[:] = clear[1]
+                branch.place(clear[0])
             branch.reach(crossing - sense * reach / pace)
+            if k == 0:
+                clear = branch.q, branch.angles
             sides = _sides(branch, sense, reach)
         except (Stopped, SingularError):
             continue
@@ -146,16 +155,20 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
                 found = _joined(branch, *sides)
                 if found.is_closed(branch, values):
                     return found
+    with contextlib.suppress(SingularError):
+        branch.evaluation.turns[:] = clear[1]
+        branch.place(clear[0])
     return None
 
 
 class _Side(NamedTuple):
-    """Nodes on one side of a crossing, the nearest first, as in `Strip`."""
+    """Nodes on one side of a crossing, the nearest first, as in `Strip`, and their rank loss."""
 
     q: Array
     t: Array
     c: Array
     angles: Array
+    sigma: Array
 
 
 def _sides(branch: Branch, sense: float, reach: float) -> tuple[_Side, _Side] | None:
@@ -180,14 +193,23 @@ def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Sid
         if q is None:
             raise SingularError("the branch bends away from its crossing")
         branch.place(q)
-        rows.append((q, branch.t, branch.c, branch.angles))
+        rows.append((q, branch.t, branch.c, branch.angles, np.array(curve.sigma(q))))
     return _Side(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _joined(branch: Branch, near: _Side, far: _Side) -> Strip:
     values = np.concatenate([side.q[:, branch.at] for side in (near, far)])
-    rows = (np.concatenate(pair) for pair in zip(near, far, strict=True))
+    *rows, sigma = (np.concatenate(pair) for pair in zip(near, far, strict=True))
     q, t, c, angles = (_polynomial(values, x) for x in rows)
     ends = float(near.q[0, branch.at]), float(far.q[0, branch.at])
     places = (near.q[1], near.q[0]), (far.q[1], far.q[0])
-    return Strip(ends, q, t, c, angles, places)
+    return Strip(_lowest(values, sigma, ends), ends, q, t, c, angles, places)
+
+
+def _lowest(values: Array, sigma: Array, ends: tuple[float, float]) -> float:
+    """Return where the smallest singular value vanishes: its square is a smooth function."""
+    square = np.polynomial.Polynomial.fit(values, sigma**2, 2 * NODES - 4)
+    middle = 0.5 * (ends[0] + ends[1])
+    stationary = square.deriv().roots()
+    real = stationary[np.abs(stationary.imag) < 0.5 * abs(ends[1] - ends[0])].real
+    return float(real[np.argmin(np.abs(real - middle))]) if real.size else middle

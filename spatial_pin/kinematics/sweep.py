@@ -207,7 +207,7 @@ def _pass_crossing(
     found = crossing.strip(branch, value)
     if found is None:
         raise stopped
-    crossed.append((value, k))
+    crossed.append((found.crossing, k))
     while k > 0 and found.holds(float(values[k - 1])):
         k -= 1
     while k < len(values) and found.holds(float(values[k])):
