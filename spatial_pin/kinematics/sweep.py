@@ -303,9 +303,9 @@ def _error(
         )
     if stop.kind == "branch point":
         return SingularError(
-            f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); which one "
-            "goes on is not determined: start the sweep beyond it with a guess on the wanted "
-            "branch", motion=motion,
+            f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); none "
+            "was asked for, or none goes straight on, or crossings lie too near each other: start "
+            "the sweep beyond it with a guess on the wanted branch", motion=motion,
         )
     if stop.kind == "singular":
         return SingularError(
