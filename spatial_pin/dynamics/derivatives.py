@@ -24,7 +24,7 @@ from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.kinematics.constraints import TWIST_MATRIX, constraints_of
 from spatial_pin.kinematics.jacobians import closure_jacobian
-from spatial_pin.kinematics.split import SplitModel, split
+from spatial_pin.kinematics.split import SplitModel, split_of
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array, independent_rows
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -229,7 +229,7 @@ def dynamics_derivatives(
     state = of_mechanism(mechanism, state)
     answer = forward_dynamics(mechanism, state, efforts)
     q, v, a, nv = state.q, state.v, answer.a, mechanism.model.nv
-    whole = split(mechanism.model)
+    whole = split_of(mechanism)
     rows = _Rows(mechanism, whole)
     rates = rows.products.rates(q, v, a)
     closed_by_q, closed_by_v = rows.accelerations(rates)

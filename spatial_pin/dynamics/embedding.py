@@ -18,7 +18,7 @@ from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import generic_rank
+from spatial_pin.kinematics.newton import rank_loss
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, decompose, independent_rows, pivots_of
 from spatial_pin.mechanism.pairs import PAIRS
@@ -254,7 +254,7 @@ def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
     evaluation.update(state.q)
     n = evaluation.constraints.n_rows
     rows = independent_rows(evaluation.jacobian[:n])
-    if len(rows) < n and len(rows) < generic_rank(evaluation, state.q):
+    if rank_loss(evaluation, state.q, len(rows)):
         raise SingularError(
             f"mechanism {mechanism.name!r}: singular configuration, {state}: branches cross there "
             "and the motion is not determined; start beside it", state=state)

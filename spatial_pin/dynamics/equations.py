@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -37,7 +36,6 @@ from spatial_pin.linalg import (
 from spatial_pin.mechanism.mechanism import Mechanism
 
 SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
-_RANKS: WeakKeyDictionary[Mechanism, int] = WeakKeyDictionary()
 
 
 class Equations:
@@ -54,6 +52,7 @@ class Equations:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
         self.pairs = Pairs(mechanism)
+        self._laws: dict[str, Law] = {}
         self.springs = Forces(mechanism)
         self.scale = mechanism.velocity_scale
         self._passive_known: dict[bytes, int] = {}
@@ -83,7 +82,10 @@ class Equations:
         evaluation = self.evaluation
         evaluation.turns[:] = state.angles
         evaluation.update(state.q)
-        springs = Forces(self.mechanism, laws) if laws else self.springs
+        laws = dict(laws or {})
+        if laws != self._laws:
+            self._laws, self.springs = laws, Forces(self.mechanism, laws)
+        springs = self.springs
         self.wrenches = external_wrenches(self.mechanism, evaluation, external)
         self.turning = self.given = springs.turning(state.q, state.v)
         if springs.lines:
@@ -119,12 +121,12 @@ class Equations:
         m = self.mechanism
         if rank == len(self.scaled):
             return
-        if m not in _RANKS:
-            _RANKS[m] = generic_rank(Evaluation(constraints_of(m)), self.state.q)
-        if rank < _RANKS[m]:
+        if "rank" not in m.memo:
+            m.memo["rank"] = generic_rank(Evaluation(constraints_of(m)), self.state.q)
+        if rank < m.memo["rank"]:
             raise SingularError(
                 f"mechanism {m.name!r}: singular configuration, {self.state}: the loops lose "
-                f"{_RANKS[m] - rank} independent equation(s) there; the motion is not "
+                f"{m.memo['rank'] - rank} independent equation(s) there; the motion is not "
                 "determined by the forces", state=self.state,
             )
 

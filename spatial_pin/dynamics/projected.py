@@ -20,7 +20,7 @@ from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.problem import Problem, Row
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import generic_rank
+from spatial_pin.kinematics.newton import rank_loss
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, decompose, independent_rows
 from spatial_pin.mechanism.pairs import PAIRS
@@ -59,8 +59,7 @@ class Projected:
         self.q0 = np.array(state.q)
         self.evaluation.update(self.q0)
         self.selected = independent_rows(self.evaluation.jacobian[: self.n_rows])
-        if len(self.selected) < self.n_rows and (
-                len(self.selected) < generic_rank(self.evaluation, self.q0)):
+        if rank_loss(self.evaluation, self.q0, len(self.selected)):
             raise SingularError(
                 f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
                 "loops lose rank there", state=state)

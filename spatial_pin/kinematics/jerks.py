@@ -16,7 +16,7 @@ from spatial_pin.checks import finite_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.constraints import TWIST_MATRIX, Evaluation
 from spatial_pin.kinematics.rates import square_system
-from spatial_pin.kinematics.split import split
+from spatial_pin.kinematics.split import split_of
 from spatial_pin.kinematics.state import State, center_of_mass, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -112,7 +112,7 @@ def _body_jerks(mechanism: Mechanism, state: State) -> tuple[Array, Array]:
 
     And what a joint jerk adds to them, (njoints, 6, nv).
     """
-    model, joints = split(mechanism.model)
+    model, joints = split_of(mechanism)
     data = model.createData()
     pin.computeForwardKinematicsDerivatives(model, data, state.q, state.v, state.a)
     bodies, columns = np.zeros((len(joints), 6)), np.zeros((len(joints), 6, model.nv))

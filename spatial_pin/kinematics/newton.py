@@ -179,7 +179,7 @@ class SquareSystem:
         missing = len(null_space) - passive
         if not missing:
             return
-        if len(self.rows) < generic_rank(self.evaluation, q):
+        if rank_loss(self.evaluation, q, len(self.rows)):
             raise SingularError(
                 f"mechanism {mechanism.name!r}: singular configuration: the loops lose "
                 f"{missing} independent equation(s) there and branches cross; the motion is not "
@@ -299,6 +299,13 @@ class SquareSystem:
         np.negative(bias[n:], out=rhs[self._spin])
         rhs[self._drivers] = drive / self._drive_scale
         return self.scale * self.solve(rhs)
+
+
+def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
+    """Return how many independent equations the loops lose at q, where their rank is `rank`."""
+    if rank == evaluation.constraints.n_rows:
+        return 0
+    return max(0, generic_rank(evaluation, q) - rank)
 
 
 def generic_rank(evaluation: Evaluation, q: Array) -> int:

@@ -13,6 +13,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.mechanism.mechanism import Mechanism
+
 
 class SplitModel(NamedTuple):
     """A model with single joints.
@@ -24,6 +26,14 @@ class SplitModel(NamedTuple):
 
     model: pin.Model
     joint: NDArray[np.intp]
+
+
+def split_of(mechanism: Mechanism) -> SplitModel:
+    """Return the tree of a mechanism split, made once."""
+    if "split" not in mechanism.memo:
+        mechanism.memo["split"] = split(mechanism.model)
+    found: SplitModel = mechanism.memo["split"]
+    return found
 
 
 def split(model: pin.Model) -> SplitModel:
