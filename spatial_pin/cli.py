@@ -197,6 +197,12 @@ def _fitting(mechanism: sp.Mechanism, values: Mapping[str, float]) -> dict[str, 
     return dict(values)
 
 
+def _in_units(values: Mapping[str, float], *units: str) -> None:
+    for name, value in values.items():
+        if isinstance(value, Quantity) and value.unit not in ("", *units):
+            raise ValueError(f"{name} is in {' or '.join(units)}, not in {value.unit}")
+
+
 def _count(text: str) -> int:
     if not text.strip().isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
@@ -307,11 +313,14 @@ def _sweep(options: argparse.Namespace) -> None:
 def _simulate(options: argparse.Namespace) -> None:
     mechanism = _load(options)
     start = _fitting(mechanism, _unique(options, options.at))
-    speeds = _unique(options, options.speed)
+    speeds = _fitting(mechanism, _unique(options, options.speed))
+    _in_units({"duration": options.duration}, "s", "ms")
+    efforts = _unique(options, options.effort)
+    _in_units(efforts, "N", "kN", "Nm", "N·m")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, start, _guess(options)), speeds)
     times = np.linspace(0.0, options.duration, options.rows)
-    motion = sp.simulate(mechanism, state, options.duration, _unique(options, options.effort),
-                         times, sp.Accuracy.named(options.accuracy), progress=True)
+    motion = sp.simulate(mechanism, state, options.duration, efforts, times,
+                         sp.Accuracy.named(options.accuracy), progress=True)
     _write(options, motion)
     if options.json != "-":
         print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "

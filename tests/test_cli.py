@@ -363,3 +363,13 @@ def test_a_pushed_crank_gains_what_the_effort_works(run, tmp_path):
 def test_seconds_and_newtons_are_no_angles(words, capsys):
     assert main(words) == 1
     assert "is in rad, not in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["--duration", "5mm"], "duration is in s or ms, not in mm"),
+    (["--duration", "1s", "--effort", "crank=5deg"], "is in N or kN or Nm or N·m, not in deg"),
+    (["--duration", "1s", "--speed", "crank=3N"], "crank is in rad, not in N"),
+])
+def test_durations_efforts_and_speeds_are_asked_for_in_their_units(words, message, capsys):
+    assert main(["simulate", "four_bar", *words]) == 1
+    assert message in capsys.readouterr().err

@@ -643,9 +643,20 @@ def test_page_fits_its_window_until_the_user_moves_the_camera_and_hides_the_cont
 def test_reaction_arrows_are_the_forces_at_the_pairs():
     mechanism = sp.load("rssr")
     motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 1.0, 5), speed=20.0)
-    found = arrows.load(motion, "ball_b", "reaction")
+    loads = film(motion).loads
+    found = arrows.load(loads, "ball_b", "reaction")
     np.testing.assert_array_equal(found.vector,
                                   sp.kinetostatics(mechanism, motion).reactions["ball_b"][:, :3])
     np.testing.assert_allclose(found.point, motion.frame("rocker_b").position)
     with pytest.raises(UnknownNameError, match="ball_b"):
-        arrows.load(motion, "ball_c", "reaction")
+        arrows.load(loads, "ball_c", "reaction")
+
+
+def test_reactions_of_a_simulation_are_not_laid_to_drivers_that_did_not_act():
+    mechanism = sp.load("four_bar")
+    state = sp.assemble(mechanism, {"crank": 0.3})
+    pushed = [sp.simulate(mechanism, state, 0.02, {joint: 0.5}, [0.0, 0.01, 0.02])
+              for joint in ("crank", "rocker_pin")]
+    np.testing.assert_allclose(film(pushed[0]).loads.efforts["crank"], 0.5, atol=1e-9)
+    with pytest.raises(SpatialPinError, match="elsewhere than at its drivers"):
+        page(pushed[1], look=Look(arrows=("crank_pin.reaction",)))

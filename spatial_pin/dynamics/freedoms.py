@@ -86,7 +86,7 @@ class Freedoms:
         columns = problem.scale[:, None] * self.embedding.columns[:, : self.n]
         mass = pin.crba(problem.model, problem.data, q)
         inertia = mass @ columns
-        acceleration = -np.linalg.solve(columns.T @ inertia, columns.T @ missing)
+        acceleration = -problem.accelerations(columns.T @ inertia, columns.T @ missing, self.free)
         return acceleration, missing + inertia @ acceleration, given
 
     def _power(self, v: Array, missing: Array, given: Array) -> float:

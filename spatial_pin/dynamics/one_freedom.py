@@ -76,7 +76,11 @@ class OneFreedom:
         force = power = 0.0
         if self.forced:
             force, power = self._forces(t, s, rate, self.table.columns_at(s))
-        return (force - h * rate * rate - g) / m if m else 0.0, power
+        force -= h * rate * rate + g
+        if m:
+            return force / m, power
+        still = self.problem.accelerations(np.zeros((1, 1)), np.array([force]), self.free)
+        return float(still[0]), power
 
     def _forces(self, t: float, s: float, rate: float, values: Array) -> tuple[float, float]:
         """Return the force of efforts and springs on the coordinate, and their lasting power."""

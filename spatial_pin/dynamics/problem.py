@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import Array, decompose
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -46,6 +47,7 @@ class Problem:
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
+        by_drivers: whether efforts act at drivers only, and springs as the file says.
         works: whether anything but gravity does work.
     """
 
@@ -60,6 +62,9 @@ class Problem:
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
         self.drives = [(mechanism.driven_coordinate(n), law) for n, law in (drives or {}).items()]
+        at_drivers = {mechanism.driven_coordinate(d.joint).v for d in mechanism.drivers.values()}
+        acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
+        self.by_drivers = self.law is None and not laws and acted <= at_drivers
         self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
 
     def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:
@@ -85,6 +90,32 @@ class Problem:
         total = float(pin.computeKineticEnergy(self.model, self.data, q, v))
         total += float(pin.computePotentialEnergy(self.model, self.data, q))
         return total + self.forces.energy(evaluation, q)
+
+    def accelerations(self, inertia: Array, force: Array, names: Sequence[int]) -> Array:
+        """Return the accelerations (n,) that forces give to freedoms.
+
+        What has no inertia stays as it is, if no force works on it.
+
+        Args:
+            inertia: (n, n) of the freedoms.
+            force: (n,) on them.
+            names: their velocity entries.
+
+        Raises:
+            SingularError: a force works on a freedom without inertia.
+        """
+        try:
+            found: Array = np.linalg.solve(inertia, force)
+        except np.linalg.LinAlgError:
+            found = decompose(inertia / (np.abs(inertia).max() or 1.0)).minimum_norm(
+                force / (np.abs(inertia).max() or 1.0))
+            if np.abs(inertia @ found - force).max() > 1e-9 * np.abs(force).max():
+                by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
+                raise SingularError(
+                    f"mechanism {self.mechanism.name!r}: a motion of "
+                    f"{', '.join(by_v[v] for v in names)} has no inertia but a force works on it: "
+                    "give its links a mass or a moment of inertia") from None
+        return found
 
     def unknowns(self, u: Array, work: float) -> Array:
         """Return the unknowns: chart coordinates 0, their rates u, and the work if any is done."""

@@ -44,6 +44,8 @@ class Simulation(Motion):
         coordinates: independent coordinates that were used, in their order.
         evaluations: how often the equations of motion were evaluated.
         steps: how many steps were taken.
+        by_drivers: whether, besides gravity and springs as the file has them, only drivers acted;
+            False where efforts were a function.
     """
 
     energy: Array = field(default_factory=lambda: np.empty(0))
@@ -53,6 +55,7 @@ class Simulation(Motion):
     coordinates: list[str] = field(default_factory=list)
     evaluations: int = 0
     steps: int = 0
+    by_drivers: bool = True
 
 
 class _Rows:
@@ -376,7 +379,7 @@ class _Run:
             energy_drift=_drift(problem, q, v, energy, work),
             efforts=dict(zip(names, efforts.reshape(n, len(names)).T, strict=True)),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
-            steps=self.steps,
+            steps=self.steps, by_drivers=problem.by_drivers,
         )
 
 

@@ -6,7 +6,7 @@ To draw vectors of another kind (forces, say), make `Vectors` of them and give t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from spatial_pin.view.stage import (
     rod_between,
 )
 from spatial_pin.view.traces import point_motion
+
+if TYPE_CHECKING:
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
 
 LOADS = {"reaction": ("force", "N", slice(0, 3)), "moment": ("moment", "N·m", slice(3, 6))}
 KINDS = ("velocity", "acceleration", "angular_velocity", "angular_acceleration")
@@ -61,20 +64,16 @@ class Vectors(NamedTuple):
     unit: str
 
 
-def load(motion: Motion, pair: str, kind: str) -> Vectors:
+def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
     """Return the force ("reaction") or moment that a pair exerts, at the pair.
 
-    On the child link of a joint, on the link of a closure's second frame, as the drivers bring the
-    motion about (`kinetostatics`).
+    On the child link of a joint, on the link of a closure's second frame.
 
     Raises:
         UnknownNameError: there is no such pair.
-        SpatialPinError: the drivers cannot bring the motion about.
     """
-    from spatial_pin.dynamics.kinetostatics import kinetostatics
-
+    motion, found = loads.motion, loads.reactions
     mechanism = motion.mechanism
-    found = kinetostatics(mechanism, motion).reactions
     if pair not in found:
         raise UnknownNameError("pair", pair, list(found), f"mechanism {mechanism.name!r}: ")
     closure = next((c for c in mechanism.closures if c.name == pair), None)
@@ -91,8 +90,6 @@ def rates(motion: Motion, spec: str) -> Vectors:
         SpatialPinError: a link asked for its centre of mass has none.
     """
     name, _, kind = spec.rpartition(".")
-    if kind in LOADS:
-        return load(motion, name, kind)
     if kind not in KINDS or not name:
         valid = [f"{n}.{k}" for n in motion.mechanism.frame_ids for k in KINDS]
         raise UnknownNameError("arrow", spec, valid, f"mechanism {motion.mechanism.name!r}: ")
@@ -156,7 +153,8 @@ def _as_shown(stage: Stage, asked: str | Vectors) -> Vectors:
     """Return vectors with one row for each that is shown."""
     film = stage.film
     if isinstance(asked, str):
-        return rates(film.motion, asked)
+        name, _, kind = asked.rpartition(".")
+        return load(film.loads, name, kind) if kind in LOADS else rates(film.motion, asked)
     n = len(np.atleast_2d(film.source.q))
     point, vector = (np.asarray(x, float) for x in (asked.point, asked.vector))
     if point.shape != (n, 3) or vector.shape != (n, 3):

@@ -15,6 +15,7 @@ from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
 
 if TYPE_CHECKING:
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
     from spatial_pin.kinematics.state import State
     from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -92,6 +93,17 @@ class Film:
     def open_rows(self) -> NDArray[np.intp]:
         """Which of the rows shown have an open closure."""
         return np.flatnonzero(np.atleast_1d(self.source.closure_error)[self.rows] > OPEN)
+
+    @cached_property
+    def loads(self) -> Kinetostatics:
+        """Efforts and reactions of the rows shown.
+
+        Raises:
+            SpatialPinError: see `spatial_pin.view.loads`.
+        """
+        from spatial_pin.view.loads import loads
+
+        return loads(self.source, self.motion)
 
     @cached_property
     def motion(self) -> Motion:

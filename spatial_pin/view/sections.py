@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
+from spatial_pin.dynamics.kinetostatics import Kinetostatics
 from spatial_pin.dynamics.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.dead_centres import dead_centres
@@ -24,6 +24,7 @@ from spatial_pin.kinematics.report import info
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.view.html import page
+from spatial_pin.view.loads import loads
 from spatial_pin.view.look import Look
 from spatial_pin.view.markup import number, paragraph, section, table, tiny
 from spatial_pin.view.plots import STILL, abscissa, plot, svg
@@ -82,7 +83,7 @@ class Subject:
         if self.motion is None or not massive:
             return None
         try:
-            return kinetostatics(self.mechanism, self.motion)
+            return loads(self.shown, self.motion)
         except SpatialPinError:
             return None
 
