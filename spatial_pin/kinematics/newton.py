@@ -151,7 +151,6 @@ class SquareSystem:
         elif evaluation.jacobian.base is not None:
             evaluation.jacobian = np.zeros((n + p, evaluation.model.nv))
         self._rhs = np.zeros(len(self.matrix))
-        self._thrice = np.repeat(np.arange(len(evaluation.constraints.constants)), 3)
         evaluation.update(q)
         self.factor()
         self.selected_pivot = self.pivots()[1]
@@ -245,30 +244,36 @@ class SquareSystem:
         """Rows of the matrix that prescribe the drivers."""
         return self._drivers
 
+    @property
+    def closure_rows(self) -> slice:
+        """Rows of the matrix that close the loops."""
+        return self._closure
+
+    @property
+    def spin_rows(self) -> slice:
+        """Rows of the matrix that hold the resolved passive freedoms."""
+        return self._spin
+
     def stack(self, jacobians: Array) -> Array:
-        """Return the matrices (m, nv, nv) for Jacobians (m, n_rows + n_passive, nv)."""
+        """Return the matrices (nv, nv, m) for Jacobians (n_rows + n_passive, nv, m)."""
         n = self.evaluation.constraints.n_rows
-        matrices = np.empty((len(jacobians), *self.matrix.shape))
-        matrices[:, self._closure] = jacobians[:, self.rows]
-        matrices[:, self._spin] = jacobians[:, n:]
-        matrices[:, self._drivers] = self._drive
+        matrices = np.empty((*self.matrix.shape, jacobians.shape[2]))
+        matrices[self._closure] = jacobians[self.rows]
+        matrices[self._spin] = jacobians[n:]
+        matrices[self._drivers] = self._drive[:, :, None]
         return matrices
 
-    def chord(self) -> tuple[Array, Array | None, Array]:
+    def chord(self) -> tuple[Array, Array]:
         """Return what corrects a configuration near the last factorisation by products alone.
 
         Returns:
-            (nv, 3 r) and (nv,), None for zero: the correction is chord @ (A * B of the r product
-            rows) + offset;
+            (nv, n_rows): the correction is chord @ residual;
             (n_passive, nv): what takes away a unit of each spin.
         """
-        constants = self.evaluation.constraints.constants
         inverse = lapack.dgetri(self._lu, self._pivots)[0].T * self.scale[:, None]
-        chord = np.zeros((len(self.matrix), len(constants)))
+        chord = np.zeros((len(self.matrix), self.evaluation.constraints.n_rows))
         chord[:, self.rows] = -inverse[:, self._closure]
-        thrice = np.asfortranarray(chord.take(self._thrice, axis=1))  # as BLAS likes it
-        offset = -np.dot(chord, constants) if constants.any() else None
-        return thrice, offset, -inverse[:, self._spin].T
+        return chord, -inverse[:, self._spin].T
 
     def put_bias(self, rhs: Array, bias: Array) -> None:
         """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""

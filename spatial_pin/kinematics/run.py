@@ -1,297 +1,203 @@
-"""Long runs of equal driver steps: positions one by one, rates of all rows together.
+"""Many driver values at once: nodes where the branch needs them, all rows together between them.
 
-`Branch.step` is the specification; this is the same motion at a third of the cost. Positions are
-extrapolated through the last rows (polynomials in the entries of q, quaternions included) and
-corrected with a matrix kept for a few steps. Then velocities, accelerations and determinants of
-all rows are computed together over flat arrays, and every row is judged: closed, on the same side
-of every singularity, and explained by the rates at both ends of its step. Rows from the first one
-that fails are thrown away and followed step by step instead.
+`Branch.step` is the specification; this is the same motion at a fraction of the cost. Nodes follow
+the branch at equal distances that its curvature sets, whatever the rows are: extrapolated through
+the last nodes and corrected with a matrix kept for a few steps (`nodes`). Rows are interpolated
+between the nodes, corrected where their loops are not closed, and get their rates hundreds at a
+time (`batch`). Every node and row is judged: closed, on the same side of every singularity, nodes
+explained by the rates at both ends of their step. Rows from the first one that fails are thrown
+away and followed step by step instead.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
-from scipy.linalg.blas import dgemv
 
-from spatial_pin.kinematics.views import accelerations, joint_jacobian, twists
+from spatial_pin.kinematics import nodes as node
+from spatial_pin.kinematics.batch import BranchBatch, Placed
+from spatial_pin.kinematics.branch import Branch
+from spatial_pin.kinematics.interpolation import NodeCurve
+from spatial_pin.kinematics.nodes import Nodes
 from spatial_pin.linalg import Array
 
-if TYPE_CHECKING:
-    from spatial_pin.kinematics.branch import Branch
-
-
-HISTORY = 8  # rows that an extrapolation goes through
-SHORTEST = 8  # rows below which a run is not worth while
-LONGEST = 512  # rows that are judged together
-CHORDS = 4  # corrections with a kept matrix before a step is given up
-CONTRACTION = 1e-2  # square of the factor by which corrections with a kept matrix must shrink
-STRAIGHT = 0.9  # least cosine between the path directions at the two ends of a step
-LONGEST_STEP = 0.5  # rad, characteristic lengths, that a joint may move in a step
-SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
-WORN = 0.1  # the same where redundant rows might better be chosen anew
-UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
-_EXTRAPOLATION = np.array(
-    [(-1.0) ** (HISTORY - 1 - k) * math.comb(HISTORY, k) for k in range(HISTORY)]
-)
+REST = 8  # rows step by step after a failure
+CHUNK = 512  # rows that are computed together: their arrays fit a processor's cache
+LONGEST = 96  # nodes that are judged together
+FIRST_STEP = 0.08  # rad, characteristic lengths, that a joint moves between the first nodes
+CLOSED = 1e-14  # closure residual between nodes that their distance is chosen for
+# costs [µs] of a step of `Branch`, a node, a row, and of everything else
+STEP_COST, NODE_COST, ROW_COST, START_COST = 55.0, 14.0, 3.0, 1200.0
 
 
 class Rows(NamedTuple):
-    """Rates and judgement of m rows.
+    """Some rows of a motion, m of them.
 
     Attributes:
+        q: (m, nq) configurations.
         t, c: (m, nv) first and second derivative of the path with respect to the driver.
-        residual: (m, rows) closure rows.
-        sign: (m,) sign of the determinant, 0 when singular.
-        magnitude: (m,) logarithm of its size.
+        residual: (m, n_rows) closure rows.
+        angles: (m, n_angles) of screw closures, counting turns.
     """
 
+    q: Array
     t: Array
     c: Array
     residual: Array
-    sign: Array
-    magnitude: Array
+    angles: Array
 
 
 def is_possible(branch: Branch) -> bool:
-    """Whether the branch's equations are plain products and all its freedoms determined."""
+    """Whether all the branch's freedoms are determined, to tolerance, and it is not too large."""
     accuracy = branch.accuracy
     return (
-        branch.evaluation.is_plain
+        isinstance(branch.evaluation.constraints.c_abx, np.ndarray)
         and not len(branch.system.passive)
         and accuracy.corrections is None
         and accuracy.order == 3
     )
 
 
-def is_short(branch: Branch, h: float) -> bool:
-    """Whether a step h of the driver moves the joints little enough for a run."""
-    return float(np.abs(h * branch.t / branch.scale).max()) <= LONGEST_STEP
+class Runner:
+    """Follows a branch through many driver values at a time.
 
+    Attributes:
+        rest: rows to be followed step by step after a failure, before the next attempt.
+    """
 
-class EqualSteps:
-    """Where in a list of driver values the steps are equal."""
+    def __init__(self, branch: Branch, values: Array) -> None:
+        self.branch = branch
+        self.values = values
+        self.batch = BranchBatch(branch)
+        self.tolerance = max(branch.accuracy.tolerance, CLOSED)
+        self.rest = 0
+        self._history: NodeCurve | None = None
+        self._failures = 0
+        self._restart()
+        sense = np.sign(np.diff(values))
+        self._turns = np.flatnonzero(np.diff(sense)) + 1  # rows after which another sense begins
 
-    def __init__(self, values: Array) -> None:
-        steps = np.diff(values)
-        n = len(steps)
-        new = np.ones(n + 1, dtype=bool)  # whether step i begins another run
-        if n > 1:
-            new[1:n] = np.abs(np.diff(steps)) > 1e-9 * np.abs(steps[1:])
-        begins = np.flatnonzero(new)
-        run = np.cumsum(new[:n]) - 1
-        self.begin, self.end, self.steps = begins[:-1][run], begins[1:][run], steps
+    def _restart(self) -> None:
+        """Choose the distance of nodes by the speed of the joints."""
+        driver = self.branch.scale[self.branch.driven[0].v]
+        pace = max(self._pace(), 1.0 / driver)
+        self._spacing = FIRST_STEP / pace * 0.5 ** min(self._failures, 3)
 
-    def until(self, k: int) -> int:
-        """Return the row after the last equal step around row k, or k for too few of them."""
-        j = k - 1  # the step from row k - 1 to row k
-        if not 0 <= j < len(self.steps) or self.steps[j] == 0.0 or self.begin[j] > k - HISTORY:
+    def _pace(self) -> float:
+        return float(np.abs(self.branch.t / self.branch.scale).max())
+
+    def pays(self, k: int) -> int:
+        """Return the row after those from row k on that are worth while to take together, or k."""
+        if k == 0 or self.values[k] == self.values[k - 1]:
             return k
-        end = int(self.end[j]) + 1
-        return end if end - k >= SHORTEST else k
+        at = int(np.searchsorted(self._turns, k))
+        end = int(self._turns[at]) + 1 if at < len(self._turns) else len(self.values)
+        length = abs(float(self.values[end - 1]) - self.branch.s)
+        if self._history is None:
+            self._restart()
+        saved = (end - k) * (STEP_COST - ROW_COST) - length / self._spacing * NODE_COST - START_COST
+        return end if saved > 0.0 else k
 
+    def follow(self, k: int, end: int) -> Iterator[tuple[int, Rows]]:
+        """Yield rows from row k on, with the place of the first; ends before one that fails.
 
-def follow(branch: Branch, values: Array, q: Array, k: int, end: int) -> tuple[int, Rows | None]:
-    """Follow equal steps from row k on; q (N, nq) holds the rows before and takes the new ones.
+        The branch stands at, or before, the row before k; afterwards at the last row or node
+        that is good.
+        """
+        branch, values = self.branch, self.values
+        while k < end:
+            left = float(values[end - 1]) - branch.s
+            n_steps = max(math.ceil(abs(left) / self._spacing * (1.0 - 1e-9)), node.FEWEST - 1)
+            h = left / n_steps
+            nodes = node.follow(self.batch, h, min(n_steps, LONGEST), self._history)
+            if nodes is None:
+                break
+            curve = nodes.curve(self.batch)
+            until = end  # whatever round-off says of the last node
+            if nodes.n <= n_steps:
+                sense = math.copysign(1.0, h)
+                until = k + int(np.searchsorted(sense * values[k:end], sense * nodes.end))
+            self._open = 0.0
+            for rows in self._rows(nodes, curve, k, until):
+                yield k, rows
+                k += len(rows.q)
+            if k == len(values):
+                return
+            self._stand(nodes, curve, k if k < until else None)
+            if k < until:
+                break
+            self._history = curve
+            if nodes.n > min(n_steps, LONGEST):
+                self._failures = 0
+            if self._open:
+                self._adapt(abs(h))
+        else:
+            return
+        self._failures += 1
+        self.rest = REST * 2 ** min(self._failures - 1, 4)
+        self._history = None
 
-    Returns:
-        The row after the last good one, at most `end`, and the rates of the rows from k on.
-    """
-    reached = _positions(branch, values, q, k, end)
-    if reached - k < SHORTEST:
-        return k, None
-    rows = _rates(branch, q[k:reached])
-    good = _good(branch, float(values[k] - values[k - 1]), q[k - 1 : reached], rows)
-    return k + good, Rows(*(x[:good] for x in rows))
+    def _adapt(self, h: float) -> None:
+        """Choose the distance of nodes for which rows between them would just be closed."""
+        wanted = max(CLOSED, 0.01 * self.branch.accuracy.tolerance)
+        factor = (wanted / max(self._open, 1e-4 * wanted)) ** (1.0 / 12.0)
+        longest = 0.8 * node.LONGEST_STEP / self._pace()
+        self._spacing = min(h * min(max(0.9 * factor, 0.5), 1.8), longest)
 
+    def _rows(self, nodes: Nodes, curve: NodeCurve, k: int, end: int) -> Iterator[Rows]:
+        """Yield rows from k to `end` in chunks, the last one shortened by the first that fails."""
+        largest = float(nodes.lu.magnitude.max())
+        for begin in range(k, end, CHUNK):
+            values = self.values[begin : min(begin + CHUNK, end)]
+            placed = self._closed(curve(values), values, nodes.angles(values))
+            lu = self.batch.factor(placed)
+            t, c, _, _ = self.batch.path_rates(placed, lu)
+            bad = node.is_bad(self.branch, placed, lu, largest, self.tolerance)
+            bad |= ~np.isfinite(c).all(axis=0)
+            n = int(np.argmax(bad)) if bad.any() else len(values)
+            if n:
+                yield Rows(*(x.T[:n] for x in (placed.q, t, c, placed.residual, placed.angles)))
+            if n < len(values):
+                return
 
-def _positions(branch: Branch, values: Array, q: Array, k: int, end: int) -> int:
-    """Fill q[k:end]; return the first row that would not close."""
-    model = branch.model
-    corrector = _Corrector(branch, float(values[k] - values[k - 1]))
-    has_quaternions = model.nq != model.nv
-    for row, value in enumerate(values[k:end].tolist(), start=k):
-        x = np.dot(_EXTRAPOLATION, q[row - HISTORY : row])
-        if has_quaternions:
-            x = pin.normalize(model, x)
-        closed = corrector.close(x, value)
-        if closed is None:
-            return row
-        q[row] = closed
-    return end
-
-
-class _Corrector:
-    """Chord method: a correction is one product of a kept matrix with the terms A * B of the rows.
-
-    The size of a correction is the measure of closure: one below the tolerance is the last. The
-    kept matrix is made anew when corrections shrink slowly. The batch judges the residuals.
-    """
-
-    def __init__(self, branch: Branch, h: float) -> None:
-        self.branch, self.h = branch, h
-        self.model, self.data = branch.model, branch.evaluation.data
-        self.buffers = branch.evaluation.product_buffers()
-        self.flat_terms = self.buffers[-1].reshape(-1)
-        last = branch.accuracy.tolerance * min(1.0, branch.mechanism.characteristic_length)
-        self.last = last * last
-        self.is_stale = True
-
-    def close(self, x: Array, value: float) -> Array | None:
-        """Return the closed configuration near x at the driver value, None when it goes astray."""
-        model, data, branch, terms = self.model, self.data, self.branch, self.flat_terms
-        g, c_ab, ab, a, b, products = self.buffers
-        kinematics, dot, multiply = pin.computeJointJacobians, np.dot, np.multiply
-        branch.hold(x, value)
-        if self.is_stale and not self._renew(x):
-            return None
-        before = math.inf
-        for attempt in range(CHORDS):
-            kinematics(model, data, x)
-            dot(c_ab, g, ab)
-            multiply(a, b, products)
-            step = dgemv(1.0, self.chord, terms)
-            if self.offset is not None:
-                step += self.offset
+    def _closed(self, q: Array, values: Array, near: Array) -> Placed:
+        """Return configurations at driver values, taken from q (nq, m) to closed loops."""
+        batch = self.batch
+        batch.tree.normalize(q)
+        self._hold(q, values)
+        placed = batch.place(q, near)
+        for attempt in range(2):
+            residual = np.abs(placed.residual).max(axis=0, initial=0.0)
             if not attempt:
-                for spin, column in zip(branch.spins, self.spin_chord, strict=True):
-                    step += spin.error(self.h) * column
-            size = step.dot(step)
-            x = pin.integrate(model, x, step)
-            branch.hold(x, value)
-            if attempt and size > CONTRACTION * before:
-                self.is_stale = True
-            if size <= self.last:
-                for spin in branch.spins:
-                    spin.accept(self.h)
-                return x
-            before = size
-        return None
+                self._open = max(self._open, float(residual.max()))
+            open_rows = np.flatnonzero(residual > 0.1 * self.tolerance)
+            if not open_rows.size:
+                break
+            some = placed.take(open_rows)
+            step = batch.correction(some, batch.factor(some))
+            moved = batch.tree.integrate(some.q, np.nan_to_num(step))
+            self._hold(moved, values[open_rows])
+            q[:, open_rows] = moved
+            placed = batch.place(q, near)
+        return placed
 
-    def _renew(self, x: Array) -> bool:
-        self.branch.evaluation.update(x)
-        if not self.branch.system.factor():
-            return False
-        self.chord, self.offset, self.spin_chord = self.branch.system.chord()
-        self.is_stale = False
-        return True
+    def _hold(self, q: Array, values: Array) -> None:
+        q[self.branch.at] = values
+        for index, fixed in self.branch.held:
+            q[index] = fixed
 
-
-def _rates(branch: Branch, q: Array) -> Rows:
-    evaluation, system = branch.evaluation, branch.system
-    c = evaluation.constraints
-    m, r = len(q), len(c.constants)
-    jacobians, placed = _placements(branch, q)
-    g = np.ascontiguousarray(placed.reshape(m, -1, 3).transpose(2, 0, 1))  # (3, m, 4 njoints)
-    a, b, x = _vectors(g, c.c_abx, 3)
-    residual = _dot(a, b) - c.constants
-    wrenches = np.empty((6, m, r))
-    np.multiply(b, c.factors[:, 0], out=wrenches[:3])
-    _cross(x, b, wrenches[3:])
-    wrenches[3:, :, c.passive_at :] = b[:, :, c.passive_at :]
-    products = wrenches.transpose(1, 2, 0) @ jacobians
-    products *= c.signs
-    matrices = system.stack(products)
-    sign, magnitude = np.linalg.slogdet(matrices)
-    sign[~np.isfinite(magnitude)] = 0.0
-    if not sign.all():  # judged singular: leave the solver something regular to do
-        matrices[sign == 0.0] = np.eye(matrices.shape[1])
-    drive = np.broadcast_to(branch.unit[:, None], (m, len(branch.unit), 1))
-    t = branch.scale * np.linalg.solve(matrices, drive)[:, :, 0]
-    rhs = np.zeros((m, len(branch.unit), 1))
-    system.put_bias(rhs[:, :, 0], _bias(branch, q, t, placed, g))
-    second = branch.scale * np.linalg.solve(matrices, rhs)[:, :, 0]
-    return Rows(t, second, residual[:, : c.n_rows], sign, magnitude)
-
-
-def _placements(branch: Branch, q: Array) -> tuple[Array, Array]:
-    """Return Pinocchio's joint Jacobians (m, 6, nv) and joint placements (m, njoints, 4, 3)."""
-    model, data, placement = branch.model, branch.evaluation.data, branch.evaluation.placements
-    jacobians, placed = np.empty((len(q), 6, model.nv)), np.empty((len(q), *placement.shape))
-    columns = joint_jacobian(data, model.nv)
-    for k, x in enumerate(q):
-        pin.computeJointJacobians(model, data, x)
-        jacobians[k] = columns
-        placed[k] = placement
-    return jacobians, placed
-
-
-def _bias(branch: Branch, q: Array, t: Array, placed: Array, g: Array) -> Array:
-    """Return (m, rows + passive) second derivatives of the rows at zero joint acceleration."""
-    model, data, c = branch.model, branch.evaluation.data, branch.evaluation.constraints
-    m, n = len(q), model.njoints
-    twist, acceleration = twists(data), accelerations(data)
-    local = np.empty((m, n, 12))
-    moving, accelerating = local[..., :6], local[..., 6:]
-    zero = np.zeros(model.nv)
-    for k in range(m):
-        pin.forwardKinematics(model, data, q[k], t[k], zero)
-        moving[k] = twist
-        accelerating[k] = acceleration
-    # linear and angular parts of twist and acceleration in world axes (xyz, m, n)
-    v, w, a, alpha = (local.reshape(m, n, 4, 3) @ placed[:, :, :3]).transpose(2, 3, 0, 1)
-    g1, g2, spin = np.empty_like(g), np.empty_like(g), np.empty_like(g)
-    w = np.repeat(w, 4, axis=2)
-    _cross(w, g, g1)
-    g1[:, :, 3::4] = v
-    _cross(w, g1, g2)  # omega x R', and omega x v of the classical acceleration
-    _cross(np.repeat(alpha, 4, axis=2), g, spin)
-    spin[:, :, 3::4] = a
-    g2 += spin
-    c_ab = c.c_abx[: 2 * len(c.constants)]
-    (a0, b0), (a1, b1), (a2, b2) = (_vectors(x, c_ab, 2) for x in (g, g1, g2))
-    bias = _dot(a2, b0) + 2.0 * _dot(a1, b1) + _dot(a0, b2)
-    if c.n_passive:
-        bias[:, c.passive_at :] = accelerating.reshape(m, 6 * n) @ c.spin_bias.T
-    return bias
-
-
-def _vectors(g: Array, coefficients: Array, blocks: int) -> list[Array]:
-    """Return the blocks (3, m, r) of vectors that are linear in G (3, m, 4 njoints)."""
-    m = g.shape[1]
-    vectors = (g.reshape(3 * m, -1) @ coefficients.T).reshape(3, m, blocks, -1)
-    return [vectors[:, :, k] for k in range(blocks)]
-
-
-def _dot(x: Array, y: Array) -> Array:
-    """Return x . y; the vectors lie along axis 0."""
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
-def _cross(x: Array, y: Array, out: Array) -> None:
-    """Write x × y; the vectors lie along axis 0."""
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(x[j], y[k], out=out[i])
-        out[i] -= x[k] * y[j]
-
-
-def _good(branch: Branch, h: float, q: Array, rows: Rows) -> int:
-    """Return how many rows pass; q (m + 1, nq) begins with the row before them."""
-    t = np.vstack([branch.t, rows.t])
-    c = np.vstack([branch.c, rows.c])
-    at, v = branch.linear
-    # Hermite, as in `Branch`
-    moved = np.diff(q[:, at], axis=0)
-    told = (0.5 * h) * (t[:-1] + t[1:]) + (h * h / 12.0) * (c[:-1] - c[1:])
-    size, gap = (np.linalg.norm(x, axis=1) for x in (moved, moved - told[:, v]))
-    length = np.sqrt(np.vecdot(t, t))
-    cosine = np.vecdot(t[:-1], t[1:]) / (length[:-1] * length[1:])
-    magnitude = np.concatenate([[rows.magnitude[0]], rows.magnitude])
-    root = np.exp(0.5 * (magnitude - magnitude.max()))
-    vanishing = np.zeros(len(root) - 1, dtype=bool)
-    vanishing[1:] = 2.0 * root[1:-1] < root[:-2]  # zero is due before the row
-    worn = WORN if branch.system.has_redundant_rows else SINGULAR
-    bad = (
-        (np.abs(rows.residual).max(axis=1) > branch.accuracy.tolerance)
-        | (rows.sign != branch.sign)
-        | (magnitude[1:] < magnitude.max() + math.log(worn))
-        | vanishing
-        | (np.abs(h * rows.t / branch.scale).max(axis=1) > LONGEST_STEP)
-        | (gap > UNEXPLAINED * size + 1e-12)
-        | ~(cosine > STRAIGHT)
-        | ~np.isfinite(rows.c).all(axis=1)
-    )
-    return int(np.argmax(bad)) if bad.any() else len(bad)
+    def _stand(self, nodes: Nodes, curve: NodeCurve, row: int | None) -> None:
+        """Take the branch to the row before `row`, or to the last node."""
+        s = nodes.end if row is None else float(self.values[row - 1])
+        if (s - nodes.s0) / nodes.h < 1e-9:
+            s = nodes.s0
+        h = 0.25 * nodes.h if s != nodes.s0 else -0.25 * nodes.h
+        points = np.array([s - h, s])
+        placed = self._closed(curve(points), points, nodes.angles(points))
+        self.branch.evaluation.turns[:] = placed.angles[:, 1]
+        self.branch.jump(placed.q[:, 0], placed.q[:, 1], s, h)
+        if self.branch.system.has_redundant_rows:
+            self.branch.reselect()

@@ -53,7 +53,8 @@ class _Record:
 
     def put_rows(self, k: int, rows: run.Rows) -> None:
         end = k + len(rows.t)
-        self.t[k:end], self.c[k:end], self.residual[k:end] = rows.t, rows.c, rows.residual
+        self.q[k:end], self.t[k:end], self.c[k:end] = rows.q, rows.t, rows.c
+        self.residual[k:end], self.angles[k:end] = rows.residual, rows.angles
 
 
 def sweep(
@@ -156,31 +157,24 @@ def _follow(
 
     Crossings that are passed are added to `crossed`, if that is a list, as (value, row).
     """
-    fast = run.is_possible(branch)
+    runner = run.Runner(branch, values) if run.is_possible(branch) else None
     k, careful_until = 0, 0
-    equal = run.EqualSteps(values)
     while k < len(values):
-        end = equal.until(k) if fast and k >= careful_until else k
-        if end > k and not run.is_short(branch, float(equal.steps[k - 1])):
-            end = k
-        if end > k:
-            end = min(end, k + run.LONGEST)
-            reached, rows = run.follow(branch, values, record.q, k, end)
-            if rows is not None and reached > k:
-                record.put_rows(k, rows)
-                k = reached
-                s = float(values[k - 1])
-                branch.jump(record.q[k - 2], record.q[k - 1], s, s - float(values[k - 2]))
-            if reached < end:
-                careful_until = k + run.HISTORY
-            yield k
+        end = runner.pays(k) if runner and k >= careful_until else k
+        if runner and end > k:
+            for first, rows in runner.follow(k, end):
+                record.put_rows(first, rows)
+                k = first + len(rows.q)
+                yield k
+            if k < end:
+                careful_until = k + runner.rest
             continue
         try:
             branch.reach(float(values[k]))
         except Stopped as stopped:
             before = k
             k = _pass_crossing(branch, values, k, record, stopped, crossed)
-            careful_until = max(careful_until, k + run.HISTORY)
+            careful_until = max(careful_until, k + run.REST)
             if k > before:
                 yield k
             continue

@@ -1,0 +1,89 @@
+"""Curves through equidistant nodes with their first and second derivatives.
+
+Four neighbouring nodes make a polynomial of degree 11 [Hermite]: with L_i Lagrange's polynomials,
+d = u - u_i, S_n the sum of (u_i - u_j)^-n,
+
+    y(u) = sum of L_i^3 (y_i (1 + g1 d + g2 d^2) + y_i' (d + g1 d^2) + y_i'' d^2 / 2),
+    g1 = -3 S_1, g2 = (3 S_2 + 9 S_1^2) / 2,
+
+which continues 1/L_i^3 at u_i. Between the middle nodes the error is
+0.178 h^12 y^(12) / 12! with h the distance of the nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spatial_pin.linalg import Array
+
+STENCIL = np.array([-1.0, 0.0, 1.0, 2.0])
+_GAPS = STENCIL[:, None] - STENCIL + np.eye(4)
+_S1, _S2 = ((1.0 / _GAPS**n).sum(axis=1) - 1.0 for n in (1, 2))
+
+
+class NodeCurve:
+    """The curve through nodes s0 + h j, j = 0 .. n - 1, of which there are at least four.
+
+    Args:
+        s0: first node.
+        h: distance of the nodes, of either sign.
+        y, first, second: (k, n) values and derivatives at the nodes.
+    """
+
+    def __init__(self, s0: float, h: float, y: Array, first: Array, second: Array) -> None:
+        self.s0, self.h, self.n = s0, h, y.shape[1]
+        self._y = np.array([y, h * first, h * h * second])
+
+    def reaches(self, s: float) -> bool:
+        """Whether a value lies between the first and the last node."""
+        return -1e-9 <= (s - self.s0) / self.h <= self.n - 1 + 1e-9
+
+    def __call__(self, s: Array) -> Array:
+        """Return the curve (k, m) at s (m,) between the first and the last node."""
+        x = (s - self.s0) / self.h
+        left = np.clip(np.floor(x), 1, self.n - 3).astype(np.intp)
+        d = (x - left) - STENCIL[:, None]
+        lagrange = np.array([d[1] * d[2] * d[3], d[0] * d[2] * d[3], d[0] * d[1] * d[3],
+                             d[0] * d[1] * d[2]])
+        lagrange /= _GAPS.prod(axis=1)[:, None]
+        weights = np.empty((3, *d.shape))
+        g1, g2 = -3.0 * _S1[:, None], (1.5 * _S2 + 4.5 * _S1**2)[:, None]
+        weights[0] = 1.0 + (g1 + g2 * d) * d
+        weights[1] = (1.0 + g1 * d) * d
+        weights[2] = 0.5 * d * d
+        weights *= lagrange**3
+        nodes = self._y[:, :, left + np.array([[-1], [0], [1], [2]])]
+        return np.einsum("aim,akim->km", weights, nodes)
+
+
+def integrals(h: float, first: Array, second: Array) -> Array:
+    """Return the integrals (..., n - 1) of a function between n nodes at a distance h.
+
+    Exact to degree 7, from the function and its derivative, `first` and `second` (..., n), at the
+    nodes, of which there are at least four.
+    """
+    n = first.shape[-1]
+    interval = np.arange(n - 1)
+    left = np.clip(interval, 1, n - 3)
+    weights = _INTEGRALS[:, :, interval - left + 1]
+    at = left + np.array([[-1], [0], [1], [2]])
+    return h * np.einsum("im,...im->...m", weights[0], first[..., at]) + h * h * np.einsum(
+        "im,...im->...m", weights[1], second[..., at])
+
+
+def _integrals() -> Array:
+    """Return (2, 4, 3): weights of values and derivatives for the three intervals of a stencil."""
+    points, gauss = np.polynomial.legendre.leggauss(8)
+    out = np.empty((2, 4, 3))
+    for k, start in enumerate(STENCIL[:3]):
+        u = start + 0.5 * (points + 1.0)
+        for i in range(4):
+            d = u - STENCIL[i]
+            others = np.delete(STENCIL, i)
+            square = np.prod([(u - x) / (STENCIL[i] - x) for x in others], axis=0) ** 2
+            out[0, i, k] = 0.5 * gauss @ (square * (1.0 - 2.0 * _S1[i] * d))
+            out[1, i, k] = 0.5 * gauss @ (square * d)
+    return out
+
+
+_INTEGRALS = _integrals()

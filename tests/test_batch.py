@@ -1,0 +1,246 @@
+"""Many configurations and many driver values at once: the same numbers as one at a time."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import mechanisms
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_closures import JOINTS, every_type, settle, somewhere, tree_with
+
+import spatial_pin as sp
+from spatial_pin.kinematics import run
+from spatial_pin.kinematics.batch import Batch
+from spatial_pin.kinematics.constraints import Constraints, Evaluation
+from spatial_pin.kinematics.flat import FlatTree
+from spatial_pin.kinematics.interpolation import NodeCurve, integrals
+from spatial_pin.linalg import StackedLU
+
+SEVERAL = 4
+TURN = np.linspace(0.0, 2.0 * np.pi, 500)
+
+
+def configurations(mechanism: sp.Mechanism, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.array([somewhere(mechanism, rng) for _ in range(SEVERAL)]).T
+
+
+def assert_same(one: np.ndarray, other: np.ndarray, by: float = 1e-13) -> None:
+    np.testing.assert_allclose(one, other, rtol=0, atol=by * (1.0 + np.abs(other).max(initial=0)))
+
+
+# ---------------------------------------------------------------- the tree
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_flat_tree_is_pinocchios(tmp_path, joint):
+    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), "spherical", 5)
+    model, tree = mechanism.model, FlatTree(mechanism)
+    data = model.createData()
+    q = configurations(mechanism, 6)
+    v = rng.uniform(-1.0, 1.0, (model.nv, SEVERAL))
+    g = tree.place(q)
+    columns, (first, second) = tree.columns(g), tree.rates(g, v)
+    for k in range(SEVERAL):
+        pin.computeJointJacobians(model, data, q[:, k])
+        assert_same(columns[:, :, k], data.J.reshape(6, -1))
+        pin.forwardKinematics(model, data, q[:, k], v[:, k], 0.0 * v[:, k])
+        for i, at in enumerate(tree.carrier):
+            placement, twist, rate = data.oMi[i], data.v[i], data.a[i]
+            R = placement.rotation
+            assert_same(g[at, :3, :3, k].T, R)
+            assert_same(g[at, 3, :3, k], placement.translation)
+            assert_same(first[at, :, :3, k], np.array([R @ twist.angular, R @ twist.linear]))
+            classical = R @ (rate.linear + np.cross(twist.angular, twist.linear))
+            assert_same(second[at, :, :3, k], np.array([R @ rate.angular, classical]))
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_derivatives_of_the_entries_of_a_configuration(tmp_path, joint):
+    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), "spherical", 7)
+    model, tree = mechanism.model, FlatTree(mechanism)
+    q = configurations(mechanism, 8)
+    v, h = rng.uniform(-1.0, 1.0, (model.nv, SEVERAL)), 1e-3
+    first, second = tree.entry_rates(q, v, 0.0 * v)
+    for k in range(SEVERAL):
+        forth, back = (pin.integrate(model, q[:, k], s * h * v[:, k]) for s in (1, -1))
+        assert_same(first[:, k], (forth - back) / (2 * h), 1e-6)
+        assert_same(second[:, k], (forth - 2 * q[:, k] + back) / h**2, 1e-6)
+        small = tree.integrate(q, 1e-4 * v)[:, k]
+        assert_same(small, pin.integrate(model, q[:, k], 1e-4 * v[:, k]), 1e-11)
+
+
+# ---------------------------------------------------------------- the rows
+
+
+def check_rows(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarray) -> None:
+    evaluation = Evaluation(Constraints(mechanism))
+    batch = Batch(evaluation.constraints)
+    settle(evaluation, q[:, 0])
+    near = np.repeat(evaluation.turns[:, None], q.shape[1], axis=1)
+    placed = batch.place(q, near)
+    jacobian, (bias, _, _) = batch.jacobian(placed), batch.bias(placed, v)
+    for k in range(q.shape[1]):
+        evaluation.update(q[:, k])
+        assert_same(placed.residual[:, k], evaluation.residual)
+        assert_same(placed.angles[:, k], evaluation.angles)
+        assert_same(jacobian[:, :, k], evaluation.jacobian)
+        assert_same(bias[:, k], evaluation.bias(q[:, k], v[:, k]))
+
+
+@every_type
+@pytest.mark.parametrize("joint", JOINTS)
+def test_rows_of_every_closure_on_every_joint(tmp_path, kind, joint):
+    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, 9)
+    v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
+    check_rows(mechanism, configurations(mechanism, 10), v)
+
+
+@pytest.mark.parametrize("name", sp.list_mechanisms())
+def test_rows_of_the_library(name):
+    mechanism = sp.load(name)
+    rng = np.random.default_rng(11)
+    v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
+    check_rows(mechanism, configurations(mechanism, 12), v)
+
+
+# ---------------------------------------------------------------- between nodes
+
+
+def test_four_nodes_with_two_derivatives_make_a_polynomial_of_degree_eleven():
+    rng = np.random.default_rng(13)
+    y = [np.polynomial.Polynomial(rng.uniform(-1, 1, 12)) for _ in range(3)]
+    s = 0.3 - 0.2 * np.arange(4)
+    curve = NodeCurve(0.3, -0.2, *(np.array([p.deriv(n)(s) if n else p(s) for p in y])
+                                   for n in range(3)))
+    at = np.linspace(s[-1], s[0], 50)
+    assert_same(curve(at), np.array([p(at) for p in y]), 1e-14)
+    assert curve.reaches(s[0])
+    assert curve.reaches(s[-1])
+    assert not curve.reaches(0.31)
+
+
+def test_integrals_between_nodes_are_exact_to_degree_seven():
+    for degree in range(8):
+        s = np.arange(6.0)
+        derivative = degree * s ** (degree - 1) if degree else 0.0 * s
+        exact = [float(Fraction(i + 1) ** (degree + 1) - Fraction(i) ** (degree + 1))
+                 / (degree + 1) for i in range(5)]
+        np.testing.assert_allclose(integrals(1.0, s**degree, derivative), exact, rtol=2e-13)
+
+
+# ---------------------------------------------------------------- systems
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 14, 15])
+def test_stacked_systems_are_lapacks(n):
+    rng = np.random.default_rng(n)
+    matrices, rhs = rng.normal(size=(n, n, 40)), rng.normal(size=(n, 40))
+    matrices[:, :, 5] = np.eye(n)[::-1]  # needs other exchanges than the middle one
+    lu = StackedLU(matrices.copy())
+    x = lu.solve(rhs)
+    for k in range(40):
+        a = matrices[:, :, k]
+        sign, magnitude = np.linalg.slogdet(a)
+        assert lu.sign[k] == sign
+        assert lu.magnitude[k] == pytest.approx(magnitude, rel=1e-10, abs=1e-10)
+        expected = np.linalg.solve(a, rhs[:, k])
+        np.testing.assert_allclose(x[:, k], expected, rtol=0,
+                                   atol=1e-14 * np.linalg.cond(a) * np.abs(expected).max() * 30)
+
+
+@pytest.mark.parametrize("n", [3, 15])
+def test_a_singular_system_among_others_is_told(n):
+    rng = np.random.default_rng(n)
+    matrices, rhs = rng.normal(size=(n, n, 9)), rng.normal(size=(n, 9))
+    matrices[0, :, 3] = 0.0
+    lu = StackedLU(matrices.copy())
+    assert np.flatnonzero(lu.sign == 0.0).tolist() == [3]
+    x = lu.solve(rhs)
+    assert not np.isfinite(x[:, 3]).any()
+    assert np.isfinite(np.delete(x, 3, axis=1)).all()
+
+
+# ---------------------------------------------------------------- sweeps
+
+
+def both_ways(monkeypatch, mechanism, values, **keys) -> tuple[sp.Motion, sp.Motion]:
+    driver = next(iter(mechanism.drivers))
+    together = sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "is_possible", lambda _: False)
+        return together, sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
+
+
+FULL_TURN = ["crane", "crank_collar", "double_cardan", "four_bar", "geared_five_bar", "hooke_joint",
+             "inverted_slider_crank", "oldham", "rspc", "scotch_yoke", "screw_press",
+             "slider_crank", "spherical_four_bar", "turntable_collar", "watt_six_bar"]
+
+
+@pytest.mark.parametrize("name", FULL_TURN)
+@pytest.mark.parametrize("values", [
+    TURN, TURN[::-1], np.sort(np.random.default_rng(1).uniform(0.0, 6.3, 400)),
+    np.concatenate([TURN, TURN[::-1], TURN[:90]]), np.repeat(TURN[:60], 2)],
+    ids=["on", "back", "uneven", "to and fro", "every value twice"])
+def test_rows_together_are_rows_one_by_one(name, values, monkeypatch):
+    together, one_by_one = both_ways(monkeypatch, sp.load(name), values)
+    np.testing.assert_array_equal(together.driver, one_by_one.driver)
+    for one, other, by in ((together.q, one_by_one.q, 1e-12), (together.v, one_by_one.v, 5e-12),
+                           (together.a, one_by_one.a, 1e-10)):
+        assert_same(one, other, by)
+    assert together.closure_error.max() < 1e-13
+    assert [e.kind for e in together.events] == [e.kind for e in one_by_one.events]
+
+
+@pytest.mark.parametrize("name", FULL_TURN)
+def test_most_rows_are_taken_together(name, monkeypatch):
+    taken, follow = [], run.Runner.follow
+
+    def counted(self, k, end):
+        for first, rows in follow(self, k, end):
+            taken.append(len(rows.q))
+            yield first, rows
+
+    monkeypatch.setattr(run.Runner, "follow", counted)
+    mechanism = sp.load(name)
+    sp.sweep(mechanism, next(iter(mechanism.drivers)), TURN)
+    assert sum(taken) == len(TURN) - 1
+
+
+def test_turns_of_a_screw_closure_are_counted_together(tmp_path, monkeypatch):
+    mechanism = mechanisms.press_closure(tmp_path)
+    together, one_by_one = both_ways(monkeypatch, mechanism, np.linspace(0.0, 60.0, 800))
+    assert_same(together.q, one_by_one.q, 1e-13)
+    np.testing.assert_allclose(together.angles, one_by_one.angles, rtol=0, atol=1e-11)
+
+
+def test_an_end_of_travel_is_found_from_rows_together(monkeypatch):
+    mechanism = sp.load("elliptic_trammel")
+    reached = []
+    for possible in (True, False):
+        with monkeypatch.context() as patch:
+            if not possible:
+                patch.setattr(run, "is_possible", lambda _: False)
+            with pytest.raises(sp.LimitError) as caught:
+                sp.sweep(mechanism, "slider", np.linspace(0.0, 0.6, 900))
+        reached.append((caught.value.limit, len(caught.value.motion)))
+    assert reached[0][0] == pytest.approx(reached[1][0], abs=1e-13)
+    assert reached[0][1] == reached[1][1]
+
+
+@pytest.mark.parametrize("name", ["rssr", "rssr_crossed", "swash_plate"])
+def test_a_passive_spin_does_not_depend_on_the_rows(name, monkeypatch):
+    """Rows step by step make an error of the fourth order in their distance, rows together none."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    fine = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 3001))
+    coarse = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 301))
+    assert_same(coarse.q, fine.q[::10], 1e-11)
+    monkeypatch.setattr(run, "FIRST_STEP", 0.03)
+    assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
+    monkeypatch.setattr(run, "is_possible", lambda _: False)
+    assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
+
+
