@@ -40,7 +40,14 @@ class Placed(NamedTuple):
 
     def take(self, which: NDArray[np.intp]) -> Placed:
         """Return some of the configurations."""
-        return Placed(*(np.ascontiguousarray(part[..., which]) for part in self))
+        if len(which) == self.q.shape[1]:
+            return self
+        return Placed(*(part[..., which] for part in self))
+
+    def put(self, which: NDArray[np.intp], some: Placed) -> None:
+        """Write some of the configurations."""
+        for part, new in zip(self, some, strict=True):
+            part[..., which] = new
 
 
 class Batch:
@@ -173,12 +180,12 @@ class BranchBatch(Batch):
         """Return the factored systems of rows, spins and drivers at configurations."""
         return StackedLU(self.branch.system.stack(self.jacobian(p)))
 
-    def correction(self, p: Placed, lu: StackedLU) -> Array:
+    def correction(self, p: Placed) -> Array:
         """Return Newton's joint displacements (nv, m) that close the loops, drivers held."""
         system = self.branch.system
         rhs = np.zeros((len(system.matrix), p.q.shape[1]))
         rhs[system.closure_rows] = -p.residual[system.rows]
-        return self.branch.scale[:, None] * lu.solve(rhs)
+        return self.branch.scale[:, None] * self.factor(p).solve(rhs)
 
     def spinning(self, lu: StackedLU, spins: Array) -> Array:
         """Return joint displacements (nv, m) that spin the passive freedoms by (n_passive, m)."""

@@ -110,8 +110,8 @@ class Branch:
         for spin, rotation in zip(self.spins, rotations, strict=True):
             spin.begin(rotation, h)
 
-    def hold(self, q: Array, value: float) -> None:
-        """Write the prescribed values into a configuration."""
+    def hold(self, q: Array, value: float | Array) -> None:
+        """Write the prescribed values into a configuration (nq,), or some (nq, m)."""
         q[self.at] = value
         for index, fixed in self.held:
             q[index] = fixed

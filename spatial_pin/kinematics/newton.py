@@ -263,18 +263,6 @@ class SquareSystem:
         matrices[self._drivers] = self._drive[:, :, None]
         return matrices
 
-    def chord(self) -> tuple[Array, Array]:
-        """Return what corrects a configuration near the last factorisation by products alone.
-
-        Returns:
-            (nv, n_rows): the correction is chord @ residual;
-            (n_passive, nv): what takes away a unit of each spin.
-        """
-        inverse = lapack.dgetri(self._lu, self._pivots)[0].T * self.scale[:, None]
-        chord = np.zeros((len(self.matrix), self.evaluation.constraints.n_rows))
-        chord[:, self.rows] = -inverse[:, self._closure]
-        return chord, -inverse[:, self._spin].T
-
     def put_bias(self, rhs: Array, bias: Array) -> None:
         """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""
         n = self.evaluation.constraints.n_rows
