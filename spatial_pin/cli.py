@@ -16,13 +16,13 @@ import numpy as np
 
 import spatial_pin as sp
 from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
+from spatial_pin.kinematics.usual import usual_motion
 from spatial_pin.mechanism.export import export_urdf
 from spatial_pin.mechanism.files import library_titles
 from spatial_pin.operators import OPERATORS
 from spatial_pin.units import Quantity, quantity
 from spatial_pin.view import Viewer
 from spatial_pin.view.plots import usual_outputs
-from spatial_pin.kinematics.usual import usual_motion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"

@@ -160,7 +160,9 @@ class Extended:
         """Return the closure rows with their rates (3, N, n_rows) [-], in `Evaluation`'s order.
 
         Args:
-            q, v, a: (N, nq), (N, nv), (N, nv) extended configurations and rates.
+            q: (N, nq) configurations.
+            v: (N, nv) velocities.
+            a: (N, nv) accelerations.
             turns: (N, n) relative angle of every screw closure to within half a turn [rad].
         """
         placements = self.placements(q, v, a)

@@ -7,6 +7,7 @@ coordinates, method or step; their largest difference tells how good it is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -98,7 +99,7 @@ class SweepReference:
 
         Loops are refined later; spins depend on the way, which is taken in ever smaller steps.
         """
-        tight = Accuracy.named("reference")
+        tight = Accuracy()  # a tolerance of round-off would forget spins where it is not reached
         motion, many, change = task.run(tight), 1, np.inf
         if not self.extended.n_spins or self.n < 2:
             return motion, 0.0
@@ -172,11 +173,11 @@ def _checked(motion: Motion, n: int) -> tuple[Array, Array, Array, Array]:
     return motion.q, motion.v, motion.a, _angles(motion)
 
 
-def _errors(closure: Array, gaps: list[Array], sizes: Array, spin: float = 0.0) -> Errors:
+def _errors(closure: Array, gaps: Sequence[Array], sizes: Array, spin: float = 0.0) -> Errors:
     """Return the largest of closure rows and of the scaled gaps of q, v, a (N, nv)."""
-    largest = [float(np.abs(gap).max(initial=0.0)) for gap in gaps]
-    total = float((np.array(largest) / sizes).max())
-    return Errors(float(closure.max(initial=0.0)), *largest, spin, total)
+    position, velocity, acceleration = (float(np.abs(gap).max(initial=0.0)) for gap in gaps)
+    total = float((np.array([position, velocity, acceleration]) / sizes).max())
+    return Errors(float(closure.max(initial=0.0)), position, velocity, acceleration, spin, total)
 
 
 # ---------------------------------------------------------------- simulations
@@ -203,8 +204,8 @@ class SimulationReference:
         self.extended = Extended(task.mechanism)
         motion = task.run(TIGHT)
         self.n = len(motion)
-        self.exact = Exact(*(x.astype(Long) for x in (motion.q, motion.v, motion.a)),
-                           np.ones(self.n, bool), np.zeros(3), np.zeros((self.n, 0, 0)))
+        q, v, a = (x.astype(Long) for x in (motion.q, motion.v, motion.a))
+        self.exact = Exact(q, v, a, np.ones(self.n, bool), np.zeros(3), np.zeros((self.n, 0, 0)))
         self.sizes = self.exact.sizes(self.scale)
         self.step = float(task.arguments["duration"]) / max(motion.steps, 1)
         self.checks = self._checks(task)

@@ -66,8 +66,9 @@ class SweepTask:
     def __str__(self) -> str:
         values, name = self.arguments["values"], self.arguments["driver"]
         unit = self.mechanism.coordinate(name).unit
-        return (f"sweep of {name} from {values[0]:.6g} to {values[-1]:.6g} {unit}, "
-                f"{len(values)} values")
+        zero = 1e-12 * float(np.abs(values).max())
+        first, last = (0.0 if abs(x) < zero else x for x in (values[0], values[-1]))
+        return f"sweep of {name} from {first:.6g} to {last:.6g} {unit}, {len(values)} values"
 
 
 @dataclass(frozen=True, eq=False)
