@@ -115,7 +115,7 @@ class Extended:
         for i in range(1, n):
             at, count = model.idx_vs[i], model.nvs[i]
             columns = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
-            screws = columns[:, at : at + count].astype(Long)
+            screws = columns.reshape(6, -1)[:, at : at + count].astype(Long)
             sizes = np.sqrt((screws[3:] ** 2).sum(0))
             screws[3:] /= np.where(sizes > 0, sizes, 1)
             self._joints.append(_Joint(
@@ -163,7 +163,7 @@ class Extended:
             q: (N, nq) configurations.
             v: (N, nv) velocities.
             a: (N, nv) accelerations.
-            turns: (N, n) relative angle of every screw closure to within half a turn [rad].
+            turns: (N, n) relative angles of screw closures to within half a turn [rad].
         """
         placements = self.placements(q, v, a)
         found, screw = [], 0

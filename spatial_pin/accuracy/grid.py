@@ -53,17 +53,23 @@ def _distinct(settings: list[Accuracy]) -> list[Accuracy]:
     return list(dict.fromkeys(settings))
 
 
+def power(x: float) -> str:
+    """Return a number as 1e-8, with two digits at most."""
+    mantissa, exponent = f"{x:.1e}".split("e")
+    return f"{mantissa.removesuffix('.0')}e{int(exponent)}"
+
+
 def describe(accuracy: Accuracy, kind: str) -> str:
     """Return a setting in words, for a "sweep" or for "simulate"."""
     same: tuple[str, ...] = ("order", "corrections", "tolerance")
     if kind == "sweep":
         n = accuracy.corrections
-        words = (f"to {accuracy.tolerance:.3g}" if n is None
+        words = (f"to {power(accuracy.tolerance)}" if n is None
                  else f"{n} correction{'s' * (n != 1)}")
         text = f"order {accuracy.order}, {words}"
     else:
         dial = (f"step {accuracy.step:.3g} s" if accuracy.step is not None
-                else f"{accuracy.time_tolerance:.3g}")
+                else power(accuracy.time_tolerance))
         projected = "projected " if accuracy.formulation == "projected" else ""
         text = f"{projected}{accuracy.integrator} {dial}"
         same = tuple(accuracy.__dataclass_fields__)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 SAID = 100  # characters that are shown of what a setting says
 INK, FAINT = "#2b3138", "#d5d9de"
+APART = 2.5  # ratio of two errors whose labels do not lie on each other
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a939c")
 MARKERS = "osD^vPX"
 
@@ -98,7 +99,6 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
     for k, (name, rows) in enumerate(sorted(groups.items())):
         _draw(axes, tradeoff, name, rows, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)])
     _draw_front(axes, tradeoff)
-    axes.axhspan(1e-300, tradeoff.reference_error, color=FAINT, alpha=0.6, linewidth=0)
     axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
              ylabel="largest error [rad, characteristic lengths; rates by the largest]")
     _frame(axes, tradeoff)
@@ -136,18 +136,31 @@ def _draw_front(axes: Axes, tradeoff: Tradeoff) -> None:
         return
     x, y = zip(*points, strict=True)
     axes.step(x, y, where="post", color=INK, linewidth=1.0, zorder=1, label="Pareto front")
+    last = np.inf
     for row, place in zip(tradeoff.front, points, strict=True):
+        if last < APART * place[1]:  # it would lie on the label before
+            continue
+        last = place[1]
         axes.annotate(describe(row.accuracy, tradeoff.kind), place, xytext=(-5, -3),
                       textcoords="offset points", ha="right", va="top", fontsize=7, color=INK)
 
 
 def _frame(axes: Axes, tradeoff: Tradeoff) -> None:
     """Set limits, grid and legend."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     points = [_point(tradeoff, row) for row in tradeoff.rows if row.errors is not None]
     if points:
         x, y = (np.array(column) for column in zip(*points, strict=True))
         axes.set_xlim(x.min() / 2.5, x.max() * 1.3)
         axes.set_ylim(y.min() / 10, min(y.max() * 10, 1e3))
+        if y.min() / 10 < tradeoff.reference_error:
+            axes.axhspan(y.min() / 10, tradeoff.reference_error, color=FAINT, alpha=0.6,
+                         linewidth=0, label="the reference's own error")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_axisbelow(True)
     axes.grid(color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK)
