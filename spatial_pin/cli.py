@@ -223,7 +223,7 @@ def _in_units(values: Mapping[str, float], *units: str) -> None:
 
 def _positive(text: str) -> float:
     value = _quantity(text)
-    if not value > 0.0 or isinstance(value, Quantity) and value.unit:
+    if not value > 0.0 or (isinstance(value, Quantity) and value.unit):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number without a unit")
     return value
 

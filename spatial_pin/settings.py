@@ -85,10 +85,12 @@ class Accuracy:
 
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
         accelerations by the largest one. Without `measured` it is ten times the largest that
-        `scripts/accuracy_table.py` found over all mechanisms of the library, each doing its usual
-        sweep, or swinging a few seconds under gravity. That is a measurement, not a proof: near a
-        limit position, and in long or chaotic simulations, errors grow. Measure your own mechanism
-        and task to be sure: `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
+        `scripts/accuracy_table.py` found over the mechanisms of the library with loops, each doing
+        its usual sweep, or swinging a second or two under gravity. That is a measurement, not a
+        proof: near singular configurations, and in long or unstable simulations, errors grow
+        (`sarrus` swept through its flat position and `crank_collar` let fall are left out for
+        that). Measure your own mechanism and task to be sure:
+        `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
         Args:
             error: the largest error to accept.
@@ -124,7 +126,17 @@ LEVELS = {
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
+        (2e-08, Accuracy(tolerance=1e-10)),
+        (3e-11, Accuracy()),
+        (4e-12, Accuracy(tolerance=1e-15)),
     ),
     "simulate": (
+        (0.03, Accuracy(tolerance=1e-08, integrator="RK45", time_tolerance=1e-06)),
+        (0.02, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
+        (0.0001, Accuracy(tolerance=1e-10, integrator="RK45", time_tolerance=1e-08)),
+        (6e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
+        (5e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (4e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (2e-08, Accuracy()),
     ),
 }

@@ -35,8 +35,8 @@ def sweep_settings() -> list[Accuracy]:
 def simulation_settings(step: float) -> list[Accuracy]:
     """Return integrators with tolerances, or with steps by a mean step [s]."""
     adaptive = [
-        Accuracy(tolerance=min(1e-8, max(1e-13, SAFETY * x)), formulation=formulation,
-                 integrator=integrator, time_tolerance=x)
+        Accuracy(tolerance=float(f"{min(1e-8, max(1e-13, SAFETY * x)):.1e}"),
+                 formulation=formulation, integrator=integrator, time_tolerance=x)
         for (formulation, integrator), tolerances in TIME_TOLERANCES.items() for x in tolerances]
     fixed = [
         Accuracy(formulation=formulation, integrator=integrator, step=float(f"{step * x:.2g}"))

@@ -19,7 +19,7 @@ SAID = 100  # characters that are shown of what a setting says
 INK, FAINT = "#2b3138", "#d5d9de"
 APART = 2.5  # ratio of two errors whose labels do not lie on each other
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a939c")
-MARKERS = "osD^vPX"
+MARKERS = "osD^vPX<>"  # more than colours, so that pairs repeat late
 
 
 # ---------------------------------------------------------------- table
