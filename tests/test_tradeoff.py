@@ -195,7 +195,7 @@ def test_settings_that_fail_say_why_in_the_table():
     failed = found.rows[-1]
     assert failed.accuracy == bad and failed.errors is None and not failed.on_front
     assert "needs a step" in failed.said and "failed: integrator 'RK4' needs a step" in str(found)
-    assert len(failed.seconds) == 1 and np.isnan(failed.error)
+    assert len(failed.seconds) == 1 and np.isnan(failed.error) and failed.spread is None
 
 
 # ---------------------------------------------------------------- simulations

@@ -67,8 +67,10 @@ class Measured:
         return float(np.median(self.seconds)) / max(self.steps, 1)
 
     @property
-    def spread(self) -> float:
-        """Difference of the quartiles of the runs, by their median; 0 for one run."""
+    def spread(self) -> float | None:
+        """Difference of the quartiles of the runs, by their median; None for one run."""
+        if len(self.seconds) < 2:
+            return None
         low, middle, high = np.percentile(self.seconds, [25, 50, 75])
         return float((high - low) / middle)
 

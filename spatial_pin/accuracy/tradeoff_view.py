@@ -35,8 +35,9 @@ def table(tradeoff: Tradeoff) -> str:
     text += ["  ".join([line[0].ljust(widths[0]),
                         *(x.rjust(w) for x, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
              for line in lines]
-    notes = ["*: no other is as fast and as exact; ±: between the quartiles of "
-             f"{max((len(row.seconds) for row in good), default=0)} runs; errors in rad and "
+    runs = sorted({len(row.seconds) for row in good})
+    notes = [f"*: no other is as fast and as exact; ±: between the quartiles of "
+             f"{' to '.join(map(str, runs[:: max(len(runs) - 1, 1)]))} runs; errors in rad and "
              "characteristic lengths, error: the largest, rates by the largest rate"]
     if any(row.error < tradeoff.reference_error for row in good):
         notes.append("<: smaller than the reference's own error")
@@ -62,7 +63,7 @@ def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
         return cells
     cells["  setting"] = f"{'* ' if row.on_front else '  '}{describe(row.accuracy, tradeoff.kind)}"
     cells["µs/step"] = f"{1e6 * row.time_per_step:.3g}"
-    cells["±"] = f"{100 * row.spread:.0f} %"
+    cells["±"] = "-" if row.spread is None else f"{100 * row.spread:.0f} %"
     for key in numbers:
         value = row.error if key == "error" else getattr(row.errors, key)
         cells[key] = f"{value:.1e}"
