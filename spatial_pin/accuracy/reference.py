@@ -24,7 +24,7 @@ from spatial_pin.settings import Accuracy
 JUDGED = 721  # rows of a sweep that are judged at most, evenly spaced
 ELSEWHERE = 1e-6  # distance of a row's own solution from the reference that is another branch
 FAR = 0.05  # the same where passive freedoms lie between
-SPIN_CONVERGED = 1e-13  # change of a spin [rad] at twice as many values that is good enough
+SPIN_CONVERGED = 1e-11  # change of a spin [rad] at twice as many values that is good enough
 FINEST = 32  # steps to a row at most, for the spin
 
 

@@ -63,8 +63,8 @@ class Measured:
 
     @property
     def time_per_step(self) -> float:
-        """Median time of a step, assembly of the first one included [s]."""
-        return float(np.median(self.seconds)) / max(self.steps, 1)
+        """Median time of a step, assembly of the first one included [s]; NaN where it failed."""
+        return float(np.median(self.seconds)) / self.steps if self.steps else np.nan
 
     @property
     def spread(self) -> float | None:
@@ -130,7 +130,10 @@ class Tradeoff:
         for row in self.front:
             if self.known_error(row) <= error:
                 return row
-        best = min((self.known_error(row) for row in self.front), default=np.inf)
+        if not self.front:
+            raise SpatialPinError(f"{self.mechanism}, {self.task}: no setting worked; the table "
+                                  "says why")
+        best = min(self.known_error(row) for row in self.front)
         raise SpatialPinError(
             f"{self.mechanism}, {self.task}: no setting that was measured has an error of "
             f"{error:.3g}; the best reaches {best:.1e}"
@@ -146,7 +149,8 @@ class Tradeoff:
         """Return everything as plain data."""
         rows = [{
             "setting": describe(row.accuracy, self.kind), "accuracy": asdict(row.accuracy),
-            "seconds": list(row.seconds), "steps": row.steps, "time_per_step": row.time_per_step,
+            "seconds": list(row.seconds), "steps": row.steps,
+            "time_per_step": row.errors and row.time_per_step,
             "spread": row.spread, "error": row.errors and row.errors.total,
             **{key: row.errors and getattr(row.errors, key) for key in Errors._fields[:-1]},
             "below_reference": bool(row.errors and row.error < self.reference_error),
@@ -203,7 +207,8 @@ def tradeoff(
             few seconds under gravity.
         settings: what to try; default a grid of all kinds.
         repeats: how often each setting is timed.
-        budget: time after which no run is repeated any more [s]; every setting runs once.
+        budget: time after which no run is repeated any more [s]; after twice that time settings
+            that have not run yet are not tried.
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Raises:
@@ -222,9 +227,12 @@ def tradeoff(
         raise ValueError("no settings to try")
     with tqdm(total=len(tried) * repeats, desc=f"{mechanism.name}: runs", delay=1.0, leave=False,
               disable=None if progress else True) as bar:
-        rows = [_judged(doing, reference, accuracy, bar) for accuracy in tried]
+        rows = [_judged(doing, reference, accuracy, bar)
+                if time.perf_counter() < begun + 2.0 * budget
+                else Measured(accuracy, (), 0, said="not tried, the time was out")
+                for accuracy in tried]
         _repeat(doing, rows, repeats - 1, begun + budget, bar)
-    rows.sort(key=lambda row: (row.errors is None, row.time_per_step))
+    rows.sort(key=lambda row: row.time_per_step if row.errors else np.inf)
     found = Tradeoff(mechanism.name, str(doing), doing.kind, tuple(rows), reference.text,
                      reference.error)
     flags = pareto([row.time_per_step for row in rows], [found.known_error(row) for row in rows])

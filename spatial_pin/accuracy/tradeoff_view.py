@@ -165,4 +165,5 @@ def _frame(axes: Axes, tradeoff: Tradeoff) -> None:
     axes.grid(color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK)
-    axes.legend(frameon=False, fontsize=8)
+    if points:
+        axes.legend(frameon=False, fontsize=8)
