@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from spatial_pin.accuracy.tradeoff import Tradeoff, tradeoff
 from spatial_pin.dynamics.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
@@ -54,6 +55,7 @@ __all__ = [
     "SingularError",
     "SpatialPinError",
     "State",
+    "Tradeoff",
     "assemble",
     "assembly_modes",
     "closure_jacobian",
@@ -85,6 +87,7 @@ __all__ = [
     "sweep",
     "tolerance",
     "trace",
+    "tradeoff",
     "transmission",
 ]
 
