@@ -107,7 +107,7 @@ class SweepReference:
             many *= 2
             before, motion = motion, _thinned(task.finer(many).run(tight), many)
             change = float(np.abs(self._steps(before.q, motion.q)).max())
-        return motion, change
+        return motion, max(change, SPIN_CONVERGED)  # rows together do not depend on the step
 
     def _steps(self, first: Array, second: Array) -> Array:
         """Return the scaled steps (N, nv) between rows."""
