@@ -19,8 +19,11 @@ from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
 MAX_CORRECTIONS = 6
+TIGHT = 1e-12  # closure residual of loops with redundant rows
 LONGEST_STEP = 1.0  # rad, characteristic lengths: joints never move further in one step
 EXPLAINED = 0.1  # part of a step that prediction, or the rates at its ends, may leave unexplained
+ROUND_OFF = 1e-14  # correction after which there is no closer
+CLOSED = 1e-22  # square of the closure residual that round-off may leave
 CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
@@ -69,6 +72,12 @@ class Branch:
         self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
                       for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
+
+    @property
+    def tolerance(self) -> float:
+        """Closure residual to reach: open loops hide which of their rows are redundant."""
+        wanted = self.accuracy.tolerance
+        return min(wanted, TIGHT) if self.system.has_redundant_rows else wanted
 
     def _set_rates(self) -> None:
         self.t: Array = self.scale * self.system.solve(self.unit)
@@ -199,10 +208,10 @@ class Branch:
 
     def _correct(self, q: Array, target: float, predicted: float, h: float) -> Array | None:
         """Newton from a predicted configuration, drivers held; None when it goes astray."""
-        evaluation, system, tolerance = self.evaluation, self.system, self.accuracy.tolerance
+        evaluation, system, tolerance = self.evaluation, self.system, self.tolerance
         fixed = self.accuracy.corrections
         allowed = EXPLAINED * predicted
-        last = np.inf
+        last = size = np.inf
         for k in range((MAX_CORRECTIONS if fixed is None else fixed) + 1):
             self.hold(q, target)
             evaluation.update(q)
@@ -210,6 +219,8 @@ class Branch:
             error = float(residual.dot(residual))
             spun = [spin.error(h) for spin in self.spins]
             if k == fixed or (fixed is None and error <= tolerance * tolerance):
+                return q
+            if k and size <= ROUND_OFF and error <= CLOSED:  # no closer than this
                 return q
             if not system.factor():
                 return None
@@ -219,7 +230,7 @@ class Branch:
                 return None
             if k and not size <= CONTRACTION * last:
                 # round-off, not divergence, ends the contraction of a closed loop
-                return q if error <= 1e-22 else None
+                return q if error <= CLOSED else None
             last = max(size, 1e-13)
             q = pin.integrate(self.model, q, self.scale * correction)
         return None
@@ -252,7 +263,7 @@ class Branch:
 
     def _march(self, target: float) -> None:
         """Go on by arc length, which finds the limit or passes the hard stretch."""
-        arrival = march(self.system, self.q, target, self.t, self.accuracy.tolerance)
+        arrival = march(self.system, self.q, target, self.t, self.tolerance)
         if arrival.kind != "reached":
             raise Stopped(arrival)
         self.q, self.s = arrival.q, target

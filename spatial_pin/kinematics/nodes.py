@@ -170,7 +170,7 @@ def _evaluated(batch: BranchBatch, placed: Placed, off: float) -> Points:
 
 def tolerance(branch: Branch) -> float:
     """Return the closure residual of closed points: no finer than round-off allows."""
-    return max(branch.accuracy.tolerance, 1e-14)
+    return max(branch.tolerance, 1e-14)
 
 
 def _spun(batch: BranchBatch, h: float, points: Points) -> Array:

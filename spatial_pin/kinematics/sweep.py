@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from spatial_pin.errors import AssemblyError, LimitError, SingularError
 from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.kinematics.branch import TIGHT, Branch, Stopped
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
@@ -112,7 +112,8 @@ def sweep(
     speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
     coordinate = mechanism.driven_coordinate(driver)
     hold = dict(hold or {})
-    state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=accuracy)
+    tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
+    state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
     driven = driven_coordinates(mechanism, [driver, *hold])
     driven.sort(key=lambda c: c.name != coordinate.name)
     branch = Branch(state, driven, accuracy)
