@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
+from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -36,6 +37,72 @@ from spatial_pin.linalg import (
 from spatial_pin.mechanism.mechanism import Mechanism
 
 SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
+WORN = 1e-7  # that below which the choice of rows is looked at again
+HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
+
+
+class _System:
+    """The equations of motion, scaled, with a choice of closure rows.
+
+    Args:
+        scale: (nv,) velocity of a unit of each unknown.
+        rows: the independent ones of the closure rows.
+        n_rows: how many there are.
+
+    Attributes:
+        rows: as given.
+        heaviest: what forces were divided by at the last `fill`.
+        pivot: smallest over largest pivot of the last `solve`; 0 if it failed.
+    """
+
+    def __init__(self, scale: Array, rows: NDArray[np.intp], n_rows: int) -> None:
+        nv, n = len(scale), len(scale) + len(rows)
+        self.rows, self._nv, self._scale = rows, nv, scale
+        self._others = np.setdiff1d(np.arange(n_rows), rows)
+        self._square = np.outer(scale, scale)
+        self._k, self._rhs = np.zeros((n, n), order="F"), np.zeros(n)
+        self._mass, self._zero = self._k[:nv, :nv], self._k[nv:, nv:]
+        self._down, self._right = self._k[nv:, :nv], self._k[:nv, nv:]
+        self._load, self._bias = self._rhs[:nv], self._rhs[nv:]
+        self.heaviest, self.pivot = 1.0, 0.0
+
+    def fill(self, mass: Array, scaled: Array, work: Array, gamma: Array) -> tuple[Array, Array]:
+        """Return the matrix and the right-hand side, both overwritten by the next call.
+
+        Args:
+            mass: (nv, nv).
+            scaled: (n_rows, nv) Jacobian for scaled velocities.
+            work: (nv,) forces less those that the motion needs without acceleration.
+            gamma: (n_rows,) second derivatives of the rows without acceleration.
+        """
+        np.multiply(mass, self._square, out=self._mass)
+        self.heaviest = max(self._mass.diagonal().tolist(), default=1.0) or 1.0
+        self._mass *= 1.0 / self.heaviest
+        a = scaled[self.rows] if len(self._others) else scaled
+        self._down[:] = a
+        self._right[:] = a.T
+        self._zero[:] = 0.0
+        np.multiply(self._scale, work, out=self._load)
+        self._load *= 1.0 / self.heaviest
+        np.negative(gamma[self.rows], out=self._bias)
+        return self._k, self._rhs
+
+    def solve(self, mass: Array, scaled: Array, work: Array, gamma: Array) -> Array:
+        """Return scaled accelerations and multipliers (nv + rows,); arguments as `fill` has."""
+        k, rhs = self.fill(mass, scaled, work, gamma)
+        lu, _, x, info = lapack.dgesv(k, rhs, overwrite_a=True)
+        sizes = [abs(d) for d in lu.diagonal().tolist()]
+        self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
+        solution: Array = x
+        return solution
+
+    def holds(self, x: Array, scaled: Array, gamma: Array) -> bool:
+        """Whether the rows that were left out hold as well."""
+        if not len(self._others):
+            return True
+        a = x[: self._nv]
+        lacking = scaled[self._others] @ a + gamma[self._others]
+        return bool(lacking.dot(lacking) <= HOLDS**2 * (gamma.dot(gamma) + a.dot(a)))
 
 
 class Equations:
@@ -57,6 +124,10 @@ class Equations:
         self.scale = mechanism.velocity_scale
         self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
+        self._native: NativeDynamics | None = None
+        self._native_asked = self._answered = False
+        self._dense: _System | None = None
+        self._rest = np.zeros(self.model.nv)
         self._make_rows()
 
     def _make_rows(self) -> None:
@@ -152,6 +223,51 @@ class Equations:
 
     # ------------------------------------------------------------ forces
 
+    def forward(
+        self, state: State, effort: Array, external: Mapping[str, pin.Force] | None,
+        laws: Mapping[str, Law] | None,
+    ) -> tuple[Array, Array | None]:
+        """Return accelerations (nv,) and what closures add to the forces, None if not known.
+
+        By Pinocchio's own algorithm from the second call on, where it is right.
+
+        Args:
+            state: configuration and velocity.
+            effort: (nv,) at joints.
+            external, laws: as for `update`.
+
+        Raises:
+            SingularError: as `accelerations`.
+        """
+        loaded = bool(external or laws or self.springs.exist)
+        if loaded:
+            self.update(state, external, laws)
+        if self._native is not None:
+            force = effort + self.given if loaded else effort
+            found = self._native.accelerations(state.q, state.v, force)
+            if found is not None:
+                return found, None
+        if not loaded:
+            self.update(state)
+        a, closures = self.accelerations(effort + self.given)
+        self._learn()
+        return a, closures
+
+    def _learn(self) -> None:
+        """Take Pinocchio's algorithm for the calls to come, now that the loops' rank is known."""
+        if self._native is not None:
+            self._native.expect(self.rank)
+        elif self._answered and not self._native_asked:
+            self._native_asked = True
+            self._native = native_of(self.mechanism, self.rank)
+        self._answered = True
+
+    @property
+    def rank(self) -> int:
+        """Number of independent closure rows at the last `accelerations`."""
+        assert self._dense is not None
+        return len(self._dense.rows)
+
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
         return pin.crba(self.model, self.data, self.state.q)
@@ -170,24 +286,32 @@ class Equations:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         scaled = self.scaled
+        gamma = self.evaluation.bias(self.state.q, self.state.v)
+        work = force - self.motion_forces(self._rest)
+        mass = self.mass()
+        known = self._dense is not None
+        system = self._dense or self._chosen(scaled)
+        x = system.solve(mass, scaled, work, gamma)
+        if known and (system.pivot < WORN or not system.holds(x, scaled, gamma)):
+            system = self._chosen(scaled)
+            x = system.solve(mass, scaled, work, gamma)
+        if system.pivot < SINGULAR:
+            x = self._without_inertia(*system.fill(mass, scaled, work, gamma))
+        nv = len(work)
+        closures = -system.heaviest * (x[nv:] @ scaled[system.rows]) / self.scale
+        return self.scale * x[:nv], closures
+
+    def _chosen(self, scaled: Array) -> _System:
+        """Return the equations for the independent rows of here, kept for the next time.
+
+        Raises:
+            SingularError: the loops have lost rank.
+        """
         rows = independent_rows(scaled)
+        self._dense = None  # what is singular is no choice for other places
         self.check_rank(len(rows))
-        d, nv, r = self.scale, len(self.scale), len(rows)
-        state = self.state
-        gamma = self.evaluation.bias(state.q, state.v)
-        mass = d[:, None] * self.mass() * d
-        bias = self.motion_forces(np.zeros(nv))
-        heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
-        a = scaled[rows]
-        k = np.zeros((nv + r, nv + r))
-        k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = mass / heaviest, a.T, a
-        rhs = np.concatenate([d * (force - bias) / heaviest, -gamma[rows]])
-        lu, _, x, info = lapack.dgesv(k, rhs)
-        sizes = np.abs(lu.diagonal())
-        if info or sizes.min(initial=1.0) < SINGULAR * sizes.max(initial=1.0):
-            x = self._without_inertia(k, rhs)
-        closures = -heaviest * (a.T @ x[nv:]) / d
-        return d * x[:nv], closures
+        self._dense = _System(self.scale, rows, len(scaled))
+        return self._dense
 
     def _without_inertia(self, k: Array, rhs: Array) -> Array:
         """Solve where a freedom has no inertia: it stays as it is, if no force works on it."""
