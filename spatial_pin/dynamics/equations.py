@@ -125,7 +125,7 @@ class Equations:
         self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
         self._native: NativeDynamics | None = None
-        self._native_asked = self._answered = False
+        self._asked = False
         self._dense: _System | None = None
         self._rest = np.zeros(self.model.nv)
         self._make_rows()
@@ -229,7 +229,7 @@ class Equations:
     ) -> tuple[Array, Array | None]:
         """Return accelerations (nv,) and what closures add to the forces, None if not known.
 
-        By Pinocchio's own algorithm from the second call on, where it is right.
+        By Pinocchio's own algorithm (`native`) where it is right.
 
         Args:
             state: configuration and velocity.
@@ -242,25 +242,30 @@ class Equations:
         loaded = bool(external or laws or self.springs.exist)
         if loaded:
             self.update(state, external, laws)
-        if self._native is not None:
-            force = effort + self.given if loaded else effort
-            found = self._native.accelerations(state.q, state.v, force)
-            if found is not None:
-                return found, None
+        found = self._by_pinocchio(state, effort + self.given if loaded else effort)
+        if found is not None:
+            return found, None
         if not loaded:
             self.update(state)
         a, closures = self.accelerations(effort + self.given)
-        self._learn()
-        return a, closures
+        if self._learn():
+            found = self._by_pinocchio(state, effort + self.given)
+        return (a, closures) if found is None else (found, None)
 
-    def _learn(self) -> None:
-        """Take Pinocchio's algorithm for the calls to come, now that the loops' rank is known."""
+    def _by_pinocchio(self, state: State, force: Array) -> Array | None:
+        if self._native is None:
+            return None
+        return self._native.accelerations(state.q, state.v, force)
+
+    def _learn(self) -> bool:
+        """Take note of the loops' rank; return whether Pinocchio's algorithm serves from now on."""
         if self._native is not None:
             self._native.expect(self.rank)
-        elif self._answered and not self._native_asked:
-            self._native_asked = True
+        elif not self._asked:
+            self._asked = True
             self._native = native_of(self.mechanism, self.rank)
-        self._answered = True
+            return self._native is not None
+        return False
 
     @property
     def rank(self) -> int:
@@ -296,7 +301,7 @@ class Equations:
             system = self._chosen(scaled)
             x = system.solve(mass, scaled, work, gamma)
         if system.pivot < SINGULAR:
-            x = self._without_inertia(*system.fill(mass, scaled, work, gamma))
+            return self._by_freedoms(mass, scaled, work, gamma)
         nv = len(work)
         closures = -system.heaviest * (x[nv:] @ scaled[system.rows]) / self.scale
         return self.scale * x[:nv], closures
@@ -313,13 +318,27 @@ class Equations:
         self._dense = _System(self.scale, rows, len(scaled))
         return self._dense
 
-    def _without_inertia(self, k: Array, rhs: Array) -> Array:
-        """Solve where a freedom has no inertia: it stays as it is, if no force works on it."""
-        svd = decompose(k, SINGULAR)
-        x = svd.minimum_norm(rhs)
-        if np.abs(k @ x - rhs).max() > 1e-9 * max(1.0, float(np.abs(rhs).max())):
-            raise self.no_inertia(svd.null_space[:, : len(self.scale)])
-        return x
+    def _by_freedoms(
+        self, mass: Array, scaled: Array, work: Array, gamma: Array
+    ) -> tuple[Array, Array]:
+        """Solve near a singular configuration, or where a freedom has no inertia.
+
+        A freedom without inertia stays as it is, if no force works on it.
+        """
+        d, svd = self.scale, decompose(scaled)
+        freedoms = svd.null_space
+        own = d[:, None] * mass * d
+        heaviest = float(own.diagonal().max(initial=0.0)) or 1.0
+        carried = -svd.minimum_norm(gamma)
+        inertia = freedoms @ own @ freedoms.T / heaviest
+        pull = freedoms @ (d * work - own @ carried) / heaviest
+        light = decompose(inertia, SINGULAR)
+        z = light.minimum_norm(pull)
+        size = float(np.abs(d * work / heaviest).max(initial=0.0)) + float(np.abs(carried).max())
+        if np.abs(inertia @ z - pull).max(initial=0.0) > 1e-9 * size:
+            raise self.no_inertia(light.null_space @ freedoms)
+        a = d * (carried + freedoms.T @ z)
+        return a, mass @ a - work
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""

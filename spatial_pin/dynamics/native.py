@@ -84,14 +84,21 @@ class NativeDynamics:
         self.models = pin.StdVec_RigidConstraintModel(models)
         self.datas = pin.StdVec_RigidConstraintData([m.createData() for m in models])
         pin.initConstraintDynamics(self.model, self.data, self.models, self.datas)
-        self.settings = pin.ProximalSettings(0.0, PROXIMAL, STEPS)
         self._factors = self.data.constraint_chol
         self._n = self._factors.constraintDim()
-        self._extra = self._n - rank
         self._size = mechanism.characteristic_length
         self._by_scale = 1.0 / mechanism.velocity_scale
         self._open = self._errors()
-        self._scaled = False
+        self.settings = pin.ProximalSettings(0.0, PROXIMAL * self._largest(mechanism), STEPS)
+        self.expect(rank)
+
+    def _largest(self, mechanism: Mechanism) -> float:
+        """Return the largest pivot of the contacts at neutral, 1 if there is none."""
+        rest = np.zeros(self.model.nv)
+        pin.constraintDynamics(self.model, self.data, mechanism.neutral, rest, rest, self.models,
+                               self.datas, pin.ProximalSettings(0.0, PROXIMAL, 1))
+        pivots = np.abs(self._factors.D[: self._n])
+        return float(pivots.max()) if np.all(np.isfinite(pivots)) else 1.0
 
     def expect(self, rank: int) -> None:
         """Take note of the rank of the closure rows."""
@@ -109,20 +116,9 @@ class NativeDynamics:
 
     def accelerations(self, q: Array, v: Array, force: Array) -> Array | None:
         """Return joint accelerations (nv,) under joint forces (nv,), None if they may be wrong."""
-        if not self._scaled:
-            self._scale(q, v, force)
         a = pin.constraintDynamics(self.model, self.data, q, v, force, self.models, self.datas,
                                    self.settings)
         return a.copy() if self._is_sound() and self._is_closed(v) else None
-
-    def _scale(self, q: Array, v: Array, force: Array) -> None:
-        """Choose the proximal term by the size of the pivots."""
-        pin.constraintDynamics(self.model, self.data, q, v, force, self.models, self.datas,
-                               self.settings)
-        pivots = np.abs(self._factors.D[: self._n])
-        if np.all(np.isfinite(pivots)):
-            self.settings = pin.ProximalSettings(0.0, PROXIMAL * float(pivots.max()), STEPS)
-        self._scaled = True
 
     def _is_sound(self) -> bool:
         """Whether the pivots are those of as many independent rows, on a mass matrix that is one.

@@ -118,8 +118,9 @@ class SparseEquations(Equations):
         closures = -heaviest * self._transposed(full) / d
         return d * scaled, closures
 
-    def _learn(self) -> None:
+    def _learn(self) -> bool:
         """Stay with sparse factors, which are faster than Pinocchio's dense ones."""
+        return False
 
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank, if that is cheap to know.
