@@ -745,6 +745,18 @@ def test_many_loops_that_lose_rank_are_refused(n, tmp_path):
         forward_dynamics(mech, leaning(mech, np.pi / 2, 1.3)[0])
 
 
+@pytest.mark.parametrize("n", [80, 150])
+def test_many_loops_first_met_flat_are_refused(n, tmp_path):
+    """Without knowing another configuration; a regular one is taken afterwards."""
+    mech = ladder(tmp_path, n)
+    for rate in (0.0, 1.3):
+        with pytest.raises(sp.SingularError, match="the loops lose independent equations"):
+            forward_dynamics(mech, leaning(mech, np.pi / 2, rate)[0])
+    state, sense = leaning(mech, 0.7, 1.3)
+    weight = ((n + 1) / 2 + n) * G / ((n + 1) / 3 + n)
+    assert forward_dynamics(mech, state).a == pytest.approx(sense * weight * np.sin(0.7), rel=1e-12)
+
+
 def test_many_loops_there_and_back(tmp_path):
     mech = ladder(tmp_path, 30)
     state, _ = leaning(mech, 0.7, 1.3)

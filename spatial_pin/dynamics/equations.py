@@ -334,7 +334,7 @@ class Equations:
         pull = freedoms @ (d * work - own @ carried) / heaviest
         light = decompose(inertia, SINGULAR)
         z = light.minimum_norm(pull)
-        size = float(np.abs(d * work / heaviest).max(initial=0.0)) + float(np.abs(carried).max())
+        size = float(np.abs(d * work / heaviest).max(initial=0.0)) + float(np.abs(carried).max(initial=0.0))
         if np.abs(inertia @ z - pull).max(initial=0.0) > 1e-9 * size:
             raise self.no_inertia(light.null_space @ freedoms)
         a = d * (carried + freedoms.T @ z)
