@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -48,26 +49,29 @@ class _System:
         scale: (nv,) velocity of a unit of each unknown.
         rows: the independent ones of the closure rows.
         n_rows: how many there are.
+        heaviest: size of the scaled mass matrix, by which forces are divided.
 
     Attributes:
-        rows: as given.
-        heaviest: what forces were divided by at the last `fill`.
+        rows, heaviest: as given.
+        jacobian: (rows, nv) of these rows, for scaled velocities, at the last `solve`.
         pivot: smallest over largest pivot of the last `solve`; 0 if it failed.
     """
 
-    def __init__(self, scale: Array, rows: NDArray[np.intp], n_rows: int) -> None:
+    def __init__(
+        self, scale: Array, rows: NDArray[np.intp], n_rows: int, heaviest: float
+    ) -> None:
         nv, n = len(scale), len(scale) + len(rows)
-        self.rows, self._nv, self._scale = rows, nv, scale
-        self._others = np.setdiff1d(np.arange(n_rows), rows)
-        self._square = np.outer(scale, scale)
+        self.rows, self.heaviest, self.pivot = rows, heaviest, 0.0
+        self.jacobian = np.zeros((len(rows), nv))
+        self._some_left_out = len(rows) < n_rows
+        self._square, self._scale = np.outer(scale, scale) / heaviest, scale / heaviest
         self._k, self._rhs = np.zeros((n, n), order="F"), np.zeros(n)
         self._mass, self._zero = self._k[:nv, :nv], self._k[nv:, nv:]
         self._down, self._right = self._k[nv:, :nv], self._k[:nv, nv:]
-        self._load, self._bias = self._rhs[:nv], self._rhs[nv:]
-        self.heaviest, self.pivot = 1.0, 0.0
+        self._load, self._bias, self._nv = self._rhs[:nv], self._rhs[nv:], nv
 
-    def fill(self, mass: Array, scaled: Array, work: Array, gamma: Array) -> tuple[Array, Array]:
-        """Return the matrix and the right-hand side, both overwritten by the next call.
+    def solve(self, mass: Array, scaled: Array, work: Array, gamma: Array) -> Array:
+        """Return scaled accelerations and multipliers (nv + rows,).
 
         Args:
             mass: (nv, nv).
@@ -75,22 +79,14 @@ class _System:
             work: (nv,) forces less those that the motion needs without acceleration.
             gamma: (n_rows,) second derivatives of the rows without acceleration.
         """
+        scaled.take(self.rows, 0, self.jacobian, "clip")
         np.multiply(mass, self._square, out=self._mass)
-        self.heaviest = max(self._mass.diagonal().tolist(), default=1.0) or 1.0
-        self._mass *= 1.0 / self.heaviest
-        a = scaled[self.rows] if len(self._others) else scaled
-        self._down[:] = a
-        self._right[:] = a.T
+        self._down[:] = self.jacobian
+        self._right[:] = self.jacobian.T
         self._zero[:] = 0.0
         np.multiply(self._scale, work, out=self._load)
-        self._load *= 1.0 / self.heaviest
-        np.negative(gamma[self.rows], out=self._bias)
-        return self._k, self._rhs
-
-    def solve(self, mass: Array, scaled: Array, work: Array, gamma: Array) -> Array:
-        """Return scaled accelerations and multipliers (nv + rows,); arguments as `fill` has."""
-        k, rhs = self.fill(mass, scaled, work, gamma)
-        lu, _, x, info = lapack.dgesv(k, rhs, overwrite_a=True)
+        np.negative(gamma.take(self.rows), out=self._bias)
+        lu, _, x, info = lapack.dgesv(self._k, self._rhs, overwrite_a=True)
         sizes = [abs(d) for d in lu.diagonal().tolist()]
         self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
         solution: Array = x
@@ -98,10 +94,11 @@ class _System:
 
     def holds(self, x: Array, scaled: Array, gamma: Array) -> bool:
         """Whether the rows that were left out hold as well."""
-        if not len(self._others):
+        if not self._some_left_out:
             return True
         a = x[: self._nv]
-        lacking = scaled[self._others] @ a + gamma[self._others]
+        lacking = np.dot(scaled, a)
+        lacking += gamma
         return bool(lacking.dot(lacking) <= HOLDS**2 * (gamma.dot(gamma) + a.dot(a)))
 
 
@@ -114,6 +111,8 @@ class Equations:
         turning: (nv,) those of springs about joints.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
+        native: Pinocchio's own algorithm, once asked for and if the mechanism has that form.
+        asked: whether it was asked for.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -124,8 +123,8 @@ class Equations:
         self.scale = mechanism.velocity_scale
         self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
-        self._native: NativeDynamics | None = None
-        self._asked = False
+        self.native: NativeDynamics | None = None
+        self.asked = False
         self._dense: _System | None = None
         self._rest = np.zeros(self.model.nv)
         self._make_rows()
@@ -253,18 +252,18 @@ class Equations:
         return (a, closures) if found is None else (found, None)
 
     def _by_pinocchio(self, state: State, force: Array) -> Array | None:
-        if self._native is None:
+        if self.native is None:
             return None
-        return self._native.accelerations(state.q, state.v, force)
+        return self.native.accelerations(state.q, state.v, force)
 
     def _learn(self) -> bool:
         """Take note of the loops' rank; return whether Pinocchio's algorithm serves from now on."""
-        if self._native is not None:
-            self._native.expect(self.rank)
-        elif not self._asked:
-            self._asked = True
-            self._native = native_of(self.mechanism, self.rank)
-            return self._native is not None
+        if self.native is not None:
+            self.native.expect(self.rank)
+        elif not self.asked:
+            self.asked = True
+            self.native = native_of(self.mechanism, self.rank)
+            return self.native is not None
         return False
 
     @property
@@ -303,8 +302,14 @@ class Equations:
         if system.pivot < SINGULAR:
             return self._by_freedoms(mass, scaled, work, gamma)
         nv = len(work)
-        closures = -system.heaviest * (x[nv:] @ scaled[system.rows]) / self.scale
+        closures = -system.heaviest * (x[nv:] @ system.jacobian) / self.scale
         return self.scale * x[:nv], closures
+
+    @cached_property
+    def _heaviest(self) -> float:
+        """Largest entry of the scaled mass matrix at neutral, 1 if there is none."""
+        mass = pin.crba(self.model, self.data, self.mechanism.neutral)
+        return float((mass.diagonal() * self.scale**2).max(initial=0.0)) or 1.0
 
     def _chosen(self, scaled: Array) -> _System:
         """Return the equations for the independent rows of here, kept for the next time.
@@ -315,7 +320,7 @@ class Equations:
         rows = independent_rows(scaled)
         self._dense = None  # what is singular is no choice for other places
         self.check_rank(len(rows))
-        self._dense = _System(self.scale, rows, len(scaled))
+        self._dense = _System(self.scale, rows, len(scaled), self._heaviest)
         return self._dense
 
     def _by_freedoms(

@@ -21,10 +21,10 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 
-ROWS = 64  # up to which Pinocchio's dense factors are the faster ones
-PROXIMAL = 1e-11  # proximal term, by the largest pivot
+ROWS = 90  # up to which Pinocchio's dense factors are the faster ones
+PROXIMAL = 1e-12  # proximal term, by the largest pivot
 STEPS = 4  # proximal steps at most; each takes off what the one before left, times the term
-TOO_MANY = 1e-9  # pivots below this, by the largest, are of rows too many
+TOO_MANY = 1e-8  # pivots below this, by the largest, are of rows too many
 SOUND = 1e-6  # those of the others are above this
 LIGHT = 1e-11  # smallest pivot of the mass matrix, by the largest
 OPEN = 1e-10  # how far open loops may be, by the mechanism's size, and by its speed
