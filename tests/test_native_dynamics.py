@@ -1,13 +1,13 @@
-"""Forward dynamics through Pinocchio's own algorithm: where it is taken, and that it is the same."""
+"""Forward dynamics through Pinocchio's algorithm: where it is taken, and that it is the same."""
 
 from __future__ import annotations
 
+import mechanisms as known
 import numpy as np
 import pytest
 from masses import energy_rate, heavy, with_masses
 from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
 
-import mechanisms as known
 import spatial_pin as sp
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import joint_efforts
@@ -167,3 +167,21 @@ def test_pendulum_without_closures_is_no_case_for_it(tmp_path):
     sp.forward_dynamics(mech, sp.assemble(mech, {}))
     with equations_of(mech) as equations:
         assert equations.asked and equations.native is None
+
+
+def test_rows_too_many_and_a_resolved_spin(tmp_path):
+    """Both together, by rows: the ball-ended rod is held by a point, its far end by a hinge more."""
+    mech = sp.load("rssr")
+    toml = mech.path.read_text(encoding="utf-8")
+    assert "[passive" in toml
+    for file in (mech.tree, mech.tree.parent / "parts.xacro"):
+        (tmp_path / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+    closures = toml.index("[[closures]]")
+    again = '[[closures]]\nname = "again"\ntype = "point_on_line"\n' + next(
+        line for line in toml[closures:].splitlines() if line.startswith("frames")) + "\n"
+    path = tmp_path / "rssr.toml"
+    path.write_text(toml[:closures] + again + toml[closures:], encoding="utf-8")
+    doubled = sp.load(path)
+    for _ in range(2):
+        assert sp.forward_dynamics(doubled, moving(doubled)).a == pytest.approx(
+            sp.forward_dynamics(mech, moving(mech)).a, rel=1e-9)

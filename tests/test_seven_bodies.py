@@ -70,7 +70,7 @@ def printed(q, v):
     """Accelerations by the printed equations; q, v by ANGLES (mpf)."""
     s, m, i = ({k: mpf(x) for k, x in d.items()} for d in (SIZES, MASS, INERTIA))
     (xa, ya), (xb, yb), (xc, yc) = ([mpf(x) for x in p] for p in (A, B, C))
-    be, th, ga, ph, de, om, ep = q
+    _, th, ga, ph, _, om, _ = q
     vb, vt, _, vp, vd, vo, ve = v
     d, da, e, zf, rr, ss, sc, sd, zt, u = (s[k] for k in (
         "d", "da", "e", "zf", "rr", "ss", "sc", "sd", "zt", "u"))
@@ -216,7 +216,8 @@ def crank_acceleration(phi, rate, torque):
 
 
 def ends(*names):
-    places = {"crank_ball": ("crank", (float(CRANK), 0, 0)), "rod_ball": ("rod", (0, 0, float(ROD))),
+    places = {"crank_ball": ("crank", (float(CRANK), 0, 0)),
+              "rod_ball": ("rod", (0, 0, float(ROD))),
               "rod_end": ("rod", (0, 0, 0)), "slider_end": ("slider", (0, 0, 0)),
               "bearing": ("ground", *BODIES["crank"]), "rail": ("ground", *BODIES["slider"]),
               "hub": ("crank", (0, 0, 0))}

@@ -12,16 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
+from spatial_pin.dynamics.saddle import SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
@@ -39,67 +38,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
 WORN = 1e-7  # that below which the choice of rows is looked at again
-HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
-
-
-class _System:
-    """The equations of motion, scaled, with a choice of closure rows.
-
-    Args:
-        scale: (nv,) velocity of a unit of each unknown.
-        rows: the independent ones of the closure rows.
-        n_rows: how many there are.
-        heaviest: size of the scaled mass matrix, by which forces are divided.
-
-    Attributes:
-        rows, heaviest: as given.
-        jacobian: (rows, nv) of these rows, for scaled velocities, at the last `solve`.
-        pivot: smallest over largest pivot of the last `solve`; 0 if it failed.
-    """
-
-    def __init__(
-        self, scale: Array, rows: NDArray[np.intp], n_rows: int, heaviest: float
-    ) -> None:
-        nv, n = len(scale), len(scale) + len(rows)
-        self.rows, self.heaviest, self.pivot = rows, heaviest, 0.0
-        self.jacobian = np.zeros((len(rows), nv))
-        self._some_left_out = len(rows) < n_rows
-        self._square, self._scale = np.outer(scale, scale) / heaviest, scale / heaviest
-        self._k, self._rhs = np.zeros((n, n), order="F"), np.zeros(n)
-        self._mass, self._zero = self._k[:nv, :nv], self._k[nv:, nv:]
-        self._down, self._right = self._k[nv:, :nv], self._k[:nv, nv:]
-        self._load, self._bias, self._nv = self._rhs[:nv], self._rhs[nv:], nv
-
-    def solve(self, mass: Array, scaled: Array, work: Array, gamma: Array) -> Array:
-        """Return scaled accelerations and multipliers (nv + rows,).
-
-        Args:
-            mass: (nv, nv).
-            scaled: (n_rows, nv) Jacobian for scaled velocities.
-            work: (nv,) forces less those that the motion needs without acceleration.
-            gamma: (n_rows,) second derivatives of the rows without acceleration.
-        """
-        scaled.take(self.rows, 0, self.jacobian, "clip")
-        np.multiply(mass, self._square, out=self._mass)
-        self._down[:] = self.jacobian
-        self._right[:] = self.jacobian.T
-        self._zero[:] = 0.0
-        np.multiply(self._scale, work, out=self._load)
-        np.negative(gamma.take(self.rows), out=self._bias)
-        lu, _, x, info = lapack.dgesv(self._k, self._rhs, overwrite_a=True)
-        sizes = [abs(d) for d in lu.diagonal().tolist()]
-        self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
-        solution: Array = x
-        return solution
-
-    def holds(self, x: Array, scaled: Array, gamma: Array) -> bool:
-        """Whether the rows that were left out hold as well."""
-        if not self._some_left_out:
-            return True
-        a = x[: self._nv]
-        lacking = np.dot(scaled, a)
-        lacking += gamma
-        return bool(lacking.dot(lacking) <= HOLDS**2 * (gamma.dot(gamma) + a.dot(a)))
 
 
 class Equations:
@@ -125,7 +63,7 @@ class Equations:
         self._svd: Decomposition | None = None
         self.native: NativeDynamics | None = None
         self.asked = False
-        self._dense: _System | None = None
+        self._dense: SaddlePoint | None = None
         self._rest = np.zeros(self.model.nv)
         self._make_rows()
 
@@ -233,7 +171,8 @@ class Equations:
         Args:
             state: configuration and velocity.
             effort: (nv,) at joints.
-            external, laws: as for `update`.
+            external: wrenches, as for `update`.
+            laws: of springs, as for `update`.
 
         Raises:
             SingularError: as `accelerations`.
@@ -290,14 +229,14 @@ class Equations:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         scaled = self.scaled
-        gamma = self.evaluation.bias(self.state.q, self.state.v)
+        gamma = self.evaluation.bias(self.state.q, self.state.v)[: len(scaled)]
         work = force - self.motion_forces(self._rest)
         mass = self.mass()
         known = self._dense is not None
-        system = self._dense or self._chosen(scaled)
+        system = self._dense or self._chosen(scaled, mass)
         x = system.solve(mass, scaled, work, gamma)
         if known and (system.pivot < WORN or not system.holds(x, scaled, gamma)):
-            system = self._chosen(scaled)
+            system = self._chosen(scaled, mass)
             x = system.solve(mass, scaled, work, gamma)
         if system.pivot < SINGULAR:
             return self._by_freedoms(mass, scaled, work, gamma)
@@ -305,13 +244,7 @@ class Equations:
         closures = -system.heaviest * (x[nv:] @ system.jacobian) / self.scale
         return self.scale * x[:nv], closures
 
-    @cached_property
-    def _heaviest(self) -> float:
-        """Largest entry of the scaled mass matrix at neutral, 1 if there is none."""
-        mass = pin.crba(self.model, self.data, self.mechanism.neutral)
-        return float((mass.diagonal() * self.scale**2).max(initial=0.0)) or 1.0
-
-    def _chosen(self, scaled: Array) -> _System:
+    def _chosen(self, scaled: Array, mass: Array) -> SaddlePoint:
         """Return the equations for the independent rows of here, kept for the next time.
 
         Raises:
@@ -320,7 +253,8 @@ class Equations:
         rows = independent_rows(scaled)
         self._dense = None  # what is singular is no choice for other places
         self.check_rank(len(rows))
-        self._dense = _System(self.scale, rows, len(scaled), self._heaviest)
+        heaviest = float((mass.diagonal() * self.scale**2).max(initial=0.0)) or 1.0
+        self._dense = SaddlePoint(self.scale, rows, len(scaled), heaviest)
         return self._dense
 
     def _by_freedoms(
@@ -339,7 +273,7 @@ class Equations:
         pull = freedoms @ (d * work - own @ carried) / heaviest
         light = decompose(inertia, SINGULAR)
         z = light.minimum_norm(pull)
-        size = float(np.abs(d * work / heaviest).max(initial=0.0)) + float(np.abs(carried).max(initial=0.0))
+        size = np.abs([d * work / heaviest, carried]).max(initial=0.0)
         if np.abs(inertia @ z - pull).max(initial=0.0) > 1e-9 * size:
             raise self.no_inertia(light.null_space @ freedoms)
         a = d * (carried + freedoms.T @ z)

@@ -112,7 +112,8 @@ def spring_slopes(
     """Return the derivatives (nv, nv) of the springs' joint forces by q and v.
 
     Args:
-        lines, turns: the springs.
+        lines: springs between frames.
+        turns: springs about joints.
         rates: of the rows at the motion.
         bends: (n_lines, nv, nv) derivatives of the rows of half the squared lengths.
         closed: place of the first of these rows.

@@ -272,7 +272,8 @@ class ReactionChanges:
         With x = A y and A^T A y = t, dx = dA y + A (A^T A)^-1 (dt - dA^T x - A^T dA y).
 
         Args:
-            axes: (3, k) A; spun: (k, 3, nv) derivatives of its columns by q.
+            axes: (3, k) A.
+            spun: (k, 3, nv) derivatives of its columns by q.
             values: (k, ...) t.
         """
         inverse = np.linalg.inv(axes.T @ axes)

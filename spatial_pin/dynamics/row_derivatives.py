@@ -69,8 +69,9 @@ class Products:
         vectors = [[self._combined(c, x) for x in g] for c in (self.a, self.b)]
         changed = [[[self._combined(c, x) for x in d] for c in (self.a, self.b)]
                    for d in (by_q, by_v)]
-        return Rates(_leibniz(lambda k, m: np.vecdot(vectors[0][k], vectors[1][m])),
-                      *(_leibniz(_change(vectors, d)) for d in changed), g[0], by_q[0])
+        values = _leibniz(lambda k, m: np.vecdot(vectors[0][k], vectors[1][m]))
+        of_q, of_v = (_leibniz(_change(vectors, d)) for d in changed)
+        return Rates(values, of_q, of_v, g[0], by_q[0])
 
     @staticmethod
     def _combined(coefficients: Array, g: Array) -> Array:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.dynamics.equations import HOLDS, SINGULAR, Equations
+from spatial_pin.dynamics.equations import SINGULAR, Equations
+from spatial_pin.dynamics.saddle import HOLDS
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.pieces import PiecewiseRows
 from spatial_pin.linalg import RANK_TOLERANCE, Array, independent_rows
