@@ -170,7 +170,7 @@ def test_pendulum_without_closures_is_no_case_for_it(tmp_path):
 
 
 def test_rows_too_many_and_a_resolved_spin(tmp_path):
-    """Both together, by rows: the ball-ended rod is held by a point, its far end by a hinge more."""
+    """Both together: the ball joint has a point on a line besides."""
     mech = sp.load("rssr")
     toml = mech.path.read_text(encoding="utf-8")
     assert "[passive" in toml
