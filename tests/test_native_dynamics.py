@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import mechanisms as known
 import numpy as np
+import pinocchio as pin
 import pytest
 from masses import energy_rate, heavy, with_masses
+from test_closures import JOINTS, tree_with
 from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
 
 import spatial_pin as sp
@@ -13,6 +15,7 @@ from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.native import native_models
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.linalg import null_space
 
 OVERCONSTRAINED = ["bennett", "bricard", "double_cardan", "four_bar", "hooke_joint", "peaucellier",
                    "sarrus", "spherical_four_bar", "watt_six_bar"]
@@ -185,3 +188,31 @@ def test_rows_too_many_and_a_resolved_spin(tmp_path):
     for _ in range(2):
         assert sp.forward_dynamics(doubled, moving(doubled)).a == pytest.approx(
             sp.forward_dynamics(mech, moving(mech)).a, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["spherical", "revolute", "weld"])
+@pytest.mark.parametrize("joint", JOINTS)
+def test_every_joint_of_the_tree(joint, kind, tmp_path):
+    """A tree of one kind of joints, closed where it happens to be, moving as it then may."""
+    mech, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, 3)
+    q = pin.integrate(mech.model, mech.neutral, rng.uniform(-0.7, 0.7, mech.model.nv))
+    at = sp.State(mech, q, closure_error=1.0)
+    place = at.placement("right").actInv(at.placement("at_leaf"))  # where the closure is closed
+    path = tmp_path / f"{mech.name}.urdf"
+    head, mount, rest = path.read_text(encoding="utf-8").partition('name="at_right_mount"')
+    old = rest[rest.index("<origin"):rest.index("/>", rest.index("<origin")) + 2]
+    new = (f'<origin xyz="{known.words(place.translation)}" '
+           f'rpy="{known.words(pin.rpy.matrixToRpy(place.rotation))}"/>')
+    path.write_text(head + mount + rest.replace(old, new, 1), encoding="utf-8")
+    links = dict.fromkeys(("trunk", "left", "leaf", "right"),
+                          (1.0, (0.01, 0.02, 0.03), (0.02, 0.03, 0.04)))
+    mech = with_masses(sp.load(tmp_path / f"{mech.name}.toml"), tmp_path, **links)
+    freedoms = null_space(sp.closure_jacobian(mech, q) * mech.velocity_scale)
+    v = mech.velocity_scale * (rng.uniform(-2, 2, len(freedoms)) @ freedoms)
+    state = sp.State(mech, q, v, closure_error=0.0)
+    want = by_rows(mech, state)
+    error = 1e-11 * max(np.abs(want).max(), G)  # some of these are structures, which rest
+    assert sp.forward_dynamics(mech, state).a == pytest.approx(want, abs=error)
+    found = by_pinocchio(mech, state)
+    assert found is not None
+    assert found == pytest.approx(want, abs=error)
