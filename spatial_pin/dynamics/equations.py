@@ -16,10 +16,11 @@ from contextlib import contextmanager
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
+from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
+from spatial_pin.dynamics.saddle import SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
@@ -36,6 +37,7 @@ from spatial_pin.linalg import (
 from spatial_pin.mechanism.mechanism import Mechanism
 
 SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
+WORN = 1e-7  # that below which the choice of rows is looked at again
 
 
 class Equations:
@@ -47,6 +49,8 @@ class Equations:
         turning: (nv,) those of springs about joints.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
+        native: Pinocchio's own algorithm, once asked for and if the mechanism has that form.
+        asked: whether it was asked for.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -57,6 +61,10 @@ class Equations:
         self.scale = mechanism.velocity_scale
         self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
+        self.native: NativeDynamics | None = None
+        self.asked = False
+        self._dense: SaddlePoint | None = None
+        self._rest = np.zeros(self.model.nv)
         self._make_rows()
 
     def _make_rows(self) -> None:
@@ -152,6 +160,57 @@ class Equations:
 
     # ------------------------------------------------------------ forces
 
+    def forward(
+        self, state: State, effort: Array, external: Mapping[str, pin.Force] | None,
+        laws: Mapping[str, Law] | None,
+    ) -> tuple[Array, Array | None]:
+        """Return accelerations (nv,) and what closures add to the forces, None if not known.
+
+        By Pinocchio's own algorithm (`native`) where it is right.
+
+        Args:
+            state: configuration and velocity.
+            effort: (nv,) at joints.
+            external: wrenches, as for `update`.
+            laws: of springs, as for `update`.
+
+        Raises:
+            SingularError: as `accelerations`.
+        """
+        loaded = bool(external or laws or self.springs.exist)
+        if loaded:
+            self.update(state, external, laws)
+        found = self._by_pinocchio(state, effort + self.given if loaded else effort)
+        if found is not None:
+            return found, None
+        if not loaded:
+            self.update(state)
+        a, closures = self.accelerations(effort + self.given)
+        if self._learn():
+            found = self._by_pinocchio(state, effort + self.given)
+        return (a, closures) if found is None else (found, None)
+
+    def _by_pinocchio(self, state: State, force: Array) -> Array | None:
+        if self.native is None:
+            return None
+        return self.native.accelerations(state.q, state.v, force)
+
+    def _learn(self) -> bool:
+        """Take note of the loops' rank; return whether Pinocchio's algorithm serves from now on."""
+        if self.native is not None:
+            self.native.expect(self.rank)
+        elif not self.asked:
+            self.asked = True
+            self.native = native_of(self.mechanism, self.rank)
+            return self.native is not None
+        return False
+
+    @property
+    def rank(self) -> int:
+        """Number of independent closure rows at the last `accelerations`."""
+        assert self._dense is not None
+        return len(self._dense.rows)
+
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
         return pin.crba(self.model, self.data, self.state.q)
@@ -170,32 +229,55 @@ class Equations:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         scaled = self.scaled
-        rows = independent_rows(scaled)
-        self.check_rank(len(rows))
-        d, nv, r = self.scale, len(self.scale), len(rows)
-        state = self.state
-        gamma = self.evaluation.bias(state.q, state.v)
-        mass = d[:, None] * self.mass() * d
-        bias = self.motion_forces(np.zeros(nv))
-        heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
-        a = scaled[rows]
-        k = np.zeros((nv + r, nv + r))
-        k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = mass / heaviest, a.T, a
-        rhs = np.concatenate([d * (force - bias) / heaviest, -gamma[rows]])
-        lu, _, x, info = lapack.dgesv(k, rhs)
-        sizes = np.abs(lu.diagonal())
-        if info or sizes.min(initial=1.0) < SINGULAR * sizes.max(initial=1.0):
-            x = self._without_inertia(k, rhs)
-        closures = -heaviest * (a.T @ x[nv:]) / d
-        return d * x[:nv], closures
+        gamma = self.evaluation.bias(self.state.q, self.state.v)[: len(scaled)]
+        work = force - self.motion_forces(self._rest)
+        mass = self.mass()
+        known = self._dense is not None
+        system = self._dense or self._chosen(scaled, mass)
+        x = system.solve(mass, scaled, work, gamma)
+        if known and (system.pivot < WORN or not system.holds(x, scaled, gamma)):
+            system = self._chosen(scaled, mass)
+            x = system.solve(mass, scaled, work, gamma)
+        if system.pivot < SINGULAR:
+            return self._by_freedoms(mass, scaled, work, gamma)
+        nv = len(work)
+        closures = -system.heaviest * (x[nv:] @ system.jacobian) / self.scale
+        return self.scale * x[:nv], closures
 
-    def _without_inertia(self, k: Array, rhs: Array) -> Array:
-        """Solve where a freedom has no inertia: it stays as it is, if no force works on it."""
-        svd = decompose(k, SINGULAR)
-        x = svd.minimum_norm(rhs)
-        if np.abs(k @ x - rhs).max() > 1e-9 * max(1.0, float(np.abs(rhs).max())):
-            raise self.no_inertia(svd.null_space[:, : len(self.scale)])
-        return x
+    def _chosen(self, scaled: Array, mass: Array) -> SaddlePoint:
+        """Return the equations for the independent rows of here, kept for the next time.
+
+        Raises:
+            SingularError: the loops have lost rank.
+        """
+        rows = independent_rows(scaled)
+        self._dense = None  # what is singular is no choice for other places
+        self.check_rank(len(rows))
+        heaviest = float((mass.diagonal() * self.scale**2).max(initial=0.0)) or 1.0
+        self._dense = SaddlePoint(self.scale, rows, len(scaled), heaviest)
+        return self._dense
+
+    def _by_freedoms(
+        self, mass: Array, scaled: Array, work: Array, gamma: Array
+    ) -> tuple[Array, Array]:
+        """Solve near a singular configuration, or where a freedom has no inertia.
+
+        A freedom without inertia stays as it is, if no force works on it.
+        """
+        d, svd = self.scale, decompose(scaled)
+        freedoms = svd.null_space
+        own = d[:, None] * mass * d
+        heaviest = float(own.diagonal().max(initial=0.0)) or 1.0
+        carried = -svd.minimum_norm(gamma)
+        inertia = freedoms @ own @ freedoms.T / heaviest
+        pull = freedoms @ (d * work - own @ carried) / heaviest
+        light = decompose(inertia, SINGULAR)
+        z = light.minimum_norm(pull)
+        size = np.abs([d * work / heaviest, carried]).max(initial=0.0)
+        if np.abs(inertia @ z - pull).max(initial=0.0) > 1e-9 * size:
+            raise self.no_inertia(light.null_space @ freedoms)
+        a = d * (carried + freedoms.T @ z)
+        return a, mass @ a - work
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.dynamics.equations import SINGULAR, Equations
+from spatial_pin.dynamics.saddle import HOLDS
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.pieces import PiecewiseRows
 from spatial_pin.linalg import RANK_TOLERANCE, Array, independent_rows
@@ -21,7 +22,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 LARGE = 60  # freedoms from which sparse factorisation is faster
 PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
-HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
+STAYS = 1e-6  # what an equation left out may lack for a motion of unit size, by that of its terms
 
 
 class _System:
@@ -62,8 +63,10 @@ class _System:
 class SparseEquations(Equations):
     """`Equations` whose accelerations cost no more than in proportion to the number of loops.
 
-    With more than `PROBED` freedoms the rank of the loops is learnt from the configurations met:
-    one that loses rank is refused if a better one came before it.
+    With more than `PROBED` freedoms the rank of the loops is not found by closing them nearby. A
+    configuration is refused there if rows that depend on others do not go on doing so: if for a
+    motion v that the loops allow J a = -gamma(v) has no solution (second-order analysis
+    [ConnellyWhiteley1996]), or if a better configuration came before it.
     """
 
     evaluation: PiecewiseRows  # type: ignore[assignment]
@@ -118,6 +121,10 @@ class SparseEquations(Equations):
         closures = -heaviest * self._transposed(full) / d
         return d * scaled, closures
 
+    def _learn(self) -> bool:
+        """Stay with sparse factors, which are faster than Pinocchio's dense ones."""
+        return False
+
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank, if that is cheap to know.
 
@@ -126,8 +133,27 @@ class SparseEquations(Equations):
         """
         if self.model.nv <= PROBED:
             super().check_rank(rank)
+        elif rank < self.evaluation.constraints.n_rows and not self._stays():
+            self._system = None
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: singular configuration, {self.state}: the "
+                "loops lose independent equations there; the motion is not determined by the "
+                "forces", state=self.state)
 
-    def _solve(self, mass: Array, load: Array, gamma: Array) -> tuple[Array | None, bool]:
+    def _stays(self) -> bool:
+        """Whether rows that depend on others here do so in motion, tried with a random one."""
+        rows, (i, j) = self.evaluation, self._mass_at
+        unit, n = (i == j).astype(float), rows.constraints.n_rows
+        any_way = np.random.default_rng(3).standard_normal(len(self.scale))
+        motion, _ = self._solve(unit, any_way, np.zeros(n))
+        if motion is None:
+            return True
+        v = self.scale * motion[: len(self.scale)]
+        return self._solve(unit, np.zeros_like(v), rows.bias(self.state.q, v), STAYS)[1]
+
+    def _solve(
+        self, mass: Array, load: Array, gamma: Array, lack: float = HOLDS
+    ) -> tuple[Array | None, bool]:
         """Return scaled accelerations and multipliers, None if the equations are singular.
 
         And whether the closure rows that were left out hold as well.
@@ -147,7 +173,7 @@ class SparseEquations(Equations):
         n = len(gamma)
         lacking = np.abs(np.bincount(self.evaluation.row_at, terms, n) + gamma)
         size = np.abs(gamma) + np.bincount(self.evaluation.row_at, np.abs(terms), n)
-        return x, bool(np.all(lacking <= HOLDS * max(float(size.max(initial=0.0)), 1e-300)))
+        return x, bool(np.all(lacking <= lack * max(float(size.max(initial=0.0)), 1e-300)))
 
     def _transposed(self, multipliers: Array) -> Array:
         """Return the scaled joint forces (nv,) of multipliers (n_rows,)."""
