@@ -96,6 +96,8 @@ def _parser() -> argparse.ArgumentParser:
                      metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
     sub.add_argument("--effort", action="append", default=[], type=_setting,
                      metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N]")
+    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
+                     help="where a joint passes a limit of the URDF (report)")
     sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
                      default="engineering")
     _guess_option(sub)
@@ -320,7 +322,8 @@ def _simulate(options: argparse.Namespace) -> None:
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, start, _guess(options)), speeds)
     times = np.linspace(0.0, options.duration, options.rows)
     motion = sp.simulate(mechanism, state, options.duration, efforts, times,
-                         sp.Accuracy.named(options.accuracy), progress=True)
+                         sp.Accuracy.named(options.accuracy),
+                         on_joint_limit=options.on_joint_limit, progress=True)
     _write(options, motion)
     if options.json != "-":
         print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "

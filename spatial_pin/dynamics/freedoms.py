@@ -30,6 +30,7 @@ class Freedoms:
     """
 
     rows_at_once = 1
+    projection = None
 
     def __init__(self, problem: Problem, state: State, free: list[int]) -> None:
         self.problem, self.free, self.n = problem, free, len(free)
@@ -99,6 +100,15 @@ class Freedoms:
         """Return the efforts of prescribed drivers for missing joint forces (nv,)."""
         columns = self.problem.scale[:, None] * self.embedding.columns[:, self.n :]
         return (columns.T @ missing) / self.held_scale[self.n :]
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y.
+
+        Raises:
+            Lost: the loops cannot be closed there.
+        """
+        v, _ = self._place(t, y)
+        return self.embedding.q.copy(), v
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y, with velocities.

@@ -32,6 +32,7 @@ class OneFreedom:
     """
 
     rows_at_once = 1000
+    projection = None
 
     def __init__(self, problem: Problem, state: State, coordinate: Coordinate) -> None:
         self.problem, self.n, self.free = problem, 1, [coordinate.v]
@@ -98,6 +99,17 @@ class OneFreedom:
         self.evaluation.turns[:] = values[self.table.columns.angles]
         self.evaluation.update(q)
         return q
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        s = self.start + self.unit * float(y[0])
+        values = self.table.columns_at(s)
+        return (self.table.configuration(s, values),
+                values[self.table.columns.t] * (self.unit * float(y[1])))
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y, with velocities.

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
@@ -159,6 +160,13 @@ class System(Protocol):
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
+
+    @property
+    def projection(self) -> Projection | None:
+        """What projecting has taken so far, where steps are projected (`share` is not known)."""
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y."""
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y."""
