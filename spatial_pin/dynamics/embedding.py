@@ -240,10 +240,17 @@ class Embedding:
         return float(np.abs(self.columns).max(initial=1.0))
 
 
-def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
+def best_coordinates(
+    state: State, prescribed: Sequence[int], apart: Array | None = None
+) -> list[int]:
     """Return the velocity entries that determine the motion best, besides the prescribed ones.
 
     Column-pivoted QR of the freedoms: joints that move most.
+
+    Args:
+        state: where.
+        prescribed: velocity entries that follow laws.
+        apart: (k, nv) freedoms that are not to be determined.
 
     Raises:
         SingularError: prescribed coordinates depend on each other, or the loops have lost rank.
@@ -261,8 +268,10 @@ def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
     evaluation.update(state.q)
     drive = np.zeros((len(prescribed), mechanism.model.nv))
     drive[np.arange(len(prescribed)), list(prescribed)] = 1.0
+    if apart is not None:
+        drive = np.vstack([drive, apart])
     svd = decompose(np.vstack([evaluation.jacobian[rows], drive]))
-    if svd.rank < len(rows) + len(prescribed):
+    if svd.rank < len(rows) + len(drive):
         raise SingularError(
             f"mechanism {mechanism.name!r}: the prescribed coordinates are not independent of each "
             f"other at {state}", state=state)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.dynamics.embedding import Embedding, Lost
+from spatial_pin.dynamics.embedding import Embedding, Lost, best_coordinates
 from spatial_pin.dynamics.problem import Problem, Row
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -48,6 +48,10 @@ class Freedoms:
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         return self.problem.unknowns(v[self.free] / self.problem.scale[self.free], work)
+
+    def choice(self, state: State) -> list[int]:
+        """Return the velocity entries that would be the best independent ones at a state."""
+        return best_coordinates(state, [c.v for c, _ in self.problem.drives])
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops cannot be closed."""

@@ -165,6 +165,9 @@ class System(Protocol):
     def projection(self) -> Projection | None:
         """What projecting has taken so far, where steps are projected (`share` is not known)."""
 
+    def choice(self, state: State) -> list[int]:
+        """Return the velocity entries that would be the best independent ones at a state."""
+
     def place(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at y."""
 

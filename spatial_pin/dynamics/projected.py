@@ -75,6 +75,10 @@ class Projected:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         return self.problem.unknowns(v / self.scale, work)
 
+    def choice(self, state: State) -> list[int]:
+        """Return all velocity entries: none are chosen."""
+        return self.free
+
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops lose rank."""
         self.evaluations += 1

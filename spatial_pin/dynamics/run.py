@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.dynamics.embedding import best_coordinates
 from spatial_pin.dynamics.problem import Problem, Row, System
 from spatial_pin.dynamics.simulation import Projection, Simulation, energy_drift
 from spatial_pin.dynamics.steppers import STEPPERS
@@ -166,8 +165,7 @@ class Run:
             raise self._singular(state)
         if failed:
             self._failed_at = self.t
-        free = best_coordinates(state, [c.v for c, _ in self.problem.drives])
-        if free == system.free and system.is_fresh_the_same:
+        if system.choice(state) == system.free and system.is_fresh_the_same:
             if failed:
                 raise self._singular(state)
             system.patience *= 2.0

@@ -16,6 +16,7 @@ from spatial_pin.dynamics.problem import EffortLaw, Problem, System
 from spatial_pin.dynamics.projected import Projected
 from spatial_pin.dynamics.run import Run
 from spatial_pin.dynamics.simulation import Projection, Simulation
+from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.steppers import STEPPERS
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -155,10 +156,13 @@ def _independent(problem: Problem, state: State) -> System:
         SingularError: the motion is not determined there.
     """
     free = best_coordinates(state, [c.v for c, _ in problem.drives])
-    if len(free) == 1 and not problem.drives:
-        only = next(c for c in problem.mechanism.coordinate_table.values() if c.v == free[0])
-        if only.q >= 0:
-            return OneFreedom(problem, state, only)
+    if not problem.drives:
+        spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
+        if len(free) - len(spins) == 1:
+            left = best_coordinates(state, [], spins.rows)
+            only = next(c for c in problem.mechanism.coordinate_table.values() if c.v == left[0])
+            if only.q >= 0:
+                return OneFreedom(problem, state, only, spins)
     return Freedoms(problem, state, free)
 
 

@@ -23,6 +23,7 @@ import pinocchio as pin
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.path import Path
+from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
@@ -63,7 +64,8 @@ class Piece(NamedTuple):
     Attributes:
         first, last: ends of the stretch.
         coefficients: (NODES, width) of Chebyshev polynomials.
-        reduced: (NODES, 4) those of m, h, g and the potential energy, contiguous.
+        reduced: (NODES, 4 + 6 k) those of m, h, g and the potential energy, and of w and d of k
+            bodies that spin, contiguous.
         shift: (nq,) what is to be added to q: whole turns.
         tail: last coefficients, by the largest: the error.
     """
@@ -83,13 +85,16 @@ class Table:
         path: the branch, at the start of the coordinate.
         coordinate: the coordinate.
         forces: the springs, whose lengths are tabulated too.
+        spins: bodies whose spin is left out: see there what stands in the places of their joints.
     """
 
     def __init__(
-        self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces
+        self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces,
+        spins: Spins,
     ) -> None:
         self.mechanism, self.path, self.coordinate, self.forces = (
             mechanism, path, coordinate, forces)
+        self.spins = spins
         self.model = mechanism.model
         self.data = self.model.createData()
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
@@ -97,6 +102,10 @@ class Table:
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
         q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))
         self.columns = Columns(q, t, c, springs, turns, reduced, ends[-1])
+        self.often = [*range(ends[-2], ends[-1])]  # columns that every evaluation wants
+        for body in spins.bodies:
+            self.often += range(t.start + body.v.start, t.start + body.v.stop)
+            self.often += range(body.q.start, body.q.start + 3)
         self.turning = coordinate.unit == "rad"
         size = mechanism.velocity_scale[coordinate.v]
         self.span = TURN / PIECES if self.turning else size / PIECES
@@ -126,7 +135,7 @@ class Table:
         return basis
 
     def reduced(self, s: float) -> list[float]:
-        """Return m, h, g and the potential energy at s."""
+        """Return m, h, g and the potential energy at s, and w and d of every body that spins."""
         piece, basis = self.basis(s)
         found: list[float] = basis.dot(piece.reduced).tolist()
         return found
@@ -232,7 +241,7 @@ class Table:
             return None
         coefficients = _TO_COEFFICIENTS @ rows
         return Piece(first, first + width, coefficients,
-                     coefficients[:, self.columns.reduced].copy(), np.zeros(self.model.nq),
+                     coefficients[:, self.often].copy(), np.zeros(self.model.nq),
                      self._tail(coefficients))
 
     def _rows(self, nodes: Array, width: float) -> Array:
@@ -306,6 +315,8 @@ class Table:
         path, model, data = self.path, self.model, self.data
         path.go_to(s)
         q, t, c = path.q, path.branch.t, path.branch.c
+        if len(self.spins):
+            t, c = self.spins.without(q, t, c)
         gravity = pin.computeGeneralizedGravity(model, data, q).copy()
         motion = pin.rnea(model, data, q, t, c) - gravity
         mass = pin.crba(model, data, q)
@@ -315,4 +326,6 @@ class Table:
             springs += [length, float(row @ t)]
         potential = float(pin.computePotentialEnergy(model, data, q))
         reduced = [t @ mass @ t, t @ motion, t @ gravity, potential]
+        if len(self.spins):
+            q, t, c = self.spins.put(q, t, c)
         return np.concatenate([q, t, c, springs, path.branch.angles, reduced])
