@@ -40,6 +40,7 @@ class Freedoms:
         self.held_scale = problem.scale[self.embedding.held]
         self.starts = np.array([state.q[c.q] for c, _ in problem.drives])
         self.evaluations, self.patience = 0, FAST
+        self._placed: tuple[float, Array, Array, Array] | None = None
 
     def crossings_to(self, y: Array) -> list[tuple[float, float]]:
         """Return none: with several freedoms no crossing is passed."""
@@ -68,6 +69,12 @@ class Freedoms:
 
     def _place(self, t: float, y: Array) -> tuple[Array, Array]:
         """Go where y says; return joint velocities and, at no free acceleration, accelerations."""
+        if self._placed is None or self._placed[0] != t or not np.array_equal(self._placed[1], y):
+            self._placed = None  # lost, until found
+            self._placed = (t, y.copy(), *self._find(t, y))
+        return self._placed[2], self._placed[3]
+
+    def _find(self, t: float, y: Array) -> tuple[Array, Array]:
         n, embedding = self.n, self.embedding
         x, u = y[:n], y[n : 2 * n] * self.held_scale[:n]
         if not self.problem.drives:

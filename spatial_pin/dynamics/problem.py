@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation import Projection
@@ -105,9 +106,9 @@ class Problem:
         Raises:
             SingularError: a force works on a freedom without inertia.
         """
-        try:
-            found: Array = np.linalg.solve(inertia, force)
-        except np.linalg.LinAlgError:
+        found: Array
+        _, _, found, singular = lapack.dgesv(inertia, force)
+        if singular:
             found = decompose(inertia / (np.abs(inertia).max() or 1.0)).minimum_norm(
                 force / (np.abs(inertia).max() or 1.0))
             if np.abs(inertia @ found - force).max() > 1e-9 * np.abs(force).max():
@@ -115,7 +116,7 @@ class Problem:
                 raise SingularError(
                     f"mechanism {self.mechanism.name!r}: a motion of "
                     f"{', '.join(by_v[v] for v in names)} has no inertia but a force works on it: "
-                    "give its links a mass or a moment of inertia") from None
+                    "give its links a mass or a moment of inertia")
         return found
 
     def unknowns(self, u: Array, work: float) -> Array:
