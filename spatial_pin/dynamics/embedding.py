@@ -30,6 +30,7 @@ LONGEST = 0.7  # longest step in one go [rad, characteristic lengths]
 HALVINGS = 10
 SINGULAR = 1e-9  # smallest over largest pivot of K below which nothing can be solved
 USELESS = 1e-7  # pivots below which no chart is begun
+PLAIN = 0.1  # speed of a plain coordinate, by the fastest component's, at which it is preferred
 CLOSED = 1e-22  # squared residual that ends a contraction by round-off
 
 
@@ -261,7 +262,8 @@ def best_coordinates(
     Args:
         state: where.
         prescribed: velocity entries that follow laws.
-        apart: (k, nv) freedoms that are not to be determined.
+        apart: (k, nv) freedoms that are not to be determined; then plain coordinates are preferred
+            to components of rotation vectors.
 
     Raises:
         SingularError: prescribed coordinates depend on each other, or the loops have lost rank.
@@ -289,5 +291,10 @@ def best_coordinates(
     freedoms = svd.null_space
     if not len(freedoms):
         return []
+    if apart is not None:
+        vectors = [c.v for c in mechanism.coordinate_table.values() if c.q < 0]
+        plain = freedoms.copy()
+        plain[:, vectors] = 0.0
+        freedoms = plain if np.abs(plain).max() > PLAIN * np.abs(freedoms).max() else freedoms
     _, pivots, *_ = lapack.dgeqp3(np.asfortranarray(freedoms))
     return sorted(int(p) - 1 for p in pivots[: len(freedoms)])
