@@ -105,6 +105,8 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("limits", _limits, "how far a driver can go on its branch")
     sub.add_argument("driver", help="driver or coordinate")
+    sub.add_argument("--joints", action="store_true",
+                     help="and before a joint reaches a limit of the URDF")
     _guess_option(sub)
 
     sub = command("modes", _modes, "all closed configurations at given driver values")
@@ -268,7 +270,8 @@ def _assemble(options: argparse.Namespace) -> None:
 
 def _limits(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    print(f"{mechanism.name}, {sp.limits(mechanism, options.driver, _guess(options))}")
+    found = sp.limits(mechanism, options.driver, _guess(options), joints=options.joints)
+    print(f"{mechanism.name}, {found}")
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         print(sp.grashof(mechanism))
 

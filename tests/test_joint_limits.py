@@ -183,3 +183,44 @@ def test_rows_without_rates_are_joined_by_straight_lines(slider_crank):
     motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 100), 0.0)
     (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
     assert lower.value == pytest.approx(crank_at(LOWER), abs=2e-3)
+
+
+# ---------------------------------------------------------------- how far a driver can go
+
+
+def test_a_range_ends_at_the_first_joint_limit(slider_crank):
+    found = sp.limits(slider_crank, "crank", {"crank": 1.5}, joints=True)
+    assert (found.lower.kind, found.upper.kind) == ("upper limit of slide", "lower limit of slide")
+    assert not found.full_turn
+    assert found.lower.value == pytest.approx(crank_at(UPPER), abs=1e-12)
+    assert found.upper.value == pytest.approx(crank_at(LOWER), abs=1e-12)
+    assert "(lower limit of slide)" in str(found)
+    assert sp.limits(slider_crank, "crank", {"crank": 1.5}).full_turn
+    with pytest.raises(sp.SpatialPinError, match=r"beyond the upper limit 0\.209 m of slide"):
+        sp.limits(slider_crank, "crank", {"crank": 0.01}, joints=True)
+
+
+def test_a_range_without_a_joint_limit_in_it_is_as_without(slider_crank):
+    slide = sp.limits(slider_crank, "slide", {"crank": 1.5})
+    assert [slide.lower.kind, slide.upper.kind] == ["limit", "limit"]
+    within = sp.limits(slider_crank, "slide", {"crank": 1.5}, joints=True)
+    assert [within.lower.value, within.upper.value] == pytest.approx([LOWER, UPPER], abs=1e-12)
+    model, at = slider_crank.model, slider_crank.coordinate("slide").q
+    limits = model.upperPositionLimit.copy()
+    limits[at] = 0.21 - 1e-6  # in the last thousandth of the way to the dead centre
+    model.upperPositionLimit = limits
+    assert sp.limits(slider_crank, "slide", {"crank": 1.5}, joints=True).upper.value == (
+        pytest.approx(0.21 - 1e-6, abs=1e-12))
+    found = sp.limits(slider_crank, "crank", {"crank": 1.5}, joints=True)
+    assert found.lower.value == pytest.approx(crank_at(0.21 - 1e-6), abs=1e-10)
+    for name in ("slider_crank", "four_bar", "stewart"):  # limits out of reach, none, telescopes
+        mech = sp.load(name)
+        driver = next(iter(mech.drivers))
+        free, held = (sp.limits(mech, driver, joints=joints) for joints in (False, True))
+        assert (free == held) == (name != "stewart")
+
+
+def test_a_driver_of_many_turns_has_its_own_limits(tmp_path):
+    found = sp.limits(hanging(tmp_path, -20.0, 15.0), "pin", joints=True)
+    assert (found.lower.kind, found.upper.kind) == ("lower limit of pin", "upper limit of pin")
+    assert [found.lower.value, found.upper.value] == pytest.approx([-20.0, 15.0], abs=1e-12)
