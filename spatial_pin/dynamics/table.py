@@ -111,6 +111,7 @@ class Table:
         self.span = TURN / PIECES if self.turning else size / PIECES
         self.pieces: dict[tuple[int, int], Piece] = {}
         self.divided: set[tuple[int, int]] = set()  # pieces too long, or lost
+        self.divided_in_a_turn: set[tuple[int, int]] = set()  # the same, numbered within a turn
         self.first_made: dict[tuple[int, int], int] = {}
         self.period: Array | None = np.empty(0)  # empty while not known, None if there is none
         self.piece: Piece | None = None
@@ -208,7 +209,7 @@ class Table:
         tried = []
         for level in range(HALVINGS):
             k = math.floor((s - self.path.start) / self.span * 2**level)
-            if (level, k) in self.divided:
+            if self._is_divided(level, k):
                 continue
             piece = self.pieces.get((level, k)) or self._again(level, k) or self._make(level, k)
             tried.append((level, k))
@@ -220,10 +221,20 @@ class Table:
             if piece.tail <= ROUND_OFF:
                 break
         if best is None or best[2].tail > NOISE:
-            self.divided.update(tried)
+            self._divide(tried)
             raise Lost
-        self.divided.update(tried[: tried.index(best[:2])])
+        self._divide(tried[: tried.index(best[:2])])
         return self._keep(*best)
+
+    def _divide(self, pieces: list[tuple[int, int]]) -> None:
+        """Remember pieces, by level and number, not to be made again, in no turn."""
+        self.divided.update(pieces)
+        self.divided_in_a_turn.update((level, k % (PIECES * 2**level)) for level, k in pieces)
+
+    def _is_divided(self, level: int, k: int) -> bool:
+        if self.period is None or not self.period.size:
+            return (level, k) in self.divided
+        return (level, k % (PIECES * 2**level)) in self.divided_in_a_turn
 
     def _keep(self, level: int, k: int, piece: Piece) -> Piece:
         self.pieces[level, k] = piece
