@@ -50,7 +50,8 @@ def simulate(
 
     The equations of motion are solved in independent coordinates, chosen anew when others move
     faster; every evaluation closes the loops to `accuracy.tolerance`, so that nothing drifts. With
-    one freedom, change points (branches that cross) are passed straight on, with an event.
+    one freedom, links that spin freely about a line of symmetry not counted, change points
+    (branches that cross) are passed straight on, with an event.
 
     Args:
         mechanism: the mechanism.

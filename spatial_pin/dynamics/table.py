@@ -15,11 +15,19 @@ from __future__ import annotations
 import contextlib
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.dynamics.chebyshev import (
+    NODES,
+    POINTS,
+    TO_COEFFICIENTS,
+    Columns,
+    Piece,
+    polynomials,
+    polynomials_at,
+)
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.path import Path
@@ -27,7 +35,6 @@ from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
-NODES = 24  # of a piece
 PIECES = 6  # of a turn, before any is halved
 HALVINGS = 7
 TAIL = 3  # last coefficients that tell the error
@@ -38,44 +45,6 @@ SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are jud
 WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
 SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
-
-_K = np.arange(NODES)
-_ANGLES = np.pi * (_K + 0.5) / NODES
-POINTS = np.cos(_ANGLES)  # Chebyshev points in (-1, 1), descending
-_TO_COEFFICIENTS = 2.0 / NODES * np.cos(np.outer(_K, _ANGLES))
-_TO_COEFFICIENTS[0] *= 0.5
-
-
-class Columns(NamedTuple):
-    """Where a table's functions stand among its columns."""
-
-    q: slice
-    t: slice
-    c: slice
-    springs: slice
-    angles: slice
-    reduced: slice
-    width: int
-
-
-class Piece(NamedTuple):
-    """Functions on one stretch of the coordinate.
-
-    Attributes:
-        first, last: ends of the stretch.
-        coefficients: (NODES, width) of Chebyshev polynomials.
-        reduced: (NODES, 4 + 6 k) those of m, h, g and the potential energy, and of w and d of k
-            bodies that spin, contiguous.
-        shift: (nq,) what is to be added to q: whole turns.
-        tail: last coefficients, by the largest: the error.
-    """
-
-    first: float
-    last: float
-    coefficients: Array
-    reduced: Array
-    shift: Array
-    tail: float
 
 
 class Table:
@@ -128,12 +97,7 @@ class Table:
         if piece is None or not piece.first <= s <= piece.last:
             self.piece = piece = self._find(s)
         x = (2.0 * s - piece.first - piece.last) / (piece.last - piece.first)
-        return piece, self._basis_at(x)
-
-    @staticmethod
-    def _basis_at(x: float) -> Array:
-        basis: Array = np.cos(_K * math.acos(min(1.0, max(-1.0, x))))
-        return basis
+        return piece, polynomials(x)
 
     def reduced(self, s: float) -> list[float]:
         """Return m, h, g and the potential energy at s, and w and d of every body that spins."""
@@ -157,8 +121,7 @@ class Table:
             inside = (piece.first <= places[rest]) & (places[rest] <= piece.last)
             here, rest = rest[inside], rest[~inside]
             x = (2.0 * places[here] - piece.first - piece.last) / (piece.last - piece.first)
-            angles = np.arccos(np.clip(x, -1.0, 1.0))
-            found[here] = np.cos(angles[:, None] * _K) @ piece.coefficients
+            found[here] = polynomials_at(x) @ piece.coefficients
             found[here, self.columns.q] += piece.shift
         return found
 
@@ -250,7 +213,7 @@ class Table:
             rows = self._rows(nodes, width)
         except Lost:
             return None
-        coefficients = _TO_COEFFICIENTS @ rows
+        coefficients = TO_COEFFICIENTS @ rows
         return Piece(first, first + width, coefficients,
                      coefficients[:, self.often].copy(), np.zeros(self.model.nq),
                      self._tail(coefficients))
@@ -299,7 +262,7 @@ class Table:
     def _compare(self, old: Piece, turns: int) -> Array | None:
         """Return what a turn of the coordinate adds to q (nq,); None if bodies do not come back."""
         middle = 0.5 * (old.first + old.last)
-        there = self._basis_at(0.0) @ old.coefficients
+        there = polynomials(0.0) @ old.coefficients
         here = self._row(middle + turns * TURN)
         q, t = self.columns.q, self.columns.t
         shift = here[q] - there[q] - old.shift
