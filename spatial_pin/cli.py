@@ -96,6 +96,8 @@ def _parser() -> argparse.ArgumentParser:
                      metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
     sub.add_argument("--effort", action="append", default=[], type=_setting,
                      metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N]")
+    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
+                     help="where a joint passes a limit of the URDF (report)")
     sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
                      default="engineering")
     _guess_option(sub)
@@ -121,6 +123,8 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("limits", _limits, "how far a driver can go on its branch")
     sub.add_argument("driver", help="driver or coordinate")
+    sub.add_argument("--joints", action="store_true",
+                     help="and before a joint reaches a limit of the URDF")
     _guess_option(sub)
 
     sub = command("modes", _modes, "all closed configurations at given driver values")
@@ -291,7 +295,8 @@ def _assemble(options: argparse.Namespace) -> None:
 
 def _limits(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    print(f"{mechanism.name}, {sp.limits(mechanism, options.driver, _guess(options))}")
+    found = sp.limits(mechanism, options.driver, _guess(options), joints=options.joints)
+    print(f"{mechanism.name}, {found}")
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         print(sp.grashof(mechanism))
 
@@ -359,7 +364,8 @@ def _simulate(options: argparse.Namespace) -> None:
     state, efforts = _beginning(options, mechanism, options.speed, options.duration)
     times = np.linspace(0.0, options.duration, options.rows)
     motion = sp.simulate(mechanism, state, options.duration, efforts, times,
-                         sp.Accuracy.named(options.accuracy), progress=True)
+                         sp.Accuracy.named(options.accuracy),
+                         on_joint_limit=options.on_joint_limit, progress=True)
     _write(options, motion)
     if options.json != "-":
         print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
