@@ -224,3 +224,10 @@ def test_a_driver_of_many_turns_has_its_own_limits(tmp_path):
     found = sp.limits(hanging(tmp_path, -20.0, 15.0), "pin", joints=True)
     assert (found.lower.kind, found.upper.kind) == ("lower limit of pin", "upper limit of pin")
     assert [found.lower.value, found.upper.value] == pytest.approx([-20.0, 15.0], abs=1e-12)
+
+
+def test_a_sweep_tells_the_joint_limits_that_it_passes(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    motion = sp.sweep(mech, "pin", np.linspace(0.0, 2.0, 101))
+    assert [(e.kind, e.row) for e in motion.events] == [("joint limit", 66)]
+    assert motion.events[0].value == pytest.approx(1.3, abs=1e-13)

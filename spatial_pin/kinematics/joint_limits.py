@@ -13,6 +13,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
 KIND = "joint limit"  # of events
+NOISE = 1e-11  # rate of a joint that stands still, by that of the fastest
 SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
 
 
@@ -153,10 +154,11 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
     values = motion.driver if motion.driver is not None else motion.time
     start = float(values[0]) if values is not None else 0.0
     found = passed_at_start(motion.mechanism, motion.q[0], start)
+    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
     for limit in joint_limits(motion.mechanism):
         closing = limit.closing(motion.v)
         outside = limit.room(motion.q) < -SLACK * limit.size
-        turning = closing[:-1] * closing[1:] < 0.0
+        turning = (closing[:-1] > noise * limit.size) & (closing[1:] < -noise * limit.size)
         for k in np.flatnonzero(~outside[:-1] & (outside[1:] | turning)).tolist():
             passing = _between(motion, limit, k)
             found += [passing] if passing is not None else []

@@ -14,6 +14,7 @@ from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.branch import TIGHT, Branch, Stopped
+from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
@@ -130,7 +131,8 @@ def sweep(
         bar.close()
     motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
-    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion)]
+    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
+                      *joint_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
         ends = on_limit if stop.kind == "limit" else on_crossing
