@@ -176,7 +176,7 @@ def judge_a04(tool: SimpleNamespace, _: Array) -> dict[str, float | None]:
     return cube.judge(corner.ravel(), opening(tool))
 
 
-STEPS = (5e-3, 1e-3, 1e-4)
+STEPS = (5e-3, 1e-3)  # shorter ones are no better, and slow
 CASES = (
     *(Case("forward", NAME, "one SAP step of 1 ms",
            partial(setup_ladder, n, ladder.ANGLE, ladder.RATE, 1e-3), run_step, judge_forward,
@@ -186,12 +186,12 @@ CASES = (
            size=n) for n in ladder.SIZES),
     *(Case("a02", NAME, f"SAP, ball constraint, {h:g} s",
            partial(setup_ladder, 1, 0.0, ladder.START, h),
-           partial(run_simulation, duration=ladder.DURATION), judge_a02, slow=h < 1e-3)
+           partial(run_simulation, duration=ladder.DURATION), judge_a02)
       for h in STEPS),
     *(Case("a02", NAME, f"its terms, Lagrange + Baumgarte by LAPACK, RK4 at {h:g} s",
            partial(setup_ladder, 1, 0.0, ladder.START, 0.0), partial(run_by_hand, h=h), judge_a02,
            slow=h < 2e-3) for h in BY_HAND_STEPS),
     *(Case("a04", NAME, f"SAP, two ball constraints, {h:g} s", partial(setup_cube, h),
-           partial(run_simulation, duration=cube.DURATION), judge_a04, slow=h < 1e-3)
+           partial(run_simulation, duration=cube.DURATION), judge_a04)
       for h in STEPS),
 )

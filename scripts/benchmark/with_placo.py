@@ -7,6 +7,7 @@ displacements: positions only.
 
 from __future__ import annotations
 
+import math
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,7 @@ JOINT = ('<joint name="{0}" type="{4}"><parent link="{1}"/><child link="{0}_link
 def urdf(problem: Problem) -> str:
     """Return the tree; the coupler lies along its own x, its hinges about y and z."""
     x = problem.rocker_to_coupler()[:, 0]
-    along = f"0 {-np.arcsin(x[2])!r} {np.arctan2(x[1], x[0])!r}"
+    along = f"0 {-math.asin(x[2])!r} {math.atan2(x[1], x[0])!r}"
     joints = (
         ("crank", "ground", "0 0 0", "0 1 0", "revolute", "0 0 0"),
         ("crank_a", "crank_link", f"{-problem.a} 0 0", "1 0 0", "fixed", "0 0 0"),

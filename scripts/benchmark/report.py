@@ -1,0 +1,185 @@
+"""The table, the bars, and old results beside new ones."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import statistics
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmark.case import FACTORS, TASKS
+
+WIDTH = 78  # of a row's name
+OWN = "spatial_pin"
+
+
+def machine() -> dict[str, Any]:
+    """Return processor, cores and Python."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        lines = [x for x in info.read_text().splitlines() if x.startswith("model name")]
+        model = lines[0].partition(":")[2].strip() if lines else model
+    return {"cpu": model, "cores": os.cpu_count(), "python": platform.python_version(),
+            "system": platform.platform()}
+
+
+def table(report: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of a report."""
+    host = report["machine"]
+    yield (f"{report['date']}; {host['cpu']}, {host['cores']} cores, Python {host['python']}; "
+           + ", ".join(f"{name} {version}" for name, version in report["versions"].items()))
+    yield "rows of a task took turns; times: least and median; errors: the largest"
+    for name, task in TASKS.items():
+        rows = [r for r in report["rows"].values() if r["task"] == name]
+        sizes = sorted({row["size"] for row in rows})
+        for size in sizes:
+            yield ""
+            yield (f"{task.title.format(size)} [{task.unit}]".ljust(WIDTH)
+                   + f"{'least':>9} {'median':>9} {'n':>3}  "
+                   + " ".join(f"{e:>8}" for e in task.errors))
+            yield from (line(row) for row in rows if row["size"] == size)
+        if rows and task.note:
+            yield f"  errors: {task.note}"
+        yield from (f"  {tool}: {why}" for at, tool, why in report["absent"] if at == name)
+
+
+def line(row: Mapping[str, Any]) -> str:
+    """Return one row."""
+    task, factor = TASKS[row["task"]], FACTORS[TASKS[row["task"]].unit]
+    errors = (row["errors"].get(name) for name in task.errors)
+    return (f"  {row['tool']}: {row['how']}".ljust(WIDTH)
+            + f"{factor * row['least']:9.4g} {factor * row['median']:9.4g} "
+            + f"{len(row['seconds']):3d}  "
+            + " ".join(f"{'-':>8}" if e is None else f"{e:8.0e}" for e in errors))
+
+
+# ---------------------------------------------------------------- the bars
+
+
+def bars(report: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what was promised beside what was measured, by medians of one run."""
+    rows = report["rows"]
+    yield ""
+    yield "bars, by medians (least times in brackets)"
+    yield ratio(rows, "RSSR step by step, 360 values, to the hand-tuned Pinocchio loop", 1.5,
+                key("sweep", 360, "sweep"), key("sweep", 360, "tuned", "Pinocchio by hand"))
+    yield at_most(rows, "RSSR, 3600 values with rates [µs a value]", 5.0,
+                  key("sweep", 3600, "sweep"), 1e6)
+    yield ahead(rows, "sweep", 3600)
+    yield ratio(rows, "reduced RSSR to its one equation by hand, 360 values", 1.5,
+                key("reduced", 360, "sweep of reduce(mechanism, outputs)"),
+                key("reduced", 360, "the distance equation, tuned", "by hand"))
+    yield ratio(rows, "A02, engineering, to one equation by DOP853 at the same error", 5.0,
+                key("a02", 0, "simulate, engineering"),
+                key("a02", 0, "one equation, SciPy DOP853 at 4e-12", "by hand"))
+    yield ratio(rows, "forward dynamics, 200 loops to 1", 300.0, forward(200), forward(1))
+    yield exponent(rows)
+
+
+def key(task: str, size: int, how: str, tool: str = OWN) -> str:
+    """Return the key of a row."""
+    return " / ".join((task, str(size), tool, how))
+
+
+def forward(loops: int) -> str:
+    """Return the key of our forward dynamics."""
+    return key("forward", loops, "forward_dynamics, reactions too")
+
+
+def verdict(value: float, bar: float) -> str:
+    """Return a value beside its bar."""
+    return f"{value:.3g} (bar {bar:g}) {'met' if value <= bar else 'NOT MET'}"
+
+
+def ratio(rows: Mapping[str, Any], title: str, bar: float, one: str, other: str) -> str:
+    """Return a line with the ratio of two rows."""
+    missing = [k for k in (one, other) if k not in rows]
+    if missing:
+        return f"  {title}: not measured ({missing[0]})"
+    median, least = (rows[one][w] / rows[other][w] for w in ("median", "least"))
+    return f"  {title}: {verdict(median, bar)} [{least:.3g}]"
+
+
+def at_most(rows: Mapping[str, Any], title: str, bar: float, row: str, factor: float) -> str:
+    """Return a line with the time of a row."""
+    if row not in rows:
+        return f"  {title}: not measured"
+    return (f"  {title}: {verdict(factor * rows[row]['median'], bar)} "
+            f"[{factor * rows[row]['least']:.3g}]")
+
+
+def ahead(rows: Mapping[str, Any], task: str, size: int) -> str:
+    """Return a line that names the fastest other row that gives rates too, and how we stand."""
+    own = key(task, size, "sweep")
+    others = [r for r in rows.values() if r["task"] == task and r["size"] == size
+              and r["tool"] != OWN and r["errors"].get("ψ''") is not None]
+    if own not in rows or not others:
+        return "  sweep against peers: not measured"
+    best = min(others, key=lambda r: r["median"])
+    value = rows[own]["median"] / best["median"]
+    return (f"  {size} values to the fastest other, {best['tool']}, {best['how']}: "
+            f"{verdict(value, 1.0)} [{rows[own]['least'] / best['least']:.3g}]")
+
+
+def exponent(rows: Mapping[str, Any]) -> str:
+    """Return a line with the growth of forward dynamics from 50 loops to 500."""
+    title = "forward dynamics, growth exponent from 50 to 500 loops"
+    few, many = forward(50), forward(500)
+    if few not in rows or many not in rows:
+        return f"  {title}: not measured"
+    grown = {w: math.log(rows[many][w] / rows[few][w]) / math.log(10.0) for w in (
+        "median", "least")}
+    return f"  {title}: {verdict(grown['median'], 1.2)} [{grown['least']:.3g}]"
+
+
+# ---------------------------------------------------------------- old beside new
+
+
+def changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+    """Yield old and new medians, row by row; mark what moved beyond the spread of both."""
+    yield ""
+    yield (f"new / old ({old['date']}, {old['machine']['cpu']})".ljust(WIDTH)
+           + f"{'least':>9} {'median':>9}")
+    for name, row in new["rows"].items():
+        was = old["rows"].get(name)
+        if was is None:
+            yield f"  {name}".ljust(WIDTH) + "  new"
+            continue
+        yield (f"  {name}".ljust(WIDTH)
+               + f"{row['least'] / was['least']:9.2f} {row['median'] / was['median']:9.2f}  "
+               + moved(was["seconds"], row["seconds"]) + worse(was["errors"], row["errors"])
+               ).rstrip()
+    yield from (f"  {name}".ljust(WIDTH) + "  gone" for name in old["rows"]
+                if name not in new["rows"])
+
+
+def quartiles(samples: list[float]) -> tuple[float, float]:
+    """Return the ends of the middle half of samples."""
+    if len(samples) < 2:
+        return samples[0], samples[0]
+    low, _, high = statistics.quantiles(samples, n=4, method="inclusive")
+    return low, high
+
+
+def moved(old: list[float], new: list[float]) -> str:
+    """Return "SLOWER" or "faster" where the middle halves lie apart and the least times agree."""
+    (old_low, old_high), (new_low, new_high) = quartiles(old), quartiles(new)
+    if new_low > old_high and min(new) > 1.05 * min(old):
+        return "SLOWER "
+    if new_high < old_low and min(new) < 0.95 * min(old):
+        return "faster "
+    return ""
+
+
+def worse(old: Mapping[str, float | None], new: Mapping[str, float | None]) -> str:
+    """Return which errors grew tenfold, above round-off."""
+    grown = []
+    for name, value in new.items():
+        before = old.get(name)
+        if value is not None and before is not None and value > max(10.0 * before, 1e-13):
+            grown.append(f"{name} {before:.0e} -> {value:.0e}")
+    return f"LESS EXACT: {', '.join(grown)}" if grown else ""
