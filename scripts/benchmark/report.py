@@ -44,7 +44,12 @@ def table(report: Mapping[str, Any]) -> Iterator[str]:
             yield from (line(row) for row in rows if row["size"] == size)
         if rows and task.note:
             yield f"  errors: {task.note}"
-        yield from (f"  {tool}: {why}" for at, tool, why in report["absent"] if at == name)
+        absent = [a for a in report["absent"] if a[0] == name]
+        yield from (f"  {tool}: {why}" for _, tool, why in absent)
+        told = {row["tool"] for row in rows} | {tool for _, tool, _ in absent}
+        silent = [tool for tool in report["tools"] if tool not in told]
+        if rows and silent and task.errors:
+            yield f"  no row written: {', '.join(silent)}"
 
 
 def line(row: Mapping[str, Any]) -> str:

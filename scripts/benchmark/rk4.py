@@ -1,4 +1,4 @@
-"""Runge-Kutta's fourth-order method on accelerations that keep loops closed by Baumgarte's terms."""
+"""Runge-Kutta of fourth order; Baumgarte's terms in the accelerations keep loops closed."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 MAX_CORRECTIONS = 30  # Newton steps from the rough guess; two suffice after the first angle
 STEPS = (360, 3600)  # crank angles in one turn
@@ -34,12 +34,12 @@ class Answer(NamedTuple):
         alpha: (N, 3) angular acceleration of the coupler, world axes [rad/s²].
     """
 
-    closure: Array | None = None
-    angle: Array | None = None
-    rate: Array | None = None
-    acceleration: Array | None = None
-    omega: Array | None = None
-    alpha: Array | None = None
+    closure: Any = None
+    angle: Any = None
+    rate: Any = None
+    acceleration: Any = None
+    omega: Any = None
+    alpha: Any = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ NAMES = {"closure": "closure", "angle": "ψ", "rate": "ψ'", "acceleration": "ψ
          "alpha": "α"}
 
 
-def judge(problem: Problem, fields: Iterable[Array | None]) -> dict[str, float | None]:
+def judge(problem: Problem, fields: Iterable[Any]) -> dict[str, float | None]:
     """Return the largest error of each field of an Answer; the closure is an error itself."""
     errors: dict[str, float | None] = {}
     for (field, name), got, true in zip(NAMES.items(), Answer(*fields), problem.exact(),
@@ -139,7 +139,7 @@ def judge(problem: Problem, fields: Iterable[Array | None]) -> dict[str, float |
 
 
 def judge_row(
-    problem: Problem, fields: Iterable[Array | None], row: int
+    problem: Problem, fields: Iterable[Any], row: int
 ) -> dict[str, float | None]:
     """Return the errors of fields of one row only, that of crank angle `row`."""
     full = Answer(*problem.exact())
@@ -153,7 +153,6 @@ def judge_row(
 def spin_error(problem: Problem, turned: Array, row: int) -> float:
     """Return the error of the coupler's angular velocity (3,) per unit crank speed."""
     omega = problem.exact().omega
-    assert omega is not None
     return float(np.abs(turned - omega[row] / problem.speed).max())
 
 
@@ -173,7 +172,6 @@ def check_closed_form(problem: Problem, every: int = 15) -> float:
                 return mpmath.acos((rest + 2 * a * d * u) / (2 * c * (d - a * u)))
 
             for order, value in enumerate((exact.angle, exact.rate, exact.acceleration)):
-                assert value is not None
                 off = abs(float(mpmath.diff(psi, 0, order) - value[i]))
                 worst = max(worst, off / problem.speed**order)
     return worst

@@ -25,7 +25,7 @@ def _ring(radius: float, half: float) -> Array:
 
 
 FEET, TOPS = _ring(BASE, BASE_HALF), _ring(TOP, math.pi / 3.0 - TOP_HALF)
-HOME = np.linalg.norm(TOPS + [0.0, 0.0, HEIGHT] - FEET, axis=1)
+HOME = np.linalg.norm(TOPS + np.array([0.0, 0.0, HEIGHT]) - FEET, axis=1)
 
 
 def lengths(steps: int) -> Array:
@@ -33,7 +33,7 @@ def lengths(steps: int) -> Array:
     return HOME[0] + STROKE * np.sin(np.linspace(0.0, 2.0 * np.pi, steps + 1)[:-1])
 
 
-def exponential(w: Array) -> Array:
+def exponential(w: NDArray) -> Array:
     """Return the rotation (3, 3) of a rotation vector (Rodrigues)."""
     x, y, z = w
     k, angle = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), float(np.linalg.norm(w))

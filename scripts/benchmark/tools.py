@@ -35,7 +35,8 @@ OWN = Tool("this environment",
 PEERS = (
     Tool("MuJoCo", ("with_mujoco", "with_mujoco_forces"), ("mujoco",), ("mujoco", "scipy")),
     Tool("Drake", ("with_drake", "with_drake_forces"), ("drake",), ("drake", "scipy")),
-    Tool("Exudyn", ("with_exudyn",), ("exudyn",), ("exudyn", "scipy")),
+    Tool("Exudyn", ("with_exudyn", "with_exudyn_rssr", "with_exudyn_cube"), ("exudyn",),
+         ("exudyn", "scipy")),
     Tool("placo", ("with_placo",), ("placo",), ("placo", "scipy")),
     Tool("pink", ("with_pink",), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
 )

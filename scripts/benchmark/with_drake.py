@@ -125,7 +125,7 @@ def run_drake(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
 
 
 def run_drake_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
-    """The tuned loop of `with_pinocchio.run_tuned` on Drake's calls: rows 2 to 5 in the coupler's axes.
+    """The tuned loop of `with_pinocchio.run_tuned` on Drake: rows 2 to 5, coupler's axes.
 
     Drake's coordinates are a vector here (roll, pitch, yaw) and their second derivatives are not
     offered, so the predictor is Adams-Bashforth on the kept coordinate rates.
@@ -227,8 +227,8 @@ def judge(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
 
 
 def judge_rates(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
-    rows = tuple(np.array([x]) for x in (tool.closed, *result))
-    return rssr.judge_row(tool.problem, read_drake(tool, rows), 1)
+    q, v, a = (np.array([x]) for x in (tool.closed, *result))
+    return rssr.judge_row(tool.problem, read_drake(tool, (q, v, a)), 1)
 
 
 def judge_jacobian(tool: SimpleNamespace, result: Array) -> dict[str, float | None]:
@@ -242,13 +242,13 @@ def judge_assembly(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
 
 NAME = "Drake"
 CASES = (
-    *(Case("sweep", NAME, f"Newton on its Jacobians, {how}", partial(setup_drake, Problem(steps=n)), run,
-           judge, n, n)
+    *(Case("sweep", NAME, f"Newton on its Jacobians, {how}",
+           partial(setup_drake, Problem(steps=n)), run, judge, n, n)
       for n in rssr.STEPS for how, run in (("tuned", run_drake_tuned), ("plain", run_drake))),
     Case("rates", NAME, "Jacobians, biases, two solves", at_one_angle, run_rates, judge_rates),
     Case("jacobian", NAME, "Jacobians, one solve", at_one_angle, run_jacobian, judge_jacobian),
-    Case("assembly", NAME, "Newton on its Jacobians from the guess", partial(setup_drake, Problem()),
-         run_assembly, judge_assembly),
+    Case("assembly", NAME, "Newton on its Jacobians from the guess",
+         partial(setup_drake, Problem()), run_assembly, judge_assembly),
 )
 ABSENT = (
     Absent("sweep", NAME, "AddBallConstraint closes loops in the discrete SAP solver only, softly; "

@@ -17,6 +17,7 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     JacobianWrtVariable,
     RevoluteJoint,
+    RigidBody,
     RotationalInertia,
     SpatialInertia,
 )
@@ -31,14 +32,14 @@ NAME = "Drake"
 TIP = np.array([1.0, 0.0, 0.0])
 
 
-def rod(plant: MultibodyPlant, name: str, mass: float, along: Array, moments: Array) -> object:
+def rod(plant: MultibodyPlant, name: str, mass: float, along: Array, moments: Array) -> RigidBody:
     """Add a rod from its origin to `along`, with moments about its middle."""
     central = RotationalInertia(*moments)
     inertia = SpatialInertia.MakeFromCentralInertia(mass, along / 2.0, central)
     return plant.AddRigidBody(name, inertia)
 
 
-def hinge(plant: MultibodyPlant, name: str, parent: object, body: object, at: RigidTransform,
+def hinge(plant: MultibodyPlant, name: str, parent: RigidBody, body: RigidBody, at: RigidTransform,
           axis: Array) -> None:
     frame = parent.body_frame()
     placed = plant.AddFrame(FixedOffsetFrame(f"{name}_at", frame, at))
@@ -98,8 +99,8 @@ def setup_cube(h: float) -> SimpleNamespace:
         body = rod(plant, f"rod_{i}", cube.MASS, edge, cube.moments(edge))
         hinge(plant, f"hinge_{i}", parent, body, RigidTransform(at), cube.unit(axis))
         parent, at = body, edge
-    axis = 0.5 * cube.unit(cube.AXES[-1])
-    pairs = [(parent, at + s * axis, plant.world_body(), cube.POST + s * axis) for s in (-1, 1)]
+    last = 0.5 * cube.unit(cube.AXES[-1])
+    pairs = [(parent, at + s * last, plant.world_body(), cube.POST + s * last) for s in (-1, 1)]
     tool = ready(plant, pairs, h, cube.G)
     tool.q, tool.v = np.zeros(5), np.zeros(5)
     tool.corner = plant.GetBodyByName(f"rod_{cube.P3_ROD}").body_frame()

@@ -228,8 +228,8 @@ def judge(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
 
 
 def judge_rates(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
-    rows = tuple(np.array([x]) for x in (tool.closed, *result))
-    return rssr.judge_row(tool.problem, read_mujoco(tool, rows), 1)
+    q, v, a = (np.array([x]) for x in (tool.closed, *result))
+    return rssr.judge_row(tool.problem, read_mujoco(tool, (q, v, a)), 1)
 
 
 def judge_jacobian(tool: SimpleNamespace, result: Array) -> dict[str, float | None]:

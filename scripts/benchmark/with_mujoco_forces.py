@@ -2,7 +2,7 @@
 
 Closures are soft in MuJoCo by design. Its documentation's way to stiffen them is used: impedance at
 its highest (0.9999), time constant of two steps, the Newton solver to 1e-12. The exact rows solve
-[M J'; J 0] by LAPACK from mj_fullM, mj_jac and mj_jacDot, with Baumgarte's terms where they integrate.
+[M J'; J 0] by LAPACK from mj_fullM, mj_jac and mj_jacDot, with Baumgarte's terms.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ def setup_ladder(n: int, turn: float, rate: float, h: float) -> SimpleNamespace:
     right = repr(np.pi / 2)
     bodies = ""
     for i in range(n + 1):
-        bodies += f'<body pos="{i} 0 0" euler="0 0 {right}">{inertial}<site name="t{i}" pos="1 0 0"/>'
+        bodies += (f'<body pos="{i} 0 0" euler="0 0 {right}">{inertial}'
+                   f'<site name="t{i}" pos="1 0 0"/>')
         if i < n:
             bodies += (f'<body pos="1 0 0" euler="0 0 -{right}">{inertial}'
                        f'<site name="e{i}" pos="1 0 0"/></body>')

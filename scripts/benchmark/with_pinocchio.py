@@ -13,7 +13,7 @@ from scipy.linalg.blas import daxpy, dgemv
 from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
 
 from benchmark import rssr
-from benchmark.case import Case
+from benchmark.case import Absent, Case
 from benchmark.rssr import MAX_CORRECTIONS, Answer, Array, Problem
 
 
@@ -243,4 +243,8 @@ CASES = (
     Case("jacobian", BY_HAND, "rows, one solve", at_one_angle, run_jacobian, judge_jacobian),
     Case("assembly", BY_HAND, "Newton from the guess", partial(setup_plain, Problem()),
          lambda tool: close(tool, tool.q0), judge_assembly),
+)
+ABSENT = (
+    Absent("mobility", BY_HAND, "a rank of the closure Jacobian gives the instantaneous count "
+           "alone; Pinocchio has no analysis of it"),
 )

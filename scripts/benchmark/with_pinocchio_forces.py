@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from benchmark import cube, ladder
 from benchmark.case import Case
@@ -16,11 +17,13 @@ from benchmark.rssr import Array
 NAME = "Pinocchio by hand"
 
 
-def translation(at: Array) -> pin.SE3:
+def translation(at: ArrayLike) -> pin.SE3:
     return pin.SE3(np.eye(3), np.asarray(at, dtype=float))
 
 
-def contact(model: pin.Model, one: tuple[int, Array], other: tuple[int, Array]) -> pin.RigidConstraintModel:
+def contact(
+    model: pin.Model, one: tuple[int, Array], other: tuple[int, Array]
+) -> pin.RigidConstraintModel:
     """Return a closure of two points, kept closed by Baumgarte's terms."""
     made = pin.RigidConstraintModel(
         pin.ContactType.CONTACT_3D, model, one[0], translation(one[1]), other[0],
@@ -93,8 +96,8 @@ def setup_cube() -> SimpleNamespace:
         rod = pin.Inertia(cube.MASS, edge / 2.0, np.diag(cube.moments(edge)))
         model.appendBodyToJoint(parent, rod, pin.SE3.Identity())
         at = edge
-    axis = cube.unit(cube.AXES[-1])
-    closures = [contact(model, (parent, at + s * axis), (0, cube.POST + s * axis))
+    last = cube.unit(cube.AXES[-1])
+    closures = [contact(model, (parent, at + s * last), (0, cube.POST + s * last))
                 for s in (-0.5, 0.5)]
     return ready(model, closures, np.zeros(model.nq), np.zeros(model.nv))
 

@@ -57,7 +57,8 @@ def run_simulation(tool: SimpleNamespace) -> sp.Simulation:
 
 def judge_a02(_: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
     angle = -motion.coordinate("pin_0").value[-1]
-    closure = np.linalg.norm(motion.frame("end_0").position - motion.frame("top_1").position, axis=1)
+    gap = motion.frame("end_0").position - motion.frame("top_1").position
+    closure = np.linalg.norm(gap, axis=1)
     return ladder.judge_end(float(angle), float(closure.max()))
 
 
