@@ -8,6 +8,7 @@ stderr. Between requests a worker sleeps.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
 import importlib.metadata
@@ -66,7 +67,6 @@ class Worker:
     def run(self, key: str, number: int = 1) -> float:
         """Return the mean seconds of `number` runs of a case."""
         run, tool = self.cases[key].run, self._tools[key]
-        gc.collect()
         gc.disable()
         try:
             start = time.perf_counter()
@@ -140,8 +140,9 @@ class Remote:
             self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
-            if stream and not stream.closed:
-                stream.close()
+            if stream:
+                with contextlib.suppress(OSError):  # what was not sent is lost with the process
+                    stream.close()
         if not self._log.closed:
             self._log.close()
 
