@@ -113,6 +113,7 @@ def test_a_worker_in_another_process_answers_and_dies_in_words(bench):
         remote._process.wait()
         with pytest.raises(bench.workers.Failed, match="its process ended"):
             remote.run(key)
+        assert bench.measure.run(remote, key, 1, "cpu") > 0.0  # in a new process
     finally:
         remote.close()
 

@@ -32,7 +32,8 @@ def table(report: Mapping[str, Any]) -> Iterator[str]:
     host = report["machine"]
     yield (f"{report['date']}; {host['cpu']}, {host['cores']} cores, Python {host['python']}; "
            + ", ".join(f"{name} {version}" for name, version in report["versions"].items()))
-    yield "rows of a task took turns; times: least and median; errors: the largest"
+    yield ("rows of a task took turns; times: least and median, by the "
+           f"{report['effort']['clock']} clock; errors: the largest")
     for name, task in TASKS.items():
         rows = [r for r in report["rows"].values() if r["task"] == name]
         sizes = sorted({row["size"] for row in rows})

@@ -20,6 +20,7 @@ from pydrake.multibody.tree import (
     RigidBody,
     RotationalInertia,
     SpatialInertia,
+    WeldJoint,
 )
 from pydrake.systems.analysis import Simulator
 
@@ -92,7 +93,10 @@ def setup_ladder(n: int, turn: float, rate: float, h: float) -> SimpleNamespace:
 
 
 def setup_cube(h: float) -> SimpleNamespace:
-    """Close the last hinge by two points on its axis."""
+    """Close the last hinge by two points on its axis.
+
+    They stand on a post welded to the ground: constraints on the world itself end the process.
+    """
     plant = new_plant(h)
     parent, at = plant.world_body(), cube.CORNERS[0]
     for i, (axis, edge) in enumerate(zip(cube.AXES, cube.edges(), strict=False)):
@@ -100,7 +104,9 @@ def setup_cube(h: float) -> SimpleNamespace:
         hinge(plant, f"hinge_{i}", parent, body, RigidTransform(at), cube.unit(axis))
         parent, at = body, edge
     last = 0.5 * cube.unit(cube.AXES[-1])
-    pairs = [(parent, at + s * last, plant.world_body(), cube.POST + s * last) for s in (-1, 1)]
+    post = rod(plant, "post", cube.MASS, TIP, cube.moments(TIP))
+    plant.AddJoint(WeldJoint("foot", plant.world_frame(), post.body_frame(), RigidTransform()))
+    pairs = [(parent, at + s * last, post, cube.POST + s * last) for s in (-1, 1)]
     tool = ready(plant, pairs, h, cube.G)
     tool.q, tool.v = np.zeros(5), np.zeros(5)
     tool.corner = plant.GetBodyByName(f"rod_{cube.P3_ROD}").body_frame()

@@ -252,7 +252,7 @@ CASES = (
          run_assembly, judge_assembly),
 )
 ABSENT = (
-    Absent("sweep", NAME, "its own closure, `connect`, is soft: open by 3e-8 to 5e-3 m, no "
-           "accelerations at given drivers; so Newton on its Jacobians"),
+    Absent("sweep", NAME, "its own closure, `connect`, is soft and gives no accelerations at given "
+           "drivers; so Newton on its Jacobians"),
     Absent("mobility", NAME, "has no such analysis"),
 )

@@ -14,6 +14,7 @@ import importlib
 import importlib.metadata
 import json
 import os
+import resource
 import select
 import subprocess
 import sys
@@ -28,6 +29,15 @@ from benchmark.case import Absent, Case
 SCRIPTS = Path(__file__).parent.parent
 PATIENCE = 300.0  # for one answer [s]
 ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+
+
+def processor_time() -> float:
+    """Return the time that this process and those it waited for have been running [s]."""
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime
+
+
+CLOCKS = {"wall": time.perf_counter, "cpu": processor_time}
 
 
 class Failed(Exception):
@@ -64,23 +74,23 @@ class Worker:
         """Build what a case needs."""
         self._tools[key] = self.cases[key].setup()
 
-    def run(self, key: str, number: int = 1) -> float:
-        """Return the mean seconds of `number` runs of a case."""
-        run, tool = self.cases[key].run, self._tools[key]
+    def run(self, key: str, number: int = 1, clock: str = "wall") -> float:
+        """Return the mean seconds of `number` runs of a case, by an entry of CLOCKS."""
+        run, tool, now = self.cases[key].run, self._tools[key], CLOCKS[clock]
         gc.disable()
         try:
-            start = time.perf_counter()
+            start = now()
             for _ in range(number):
                 result = run(tool)
-            seconds = time.perf_counter() - start
+            seconds = now() - start
         finally:
             gc.enable()
         self._results[key] = result
         return seconds / number
 
     def judge(self, key: str) -> dict[str, float | None]:
-        """Return the errors of the last run of a case."""
-        errors = self.cases[key].judge(self._tools[key], self._results[key])
+        """Return the errors of the last run of a case, and let go of it."""
+        errors = self.cases[key].judge(self._tools.pop(key), self._results.pop(key))
         return {name: None if e is None else float(e) for name, e in errors.items()}
 
     def close(self) -> None:
@@ -98,17 +108,27 @@ class Remote:
     """
 
     def __init__(self, python: Path, modules: Sequence[str]) -> None:
+        self._command = [str(python), "-m", "benchmark.workers", *modules]
+        self._start()
+
+    def _start(self) -> None:
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         path = os.pathsep.join(filter(None, (str(SCRIPTS), os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
-            [str(python), "-m", "benchmark.workers", *modules], stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=self._log,
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
             env={**os.environ, **ONE_THREAD, "PYTHONPATH": path})
 
     def __getattr__(self, verb: str) -> Any:
         if verb.startswith("_"):
             raise AttributeError(verb)
         return lambda *args: self._ask(verb, args)
+
+    def setup(self, key: str) -> None:
+        """Build what a case needs, in a new process where the old one has ended."""
+        if self._process.poll() is not None:
+            self.close()
+            self._start()
+        self._ask("setup", [key])
 
     def _ask(self, verb: str, args: Sequence[Any]) -> Any:
         stdin, stdout = self._process.stdin, self._process.stdout
