@@ -114,7 +114,8 @@ def read(path: Path) -> dict[str, Any]:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise SystemExit(f"{path}: {error}") from None
-    if not isinstance(found, dict) or not {"date", "machine", "rows"} <= found.keys():
+    wanted = {"date", "machine", "effort", "rows"}
+    if not isinstance(found, dict) or not wanted <= found.keys():
         raise SystemExit(f"{path}: no results of this script")
     return found
 

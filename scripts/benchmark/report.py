@@ -156,21 +156,30 @@ def exponent(rows: Mapping[str, Any]) -> str:
 
 
 def changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
-    """Yield old and new medians, row by row; mark what moved beyond the spread of both."""
+    """Yield old and new times, row by row; mark what moved beyond the spread of both.
+
+    The last number is the change of the least time by that of the task's other tools, which tells
+    the code from the machine.
+    """
+    clocks = [report["effort"]["clock"] for report in (old, new)]
     yield ""
     yield (f"new / old ({old['date']}, {old['machine']['cpu']})".ljust(WIDTH)
-           + f"{'least':>9} {'median':>9}")
-    for name, row in new["rows"].items():
-        was = old["rows"].get(name)
-        if was is None:
-            yield f"  {name}".ljust(WIDTH) + "  new"
-            continue
-        yield (f"  {name}".ljust(WIDTH)
-               + f"{row['least'] / was['least']:9.2f} {row['median'] / was['median']:9.2f}  "
+           + f"{'least':>9} {'median':>9} {'to others':>9}")
+    if clocks[0] != clocks[1]:
+        yield f"  the old times are by the {clocks[0]} clock, the new by the {clocks[1]} clock"
+    both = {name: (old["rows"][name], row) for name, row in new["rows"].items()
+            if name in old["rows"]}
+    others = {task: statistics.median(found) for task in TASKS if (found := [
+        row["least"] / was["least"] for was, row in both.values()
+        if row["task"] == task and row["tool"] != OWN])}
+    for name, (was, row) in both.items():
+        least, median = (row[w] / was[w] for w in ("least", "median"))
+        relative = least / others[row["task"]] if row["task"] in others else math.nan
+        yield (f"  {name}".ljust(WIDTH) + f"{least:9.2f} {median:9.2f} {relative:9.2f}  "
                + moved(was["seconds"], row["seconds"]) + worse(was["errors"], row["errors"])
                ).rstrip()
-    yield from (f"  {name}".ljust(WIDTH) + "  gone" for name in old["rows"]
-                if name not in new["rows"])
+    yield from (f"  {name}".ljust(WIDTH) + "  new" for name in new["rows"] if name not in both)
+    yield from (f"  {name}".ljust(WIDTH) + "  gone" for name in old["rows"] if name not in both)
 
 
 def quartiles(samples: list[float]) -> tuple[float, float]:
