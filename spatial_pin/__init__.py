@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from spatial_pin.accuracy.reduce import Reduced, reduce
 from spatial_pin.dynamics.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
@@ -50,6 +51,7 @@ __all__ = [
     "MechanismFileError",
     "Mobility",
     "Motion",
+    "Reduced",
     "Simulation",
     "SingularError",
     "SpatialPinError",
@@ -75,6 +77,7 @@ __all__ = [
     "mobility",
     "movie",
     "plot",
+    "reduce",
     "report",
     "screenshot",
     "sensitivity",

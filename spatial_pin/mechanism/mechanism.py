@@ -267,6 +267,14 @@ class Mechanism:
         frame = self.model.frames[self.frame_id(name)]
         return int(frame.parentJoint), frame.placement
 
+    def start(self, values: Mapping[str, float]) -> Array | None:
+        """Return where to assemble when nobody says, (nq,); None for the guess of the file.
+
+        Args:
+            values: coordinates to be held [rad, m].
+        """
+        return None
+
     # ------------------------------------------------------------ numbers
 
     @cached_property
