@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from spatial_pin.accuracy.reduction_links import Place, Relation
@@ -157,8 +156,7 @@ def relation_table(name: str, made: Relation, frames: Sequence[str]) -> Mapping[
     """Return a relation as the closure of a mechanism file, between z axes of its frames."""
     table: dict[str, Any] = {"name": name, "type": made.type, "frames": list(frames)}
     if made.type == "universal":
-        z = np.array([0.0, 0.0, 1.0]).tolist()
-        table.update(axis=z, axis2=z)
+        table.update(axis=[0.0, 0.0, 1.0], axis2=[0.0, 0.0, 1.0])
     if made.type == "distance":
         table["length"] = made.length
     return table

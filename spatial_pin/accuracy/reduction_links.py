@@ -15,6 +15,7 @@ revolute, revolute    in a plane: distance; axes that meet in a point fixed in b
                       points on them; meeting at right angles: universal
 revolute, prismatic   in a plane: point in a plane along the slide
 prismatic, prismatic  in a plane: no relative turn
+any, weld             the same pair as a closure
 ====================  ========================================================================
 
 To add a relation, add a function of two `Pin`s to `RELATIONS`. It returns the closures, or None
@@ -46,7 +47,7 @@ class Pin(NamedTuple):
         kind: its pair.
         body: joint whose body is the neighbour.
         centre, axis: (3,) of the pair, in the axes of the neighbour.
-        own_centre, own_axis: (3,) the same in the axes of the link.
+        own_centre, own_axis: (3,) the same in the axes of the link (universal: the other axis).
         turn: (3, 3) from the link's axes to the neighbour's, where the pair keeps them.
     """
 
@@ -151,9 +152,10 @@ class Bodies:
         mechanism = self.mechanism
         body, on = self.of(int(mechanism.model.parents[i]))
         placement = on * mechanism.model.jointPlacements[i]
-        axis, _, _ = tree_axes(mechanism, i)
-        return Pin(mechanism.pairs[i - 1], body, placement.translation,
-                   placement.rotation @ axis, np.zeros(3), axis, placement.rotation)
+        axis, axis2, _ = tree_axes(mechanism, i)
+        kind = mechanism.pairs[i - 1]
+        return Pin(kind, body, placement.translation, placement.rotation @ axis, np.zeros(3),
+                   axis2 if kind == "universal" else axis, placement.rotation)
 
     def closing_pin(self, closure: Closure, i: int) -> Pin:
         """Return the pair of a closure as seen from the body of joint i."""
@@ -267,6 +269,18 @@ def _prismatics(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     return [Relation("parallel", (slide, Place(b.body, b.centre, b.turn @ a.own_axis)))]
 
 
+def _welded(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
+    """The link is part of the body that it is welded to."""
+    x = np.eye(3)[int(np.argmin(np.abs(a.own_axis)))]
+    centre = b.centre + b.turn @ (a.own_centre - b.own_centre)
+    is_slide = a.kind == "prismatic"
+    first = Place(a.body, a.centre, a.axis, a.turn @ x if is_slide else None)
+    second = Place(b.body, centre, b.turn @ a.own_axis, b.turn @ x if is_slide else None)
+    if a.kind == "spherical":
+        first, second = Place(a.body, a.centre), Place(b.body, centre)
+    return [Relation(a.kind, (first, second))]
+
+
 _Rule = Callable[[Pin, Pin, Surroundings], "list[Relation] | None"]
 
 RELATIONS: dict[tuple[str, str], _Rule] = {
@@ -279,6 +293,8 @@ RELATIONS: dict[tuple[str, str], _Rule] = {
     ("revolute", "revolute"): _revolutes,
     ("revolute", "prismatic"): _revolute_prismatic,
     ("prismatic", "prismatic"): _prismatics,
+    **{(kind, "weld"): _welded for kind in (
+        "revolute", "prismatic", "cylindrical", "universal", "spherical", "planar")},
 }
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from spatial_pin.accuracy.reduction_influence import Asked
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.limits import limits
 from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -20,9 +20,9 @@ from spatial_pin.mechanism.mechanism import Mechanism
 if TYPE_CHECKING:
     from spatial_pin.accuracy.reduce import Reduced
 
-VALUES = 181  # driver values by default
+VALUES = 361  # driver values by default
 MARGIN = 0.05  # part of a driver's range that is left out at a limit
-ROOM = 0.2  # range of a slide without limits, by the characteristic length
+ROOM = 0.5  # range of a slide either way, at most, by the characteristic length
 EVENTS = ("limit", "singular", "branch point", "lost")
 
 
@@ -82,6 +82,7 @@ def verification(
     differences: list[Difference] = []
     remarks: list[str] = []
     rows, seconds = 0, np.zeros(2)
+    hold = {full.driven_coordinate(name).name: value for name, value in hold.items()}
     for name in names:
         asked_values = values if values is not None else _usual(full, reduced, name, guess, hold)
         pair = []
@@ -120,17 +121,22 @@ def _usual(
     state = assemble(full, dict(reduced.welds) | dict(hold), guess)
     at = state.coordinate(coordinate.name).value
     room = 2.0 * np.pi if coordinate.unit == "rad" else ROOM * full.characteristic_length
-    low, high = at, at + room
-    try:
-        found = limits(full, driver, state)
-    except SingularError:
-        return np.linspace(at, at + 0.1 * room, VALUES)
-    if not found.full_turn:
-        low = max(found.lower.value, at - room)
-        high = min(found.upper.value, at + room)
-        low += MARGIN * (high - low) * (low == found.lower.value)
-        high -= MARGIN * (high - low) * (high == found.upper.value)
-    return np.linspace(low, high, VALUES)
+    hold = _held(full, full, reduced, driver, hold, np.array([at]), guess)
+    ends = [_end(full, driver, state, hold, at, sense * room) for sense in (1.0, -1.0)]
+    if ends[0] == at + room:
+        return np.linspace(at, at + room, VALUES)
+    margin = MARGIN * (ends[0] - ends[1])
+    return np.linspace(ends[1] + margin, ends[0] - margin, VALUES)
+
+
+def _end(
+    full: Mechanism, driver: str, state: State, hold: Mapping[str, float], at: float, room: float
+) -> float:
+    """Return how far the driver goes, at most `room`."""
+    found = sweep(full, driver, np.linspace(at, at + room, VALUES), np.sign(room), guess=state,
+                  hold=hold, on_limit="stop", on_crossing="stop")
+    stops = [e.value for e in found.events if e.kind in EVENTS]
+    return at + room if len(found) == VALUES else stops[-1]
 
 
 def _held(
