@@ -21,6 +21,7 @@ from spatial_pin.mechanism.configuration import joint_values, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
+STARTS = 256  # assembled configurations that are remembered
 OPEN = 1e-9  # closure error of the reduced model where the full one is closed
 
 
@@ -50,12 +51,14 @@ class Reduced(Mechanism):
         full: the mechanism it stands for.
         outputs: what was asked for.
         welds: coordinates of the full mechanism that are locked, with their values [rad, m].
+        dynamics: whether what has mass was kept.
         left_out: what it does without, and why.
     """
 
     full: Mechanism = None  # type: ignore[assignment]
     outputs: tuple[str, ...] = ()
     welds: Mapping[str, float] = field(default_factory=dict)
+    dynamics: bool = False
     left_out: tuple[Omission, ...] = ()
 
     @cached_property
@@ -65,9 +68,19 @@ class Reduced(Mechanism):
 
     def start(self, values: Mapping[str, float]) -> Array | None:
         """Return where the full mechanism assembles: what is left out may tell branches apart."""
+        known = self.memo.setdefault("starts", {})
+        key = tuple(sorted(values.items()))
+        if key not in known:
+            if len(known) >= STARTS:
+                known.clear()
+            known[key] = self._start(values)
+        found: Array | None = known[key]
+        return found
+
+    def _start(self, values: Mapping[str, float]) -> Array | None:
         try:
             there = assemble(self.full, {**self.welds, **values})
-        except SpatialPinError:  # a loop that is left out cannot close, or has no such limits
+        except SpatialPinError:  # a loop that is left out cannot close there
             return None
         found = carried_over(self, there)
         return found.q if found.closure_error <= OPEN else None
@@ -94,7 +107,7 @@ class Reduced(Mechanism):
     ) -> Verification:
         """Sweep this and the full mechanism side by side and compare the outputs.
 
-        Neither is told anything of the other: both assemble their own guess, or the one given.
+        With `dynamics`, accelerations by `forward_dynamics` are compared too, at some rows of it.
 
         Args:
             driver: what to sweep; default every driver in turn.
@@ -175,8 +188,9 @@ def reduce(
     for name in asked.coordinates:
         if name in locks.values:
             raise SpatialPinError(f"mechanism {mechanism.name!r}: output {name!r} is locked")
-    influence = Influence(mechanism, state, locks.joints, _needed(mechanism, asked, locks),
-                          _bodies(mechanism, asked, dynamics, lump))
+    influence = Influence(mechanism, state, locks.joints,
+                          _needed(mechanism, asked, locks, dynamics),
+                          _bodies(mechanism, asked, dynamics))
     kept = influence.least()
     for simplest in (True, False):
         model = Model(mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
@@ -192,6 +206,7 @@ def reduce(
     parts = {f.name: getattr(made, f.name) for f in fields(Mechanism) if f.name != "memo"}
     parts["guess"] = _coordinates(made, state)
     return Reduced(**parts, full=mechanism, outputs=names, welds=locks.values,
+                   dynamics=dynamics,
                    left_out=tuple(Omission(*x) for x in model.omissions(locks.joints)))
 
 
@@ -235,21 +250,21 @@ def _locked(
     return state, _Locks(values, frozenset(joints))
 
 
-def _needed(mechanism: Mechanism, asked: Asked, locks: _Locks) -> set[int]:
-    """Return the joints whose coordinates are asked for, or driven."""
+def _needed(mechanism: Mechanism, asked: Asked, locks: _Locks, dynamics: bool) -> set[int]:
+    """Return the joints whose coordinates are asked for, driven, or sprung."""
     names = [*asked.coordinates, *(d.joint for d in mechanism.drivers.values())]
-    return {mechanism.joint_id(mechanism.coordinate(name).joint) for name in names
-            if name not in locks.values}
+    if dynamics:
+        names += [s.joint for s in mechanism.springs if s.joint is not None]
+    return {mechanism.joint_id(c.joint) for c in map(mechanism.coordinate, names)
+            if c.name not in locks.values}
 
 
-def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool, lump: bool) -> set[int]:
+def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
     """Return the joints whose bodies' placements are asked for, or move mass."""
     bodies = {mechanism.frame_on_joint(name)[0] for name in asked.frames}
     if dynamics:
         model = mechanism.model
         bodies |= {mechanism.frame_on_joint(f)[0] for s in mechanism.springs for f in s.frames}
-        bodies |= {mechanism.joint_id(mechanism.driven_coordinate(s.joint).joint)
-                   for s in mechanism.springs if s.joint is not None}
         for i in range(1, model.njoints):
             v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
             if model.inertias[i].mass > 0.0 or np.any(model.inertias[i].inertia) \

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from spatial_pin.accuracy.reduction_influence import Asked
+from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.motion import Motion
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 VALUES = 361  # driver values by default
 MARGIN = 0.05  # part of a driver's range that is left out at a limit
 ROOM = 0.5  # range of a slide either way, at most, by the characteristic length
+ROWS = 5  # at which forward dynamics is compared
 EVENTS = ("limit", "singular", "branch point", "lost")
 
 
@@ -31,7 +33,7 @@ class Difference(NamedTuple):
 
     Attributes:
         output: coordinate, frame, or LINK.com.
-        driver: what was swept.
+        driver: what was swept; or "forward dynamics".
         position: [rad], or [m] by the characteristic length.
         rate: of velocities, by the largest there is, or 1 rad/s, characteristic length per s.
         acceleration: likewise.
@@ -98,6 +100,8 @@ def verification(
         if count:
             differences += [_difference(output, name, a, b, full) for output, a, b in
                             _outputs(pair[0], pair[1], asked, count)]
+            if reduced.dynamics:
+                differences += _dynamics(reduced, pair[0], asked)
     if not differences:
         raise SpatialPinError(f"mechanism {full.name!r}: no row could be compared")
     return Verification(tuple(differences), rows, *map(float, seconds), tuple(remarks))
@@ -176,6 +180,26 @@ def _outputs(
         yield name, *(_frame(m, name, count) for m in (full, reduced))
     for name in asked.centres:
         yield f"{name}.com", *(_frame(m, name, count, centre=True) for m in (full, reduced))
+
+
+def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Difference]:
+    """Compare accelerations that follow from forces, gravity and springs alone."""
+    full, size = motion.mechanism, motion.mechanism.characteristic_length
+    worst: dict[str, float] = {}
+    for row in np.linspace(0, len(motion) - 1, ROWS, dtype=int):
+        states = [motion.state(row)]
+        states.append(reduced.state(states[0]))
+        found = [forward_dynamics(m, s).state for m, s in zip((full, reduced), states, strict=True)]
+        for name in asked.coordinates:
+            unit = 1.0 if full.coordinate(name).unit == "rad" else size
+            a, b = (s.coordinate(name).acceleration / unit for s in found)
+            worst[name] = max(worst.get(name, 0.0), abs(a - b) / max(1.0, abs(a)))
+        for name in asked.frames:
+            a, b = (s.acceleration(name).vector / np.repeat([size, 1.0], 3) for s in found)
+            gap = float(np.abs(a - b).max()) / max(1.0, float(np.abs(a).max()))
+            worst[name] = max(worst.get(name, 0.0), gap)
+    for name, gap in worst.items():
+        yield Difference(name, "forward dynamics", 0.0, 0.0, gap)
 
 
 def _frame(motion: Motion, name: str, count: int, centre: bool = False) -> tuple[list[Array], ...]:
