@@ -76,7 +76,9 @@ class Tree:
         wanted = {self.root, *self.links}
         wanted |= {self.body(i) for i in (*self.moving, *self.welded)}
         if self.weighed is None:
-            wanted |= set(self.mechanism.inertias)
+            on = {0, *self.moving, *self.welded}
+            wanted |= {name for name in self.mechanism.inertias
+                       if self.mechanism.frame_on_joint(name)[0] in on}
         wanted |= {self.body(place) for _, place, _, _ in self._added}
         kept: set[str] = set()
         for link in wanted:
