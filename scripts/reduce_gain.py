@@ -3,7 +3,8 @@
     python scripts/reduce_gain.py [--rows 361 3600] [--repeats 15]
 
 Full and reduced sweeps are timed in turn, medians of their time a row in microseconds, assembly
-included; the largest difference of the outputs (position, rate, acceleration) comes from
+included (the reduced model remembers where it has assembled); the
+largest difference of the outputs (position, rate, acceleration) comes from
 `verify`. For the RSSR two loops written by hand for its one distance equation stand beside:
 Pinocchio for the two joints with the equation by NumPy-free arithmetic, and plain `math` with the
 joints' positions written out. Both follow the branch with a third-order predictor, correct to
@@ -17,6 +18,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -61,7 +63,7 @@ def follow(equation: Callable[..., tuple[float, ...]], values: np.ndarray, y: fl
     for k, value in enumerate(values.tolist()):
         h = value - x
         x = value
-        y += h * (dy + 0.5 * h * (ddy + (h * (ddy - before) / (3.0 * h) if k > 1 else 0.0)))
+        y += h * (dy + 0.5 * h * (ddy + ((ddy - before) / 3.0 if k > 1 else 0.0)))
         for _ in range(8):
             f, fx, fy = equation(x, y)
             y -= f / fy
@@ -148,28 +150,37 @@ def by_hand(rows: int, repeats: int) -> None:
           f"{own / math_only:.2f}), full sweep {whole:.1f}")
 
 
+def compare(
+    title: str, name: str, outputs: list[str], lock: list[str], driver: str, first: float,
+    last: float, counts: Sequence[int], repeats: int,
+) -> None:
+    full = sp.load(name)
+    start = time.perf_counter()
+    reduced = sp.reduce(full, outputs, lock=lock)
+    seconds = time.perf_counter() - start
+    worst = reduced.verify(driver, np.linspace(first, last, 361)).worst
+    sizes = [(len(m.coordinates), sp.closure_jacobian(m, m.neutral).shape[0])
+             for m in (full, reduced)]
+    print(f"{title}: coordinates {sizes[0][0]} -> {sizes[1][0]}, equations {sizes[0][1]} -> "
+          f"{sizes[1][1]}; difference {worst:.1e}; reduced in {1e3 * seconds:.0f} ms")
+    hold = {LEGS[n]: reduced.welds[LEGS[n]] for n in lock}
+
+    def sweep(mechanism: sp.Mechanism, held: dict[str, float], rows: int) -> sp.Motion:
+        return sp.sweep(mechanism, driver, np.linspace(first, last, rows), hold=held)
+
+    for rows in counts:
+        a, b = medians([partial(sweep, full, hold, rows), partial(sweep, reduced, {}, rows)],
+                       rows, repeats)
+        print(f"  {rows} rows: full {a:.1f}, reduced {b:.1f} µs a row, {a / b:.2f} times")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[361, 3600])
     parser.add_argument("--repeats", type=int, default=15)
     options = parser.parse_args()
-    for title, (name, outputs, lock, driver, first, last) in CASES.items():
-        full = sp.load(name)
-        start = time.perf_counter()
-        reduced = sp.reduce(full, outputs, lock=lock)
-        seconds = time.perf_counter() - start
-        worst = reduced.verify(driver, np.linspace(first, last, 361)).worst
-        sizes = [(len(m.coordinates), sp.closure_jacobian(m, m.neutral).shape[0])
-                 for m in (full, reduced)]
-        print(f"{title}: coordinates {sizes[0][0]} -> {sizes[1][0]}, equations {sizes[0][1]} -> "
-              f"{sizes[1][1]}; difference {worst:.1e}; reduced in {1e3 * seconds:.0f} ms")
-        hold = {LEGS[n]: reduced.welds[LEGS[n]] for n in lock}
-        for rows in options.rows:
-            values = np.linspace(first, last, rows)
-            jobs = [lambda v=values: sp.sweep(full, driver, v, hold=hold),
-                    lambda v=values: sp.sweep(reduced, driver, v)]
-            a, b = medians(jobs, rows, options.repeats)
-            print(f"  {rows} rows: full {a:.1f}, reduced {b:.1f} µs a row, {a / b:.2f} times")
+    for title, case in CASES.items():
+        compare(title, *case, options.rows, options.repeats)
     print("RSSR by hand:")
     for rows in options.rows:
         by_hand(rows, options.repeats)

@@ -270,7 +270,7 @@ def test_clear_errors():
         sp.reduce(full, [])
     with pytest.raises(ValueError, match="dynamics=True"):
         sp.reduce(full, "slide", lump=True)
-    with pytest.raises(sp.SpatialPinError, match="guide.slide too"):
+    with pytest.raises(sp.SpatialPinError, match=r"guide\.slide too"):
         sp.reduce(full, "crank_pin", lock={"guide.angle": 0.5})
     with pytest.raises(sp.SpatialPinError, match="is locked"):
         sp.reduce(full, "slide", lock=["slide"])

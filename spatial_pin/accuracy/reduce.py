@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.accuracy.reduction_influence import Asked, Influence, asked_of
-from spatial_pin.accuracy.reduction_model import Model, carried_over
+from spatial_pin.accuracy.reduction_model import Model
+from spatial_pin.accuracy.reduction_report import Omission, omissions
+from spatial_pin.accuracy.reduction_states import carried_over
 from spatial_pin.accuracy.verification import Verification, verification
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
@@ -23,24 +25,6 @@ from spatial_pin.mechanism.pairs import COUPLING
 
 STARTS = 256  # assembled configurations that are remembered
 OPEN = 1e-9  # closure error of the reduced model where the full one is closed
-
-
-class Omission(NamedTuple):
-    """Something that a reduced mechanism does without.
-
-    Attributes:
-        what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "equations",
-            or "passive freedom".
-        name: of the part; empty where it is many.
-        why: in words.
-    """
-
-    what: str
-    name: str
-    why: str
-
-    def __str__(self) -> str:
-        return f"{self.what}{f' {self.name}' if self.name else ''}: {self.why}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +96,8 @@ class Reduced(Mechanism):
         Args:
             driver: what to sweep; default every driver in turn.
             values: (N,) its values [rad or m]; default its range, or a whole turn.
-            speed: of the driver [rad/s or m/s]; acceleration: likewise [rad/s² or m/s²].
+            speed: of the driver [rad/s or m/s].
+            acceleration: likewise [rad/s² or m/s²].
             guess: where both assemble, by joints that both have.
             hold: values of the other drivers; default those of the assembled configuration.
 
@@ -207,7 +192,7 @@ def reduce(
     parts["guess"] = _coordinates(made, state)
     return Reduced(**parts, full=mechanism, outputs=names, welds=locks.values,
                    dynamics=dynamics,
-                   left_out=tuple(Omission(*x) for x in model.omissions(locks.joints)))
+                   left_out=tuple(omissions(model, locks.joints)))
 
 
 # ---------------------------------------------------------------- what is needed

@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 
 from spatial_pin.accuracy.reduction_files import Tree, relation_table
 from spatial_pin.accuracy.reduction_influence import Asked, Influence, Kept
-from spatial_pin.accuracy.reduction_links import Bodies, Pin, Place, Relation, Surroundings, relation
+from spatial_pin.accuracy.reduction_links import (
+    Bodies,
+    Pin,
+    Place,
+    Relation,
+    Surroundings,
+    relation,
+)
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, null_space
-from spatial_pin.mechanism.configuration import joint_vector, with_values
 from spatial_pin.mechanism.export import content_of
 from spatial_pin.mechanism.files import from_text
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
@@ -298,59 +303,6 @@ class Model:
                 joint, point_on_body(self.full, joint, name)))
                 for k, name in enumerate(passive.axis, 1)]
             yield passive.name, {"body": passive.body, "axis": axis}
-
-    # ------------------------------------------------------------ the report
-
-    def omissions(self, locked: frozenset[int]) -> Iterator[Omitted]:
-        """Yield what was left out and why."""
-        full = self.full
-        names = full.model.names
-        if len(full.visual_model.geometryObjects) + len(full.collision_model.geometryObjects):
-            yield "geometry", "", "shapes to draw and to collide"
-        if not self.dynamics:
-            heavy = [n for n in full.inertias if n not in self.asked.frames]
-            if heavy:
-                yield "inertia", "", f"of {len(heavy)} links: motion alone is asked for"
-            for spring in full.springs:
-                yield "spring", spring.name, "motion alone is asked for"
-        for k, closure in enumerate(full.closures):
-            if k not in self.kept.closures:
-                yield "loop", closure.name, (
-                    "no output depends on it (at "
-                    f"{len(self.influence.configurations)} generic configurations); where it "
-                    "cannot close, the full mechanism stops and this one does not")
-        for i in sorted(locked):
-            yield "joint", names[i], "locked: welded"
-        for i in sorted(self.kept.welded - locked):
-            yield "joint", names[i], "welded: nothing asked for moves with it"
-        gone = [names[i] for i in range(1, full.model.njoints)
-                if i not in self.kept.moving | self.kept.welded | locked]
-        if gone:
-            yield "branch", "", f"no output depends on: {', '.join(gone)}"
-        yield from self.notes
-        for passive in full.passives:
-            joint = full.frame_on_joint(passive.body)[0]
-            if self.bodies.of(joint)[0] not in self.moving:
-                yield "passive freedom", passive.name, f"of {passive.body}, which is left out"
-
-
-def carried_over(reduced: Mechanism, state: State) -> State:
-    """Return what a state says of the joints that a reduced mechanism has kept."""
-    values: dict[str, float] = {}
-    for joint in list(reduced.model.names)[1:]:
-        names = [c.name for c in reduced.coordinate_table.values() if c.joint == joint]
-        values.update(zip(names, joint_vector(state.mechanism, state.q, joint).tolist(),
-                          strict=True))
-    q = with_values(reduced, reduced.neutral, values)
-    at = [state.mechanism.coordinate_table[name].v for name in reduced.coordinates]
-    evaluation = Evaluation(constraints_of(reduced))
-    screws = [c.name for c in state.mechanism.closures if c.type == "screw"]
-    own = [c.name for c in reduced.closures if c.type == "screw"]
-    if len(evaluation.turns):
-        evaluation.turns[:] = [state.angles[screws.index(name)] for name in own]
-    evaluation.update(q)
-    return State(reduced, q, state.v[at], state.a[at], closure_error=evaluation.closure_error,
-                 angles=evaluation.angles)
 
 
 def _random(mechanism: Mechanism) -> Iterator[Array]:

@@ -104,7 +104,8 @@ def verification(
                 differences += _dynamics(reduced, pair[0], asked)
     if not differences:
         raise SpatialPinError(f"mechanism {full.name!r}: no row could be compared")
-    return Verification(tuple(differences), rows, *map(float, seconds), tuple(remarks))
+    return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
+                        tuple(remarks))
 
 
 def _drivers(reduced: Reduced, full: Mechanism) -> list[str]:
@@ -177,9 +178,10 @@ def _outputs(
                          for m in (full, reduced))
         yield name, first, second
     for name in asked.frames:
-        yield name, *(_frame(m, name, count) for m in (full, reduced))
+        yield name, _frame(full, name, count), _frame(reduced, name, count)
     for name in asked.centres:
-        yield f"{name}.com", *(_frame(m, name, count, centre=True) for m in (full, reduced))
+        yield (f"{name}.com", _frame(full, name, count, centre=True),
+               _frame(reduced, name, count, centre=True))
 
 
 def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Difference]:
