@@ -60,9 +60,11 @@ def test_every_coordinate_and_link_of_the_library_is_yielded(name):
         reduced = sp.reduce(mechanism, output)
         assert sizes(reduced) <= sizes(mechanism)
         found = reduced.verify()
-        # the resolved spin of a rod is integrated from row to row, in either model
-        limit = 1e-6 if reduced.passives else 1e-10
-        assert found.worst < limit, f"{output}: {found}"
+        # the resolved spin of a rod is integrated from row to row, in either model; the delta
+        # robot's ranges end in singular configurations, where accelerations lose eight digits
+        limits = (1e-6,) * 3 if reduced.passives else (1e-11, 1e-10, 1e-8)
+        for difference in found.differences:
+            assert np.all(np.less(difference[2:], limits)), f"{output}: {found}"
         assert not found.remarks or any(x.what == "loop" for x in reduced.left_out)
 
 
