@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from spatial_pin.accuracy.reduce import Reduced, reduce
 from spatial_pin.accuracy.tradeoff import Tradeoff, tradeoff
 from spatial_pin.dynamics.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
@@ -51,6 +52,7 @@ __all__ = [
     "MechanismFileError",
     "Mobility",
     "Motion",
+    "Reduced",
     "Simulation",
     "SingularError",
     "SpatialPinError",
@@ -77,6 +79,7 @@ __all__ = [
     "mobility",
     "movie",
     "plot",
+    "reduce",
     "report",
     "screenshot",
     "sensitivity",

@@ -77,6 +77,7 @@ def assemble(
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
+    guess = mechanism.start(held) if guess is None else guess
     start = _read_guess(mechanism, guess)
     named = {name: value for name, value in start.named.items() if name not in held}
     search = _Search(mechanism, held, named, limits, accuracy)

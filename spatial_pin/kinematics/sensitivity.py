@@ -78,6 +78,8 @@ def sensitivity(
         UnknownNameError: no such dimension or output.
         SpatialPinError: the branch ends, or the output does not exist, at a nearby dimension.
     """
+    if mechanism.path is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     names = list(mechanism.dimensions if parameters is None else parameters)
     for name in names:
         if name not in mechanism.dimensions:
