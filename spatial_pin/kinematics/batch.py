@@ -40,8 +40,6 @@ class Placed(NamedTuple):
 
     def take(self, which: NDArray[np.intp]) -> Placed:
         """Return some of the configurations."""
-        if len(which) == self.q.shape[1]:
-            return self
         return Placed(*(part[..., which] for part in self))
 
     def put(self, which: NDArray[np.intp], some: Placed) -> None:
@@ -180,12 +178,12 @@ class BranchBatch(Batch):
         """Return the factored systems of rows, spins and drivers at configurations."""
         return StackedLU(self.branch.system.stack(self.jacobian(p)))
 
-    def correction(self, p: Placed) -> Array:
-        """Return Newton's joint displacements (nv, m) that close the loops, drivers held."""
+    def correction(self, p: Placed, lu: StackedLU) -> Array:
+        """Return the joint displacements (nv, m) that close the loops, drivers held."""
         system = self.branch.system
         rhs = np.zeros((len(system.matrix), p.q.shape[1]))
         rhs[system.closure_rows] = -p.residual[system.rows]
-        return self.branch.scale[:, None] * self.factor(p).solve(rhs)
+        return self.branch.scale[:, None] * lu.solve(rhs)
 
     def spinning(self, lu: StackedLU, spins: Array) -> Array:
         """Return joint displacements (nv, m) that spin the passive freedoms by (n_passive, m)."""

@@ -25,9 +25,9 @@ from spatial_pin.linalg import Array
 REST = 8  # rows step by step after a failure
 CHUNK = 512  # rows that are computed together: their arrays fit a processor's cache
 LONGEST = 24  # steps that make a curve
-FIRST_STEP = 0.3  # rad, characteristic lengths, that a joint moves in the first steps
-LONGEST_STEP = 0.6  # the same in any step
-OFF = 1e-7  # closure residual between steps that their length is chosen for: one correction
+FIRST_STEP = 0.4  # rad, characteristic lengths, that a joint moves in the first steps
+LONGEST_STEP = 0.7  # the same in any step
+OFF = 3e-6  # closure residual between steps that their length is chosen for: one correction
 CLOSED = 1e-15  # the same for divided steps: none
 MANY = 3.0  # rows by steps after a division above which steps are divided
 # costs [µs] of a row step by step, of a long step, of a row together with others, of all else
@@ -76,7 +76,7 @@ class Runner:
         self.rest = 0
         self._failures = 0
         self._length: float | None = None
-        self._parts = 6
+        self._parts = 8
         sense = np.sign(np.diff(values))
         self._turns = np.flatnonzero(np.diff(sense)) + 1  # rows after which another sense begins
 
