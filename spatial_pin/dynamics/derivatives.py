@@ -27,6 +27,7 @@ from spatial_pin.kinematics.jacobians import closure_jacobian
 from spatial_pin.kinematics.split import SplitModel, split_of
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array, independent_rows
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 
 LOCAL = pin.ReferenceFrame.LOCAL
@@ -237,11 +238,12 @@ def dynamics_derivatives(
     jacobian = closure_jacobian(mechanism, q)
     scale = mechanism.velocity_scale
     chosen = independent_rows(jacobian * scale)
-    data = whole.model.createData()
     spring_by_q, spring_by_v = _spring_slopes(mechanism, rows, rates, bends)
-    force_by_q, force_by_v = (x.copy() for x in pin.computeRNEADerivatives(
-        whole.model, data, q, v, a)[:2])
-    mass = pin.crba(whole.model, data, q)
+    inertias = MassMatrix(whole.model)
+    data = inertias.model.createData()
+    force_by_q, force_by_v = (inertias.unit * x for x in pin.computeRNEADerivatives(
+        inertias.model, data, q, v, a)[:2])
+    mass = inertias(q)
     borne = jacobian.T @ answer.multipliers
     multipliers = np.linalg.lstsq(jacobian[chosen].T * scale[:, None], borne * scale,
                                   rcond=None)[0]

@@ -33,9 +33,13 @@ from spatial_pin.linalg import (
     full_decomposition,
     independent_rows,
 )
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 
+EPS = float(np.finfo(float).eps)
 SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
+ROUNDINGS = 8.0  # of an entry, in eps
+LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
 
 
 class Equations:
@@ -47,7 +51,10 @@ class Equations:
         turning: (nv,) those of springs about joints.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
+        error: estimated round-off of the last accelerations, by their size.
     """
+
+    error = 0.0
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
@@ -63,6 +70,7 @@ class Equations:
         """Make what evaluates the closure rows, once."""
         self.evaluation = Evaluation(constraints_of(self.mechanism))
         self.data = self.model.createData()
+        self._mass = MassMatrix(self.model)
         self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
         self._transmitted = force_view(self.data)
 
@@ -154,7 +162,7 @@ class Equations:
 
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
-        return pin.crba(self.model, self.data, self.state.q)
+        return self._mass(self.state.q)
 
     def motion_forces(self, a: Array) -> Array:
         """Return M a + b (nv,)."""
@@ -172,30 +180,62 @@ class Equations:
         scaled = self.scaled
         rows = independent_rows(scaled)
         self.check_rank(len(rows))
-        d, nv, r = self.scale, len(self.scale), len(rows)
-        state = self.state
+        nv, r, state = len(self.scale), len(rows), self.state
         gamma = self.evaluation.bias(state.q, state.v)
-        mass = d[:, None] * self.mass() * d
+        mass = self.mass()
         bias = self.motion_forces(np.zeros(nv))
-        heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
-        a = scaled[rows]
+        d = self._units(mass.diagonal())
+        a = scaled[rows] * (d / self.scale)
+        size = np.abs(a).max(axis=1, initial=0.0)
+        a /= size[:, None]
         k = np.zeros((nv + r, nv + r))
-        k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = mass / heaviest, a.T, a
-        rhs = np.concatenate([d * (force - bias) / heaviest, -gamma[rows]])
+        k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = d[:, None] * mass * d, a.T, a
+        rhs = np.concatenate([d * (force - bias), -gamma[rows] / size])
         lu, _, x, info = lapack.dgesv(k, rhs)
         sizes = np.abs(lu.diagonal())
-        if info or sizes.min(initial=1.0) < SINGULAR * sizes.max(initial=1.0):
-            x = self._without_inertia(k, rhs)
-        closures = -heaviest * (a.T @ x[nv:]) / d
-        return d * x[:nv], closures
+        pivot = float(sizes.min(initial=1.0) / sizes.max(initial=1.0))
+        self.error = ROUNDINGS * EPS / max(pivot, EPS)
+        if info or pivot < SINGULAR:
+            x = self._without_inertia(k, rhs, d)
+            self.error = ROUNDINGS * EPS
+        return d * x[:nv], -(a.T @ x[nv:]) / d
 
-    def _without_inertia(self, k: Array, rhs: Array) -> Array:
+    def _units(self, inertias: Array) -> Array:
+        """Return a velocity (nv,) of every freedom at which its own inertia is one.
+
+        So scaled, light bodies keep their digits beside heavy ones.
+        """
+        scaled = self.scale**2 * inertias
+        heaviest = float(scaled.max(initial=0.0)) or 1.0
+        return self.scale / np.sqrt(np.where(scaled > 0.0, scaled, heaviest))
+
+    def _without_inertia(self, k: Array, rhs: Array, d: Array) -> Array:
         """Solve where a freedom has no inertia: it stays as it is, if no force works on it."""
         svd = decompose(k, SINGULAR)
         x = svd.minimum_norm(rhs)
-        if np.abs(k @ x - rhs).max() > 1e-9 * max(1.0, float(np.abs(rhs).max())):
-            raise self.no_inertia(svd.null_space[:, : len(self.scale)])
+        still = svd.null_space[:, : len(d)]
+        if np.abs(k @ x - rhs).max() > 1e-9 * max(float(np.abs(x).max()), float(np.abs(rhs).max())):
+            raise self.no_inertia(still)
+        if max((self._energy(d * motion) for motion in still), default=0.0) > LOST:
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: the inertia of a motion of "
+                f"{', '.join(self.moving(still))} is lost in round-off beside that of bodies more "
+                "than 1e13 times as heavy: make their masses more alike, or the light ones zero",
+                state=self.state)
         return x
+
+    def _energy(self, v: Array) -> float:
+        """Return the kinetic energy at joint velocities v (nv,), without Pinocchio's cancellation.
+
+        It works from the joint's origin, which may move much while the centre of mass does not.
+        """
+        pin.forwardKinematics(self.model, self.data, self.state.q, v)
+        total = 0.0
+        for twist, inertia in zip(self.data.v, self.model.inertias, strict=True):
+            w = twist.angular
+            centre = twist.linear + np.cross(w, inertia.lever)
+            total += 0.5 * float(inertia.mass * (centre @ centre) + w @ inertia.inertia @ w)
+        return total
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""

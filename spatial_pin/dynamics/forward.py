@@ -31,11 +31,15 @@ class Dynamics:
     Attributes:
         state: the State with these accelerations.
         a: (nv,) joint accelerations.
+        error: estimated round-off of `a`, by its size: large where a heavy body hangs on links
+            too light to push it.
     """
 
     def __init__(
-        self, state: State, load: Load, a: Array, closures: Array, effort: Array
+        self, state: State, load: Load, a: Array, closures: Array, effort: Array,
+        error: float = 0.0,
     ) -> None:
+        self.error = error
         self.state = State(state.mechanism, state.q, state.v, a, closure_error=state.closure_error,
                            angles=state.angles, rate_error=state.rate_error)
         self.a = self.state.a
@@ -136,4 +140,5 @@ def forward_dynamics(
     with equations_of(mechanism) as equations:
         equations.update(state, *load)
         a, closures = equations.accelerations(effort + equations.given)
-    return Dynamics(state, load, a, closures, effort)
+        error = equations.error
+    return Dynamics(state, load, a, closures, effort, error)

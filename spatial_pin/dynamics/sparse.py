@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.dynamics.equations import SINGULAR, Equations
+from spatial_pin.dynamics.equations import EPS, ROUNDINGS, Equations
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.pieces import PiecewiseRows
 from spatial_pin.linalg import RANK_TOLERANCE, Array, independent_rows
@@ -21,6 +21,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 LARGE = 60  # freedoms from which sparse factorisation is faster
 PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
+UNSURE = 1e-10  # smallest over largest pivot below which the equations are scaled and solved densely
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
 
 
@@ -139,8 +140,9 @@ class SparseEquations(Equations):
         if factors is None:
             return None, False
         pivots = np.abs(factors.U.diagonal())
-        if pivots.min(initial=1.0) < SINGULAR * pivots.max(initial=1.0):
+        if pivots.min(initial=1.0) < UNSURE * pivots.max(initial=1.0):
             return None, False
+        self.error = ROUNDINGS * EPS * float(pivots.max(initial=1.0) / pivots.min(initial=1.0))
         x = factors.solve(rhs)
         x += factors.solve(rhs - system.matrix @ x)
         terms = self.evaluation.values * x[self.evaluation.column_at]

@@ -24,6 +24,7 @@ from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.path import Path
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 NODES = 24  # of a piece
@@ -92,6 +93,7 @@ class Table:
             mechanism, path, coordinate, forces)
         self.model = mechanism.model
         self.data = self.model.createData()
+        self._mass = MassMatrix(self.model)
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
         angles = len(path.branch.angles)
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
@@ -308,7 +310,7 @@ class Table:
         q, t, c = path.q, path.branch.t, path.branch.c
         gravity = pin.computeGeneralizedGravity(model, data, q).copy()
         motion = pin.rnea(model, data, q, t, c) - gravity
-        mass = pin.crba(model, data, q)
+        mass = self._mass(q)
         springs: list[float] = []
         for line in self.forces.lines:
             row, length, _ = self.forces.row(path.evaluation, line)
