@@ -38,7 +38,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 EPS = float(np.finfo(float).eps)
 SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
-ROUNDINGS = 8.0  # of an entry, in eps
+DOUBTFUL = 1e-10  # estimated error above which independent coordinates are tried
+ROUNDINGS = 64.0  # of an entry, in eps
 LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
 
 
@@ -195,10 +196,42 @@ class Equations:
         sizes = np.abs(lu.diagonal())
         pivot = float(sizes.min(initial=1.0) / sizes.max(initial=1.0))
         self.error = ROUNDINGS * EPS / max(pivot, EPS)
+        if self.error > DOUBTFUL:
+            found, error = self._reduced(force, mass, scaled[rows], gamma[rows])
+            if error < self.error:
+                self.error = error
+                return found, self.motion_forces(found) - force
         if info or pivot < SINGULAR:
             x = self._without_inertia(k, rhs, d)
             self.error = ROUNDINGS * EPS
         return d * x[:nv], -(a.T @ x[nv:]) / d
+
+    def _reduced(self, force: Array, mass: Array, rows: Array, gamma: Array) -> tuple[Array, float]:
+        """Solve in independent coordinates: return accelerations and their estimated error.
+
+        Better where a loop carries a heavy body between light ones: its inertia is not lost.
+        """
+        nv, bound = len(force), independent_rows(rows.T)
+        free = np.setdiff1d(np.arange(nv), bound)
+        offset, freedoms = np.zeros(nv), np.eye(nv)[:, free]
+        if len(bound):
+            solved = np.linalg.solve(rows[:, bound], -np.column_stack([gamma, rows[:, free]]))
+            offset[bound], freedoms[bound] = solved[:, 0], solved[:, 1:]
+        offset, freedoms = self.scale * offset, self.scale[:, None] * freedoms
+        inertia = freedoms.T @ mass @ freedoms
+        own = inertia.diagonal()
+        if not own.min(initial=1.0) > 0.0:
+            return offset, np.inf
+        unit = 1.0 / np.sqrt(own)
+        load = unit * (freedoms.T @ (force - self.motion_forces(offset)))
+        lu, _, x, info = lapack.dgesv(unit[:, None] * inertia * unit, load)
+        sizes = np.abs(lu.diagonal())
+        if info or not sizes.min(initial=1.0) > 0.0:
+            return offset, np.inf
+        size = np.abs(freedoms)
+        cancelled = ((size * (np.abs(mass) @ size)).sum(axis=0) / own).max(initial=1.0)
+        error = ROUNDINGS * EPS * float(cancelled * sizes.max(initial=1.0) / sizes.min(initial=1.0))
+        return offset + freedoms @ (unit * x), error
 
     def _units(self, inertias: Array) -> Array:
         """Return a velocity (nv,) of every freedom at which its own inertia is one.
@@ -217,10 +250,11 @@ class Equations:
         if np.abs(k @ x - rhs).max() > 1e-9 * max(float(np.abs(x).max()), float(np.abs(rhs).max())):
             raise self.no_inertia(still)
         if max((self._energy(d * motion) for motion in still), default=0.0) > LOST:
+            names = ", ".join(self.moving(_by_size(still * d / self.scale)))
             raise SingularError(
-                f"mechanism {self.mechanism.name!r}: the inertia of a motion of "
-                f"{', '.join(self.moving(still))} is lost in round-off beside that of bodies more "
-                "than 1e13 times as heavy: make their masses more alike, or the light ones zero",
+                f"mechanism {self.mechanism.name!r}: the inertia of a motion of {names} is lost in "
+                "round-off beside that of bodies more than 1e13 times as heavy: make their masses "
+                "more alike, or the light ones zero",
                 state=self.state)
         return x
 
@@ -281,6 +315,11 @@ class Equations:
     def determined(self) -> dict[str, bool]:
         """Return for every pair whether its reaction is unique."""
         return self.pairs.determined(self.row_wrenches, self.spaces.left_null_space)
+
+
+def _by_size(motions: Array) -> Array:
+    """Return motions (k, nv), each divided by its largest entry."""
+    return motions / np.abs(motions).max(axis=1, keepdims=True, initial=1e-300)
 
 
 def _made_for(mechanism: Mechanism) -> Equations:

@@ -21,7 +21,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 LARGE = 60  # freedoms from which sparse factorisation is faster
 PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
-UNSURE = 1e-10  # smallest over largest pivot below which the equations are scaled and solved densely
+UNSURE = 1e-10  # smallest over largest pivot below which the equations are solved densely
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
 
 

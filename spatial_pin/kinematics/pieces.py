@@ -82,8 +82,8 @@ def _piece(whole: pin.Model, joints: list[int]) -> Piece:
     data = model.createData()
     q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
     v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
-    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model), placements(data)[1:],
-                 twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
+    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model),
+                 placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
                  joint_jacobian(data, model.nv), np.zeros(model.nv))
 
 
