@@ -201,7 +201,7 @@ class Equations:
             if error < self.error:
                 self.error = error
                 return found, self.motion_forces(found) - force
-        if info or pivot < SINGULAR:
+        if info or not pivot >= SINGULAR:
             x = self._without_inertia(k, rhs, d)
             self.error = ROUNDINGS * EPS
         return d * x[:nv], -(a.T @ x[nv:]) / d

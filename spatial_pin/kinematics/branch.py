@@ -20,6 +20,7 @@ from spatial_pin.settings import Accuracy
 
 MAX_CORRECTIONS = 6
 LONGEST_STEP = 1.0  # rad, characteristic lengths: joints never move further in one step
+FARTHEST = 1e100  # rad or m: no Taylor series overflows
 EXPLAINED = 0.1  # part of a step that prediction, or the rates at its ends, may leave unexplained
 CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
@@ -133,6 +134,8 @@ class Branch:
     def step(self, target: float) -> bool:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
+        if not abs(h) < FARTHEST:
+            return False
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))

@@ -15,7 +15,8 @@ import pinocchio as pin
 from spatial_pin.linalg import Array
 
 SAFE = 1e-3  # kg, of the lightest body, above which nothing is lost
-WIDEST = 900  # powers of two between masses that floats have room for, with squares of lengths
+LARGE = 1e100  # kg, of the heaviest, below which no product of two is too large
+WIDEST = 600  # powers of two between masses that numbers have room for, with squares of lengths
 
 
 def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
@@ -41,8 +42,7 @@ def _sum(inertias: Iterable[pin.Inertia]) -> pin.Inertia:
 def _unit(masses: Iterable[float]) -> float:
     """Return a power of two [kg] that is at most, and near to, the least mass that is not zero."""
     present = [m for m in masses if m > 0.0] or [1.0]
-    exponent = max(math.log2(min(present)), math.log2(max(present)) - WIDEST, -WIDEST)
-    return 2.0 ** math.floor(exponent)
+    return 2.0 ** math.floor(max(math.log2(min(present)), math.log2(max(present)) - WIDEST))
 
 
 def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
@@ -59,7 +59,7 @@ class MassMatrix:
     def __init__(self, model: pin.Model) -> None:
         self.model, self.unit = model, 1.0
         masses = [x.mass for x in model.inertias if x.mass > 0.0]
-        if masses and min(masses) < SAFE:
+        if masses and (min(masses) < SAFE or max(masses) > LARGE):
             self.unit = _unit(masses)
             self.model = model.copy()
             for i, inertia in enumerate(model.inertias):

@@ -208,7 +208,12 @@ def read_tree(
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     rebuilt = _rebuild(model, pairs, elements, refinements, path)
-    put_inertias(rebuilt, inertias)
+    try:
+        put_inertias(rebuilt, inertias)
+    except (RuntimeError, ValueError) as error:
+        raise MechanismFileError(
+            f"{path}: inertias leave the range of numbers: it is too large or too heavy"
+        ) from error
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
     return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf)
 
