@@ -62,7 +62,7 @@ def test_a_nanometre_double_pendulum_swings_as_a_large_one(formulation):
     ends = []
     for size, mass in ((1.0, 1.0), (1e-9, 1e-24)):
         mech = two_rods(mass, size)
-        motion = sp.simulate(mech, sp.assemble(mech, {"p": 0.3, "k": 0.7}), np.sqrt(size),
+        motion = sp.simulate(mech, sp.assemble(mech, {"p": 0.3, "k": 0.7}), 0.3 * np.sqrt(size),
                              accuracy=sp.Accuracy(formulation=formulation))
         ends.append(motion.q[-1])
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-8)
@@ -81,4 +81,4 @@ def test_a_link_without_mass_stays_as_it_is_beside_light_and_heavy_ones():
     found = [moved.coordinate(name).acceleration for name in ("p", "light", "idle")]
     np.testing.assert_allclose(found, [10.0, 10.0, 0.0], rtol=1e-12)
     with pytest.raises(sp.SingularError, match="idle has no inertia"):
-        sp.forward_dynamics(mech, state, {"idle": 1e-30})
+        sp.forward_dynamics(mech, state, {"idle": 1e-6})
