@@ -598,12 +598,12 @@ def falls(masses: Iterable[float], size: float = 1.0) -> float:
     return float(motion.energy_drift)
 
 
-def a_million_steps_in_time() -> float:
+def many_steps_in_time() -> float:
     mech = plane_four_bar()
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
-    motion = sp.simulate(mech, state, 1000.0, times=np.linspace(0.0, 1000.0, 101),
+    motion = sp.simulate(mech, state, 100.0, times=np.linspace(0.0, 100.0, 11),
                          accuracy=sp.Accuracy(integrator="RK4", step=1e-3))
-    assert motion.steps >= 1_000_000 and motion.closure_error.max() < 1e-12
+    assert motion.steps >= 100_000 and motion.closure_error.max() < 1e-12
     return float(motion.energy_drift)
 
 
@@ -690,8 +690,8 @@ EXTREMES = (
     Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11, slow=True),
     Extreme("turns", "four-bar, from turn 990000 to turn 1000000 in steps of 15°",
             to_the_millionth_turn, 1e-11, slow=True),
-    Extreme("steps", "four-bar, a million steps of RK4, 1 ms: energy drift",
-            a_million_steps_in_time, 1e-3, "`energy_drift` says it", slow=True),
+    Extreme("steps", "four-bar, a hundred thousand steps of RK4, 1 ms: energy drift",
+            many_steps_in_time, 1e-5, "`energy_drift` says it", slow=True),
 )
 
 
