@@ -15,6 +15,7 @@ from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import (
+    blur,
     finite_array,
     finite_number,
     joint_values,
@@ -121,10 +122,11 @@ class _Search:
         q, error = close(evaluation, q, self.free, self.tolerance)
         q = nearest_turn(self.mechanism, q, self.held, self.named)
         evaluation.update(q)
-        problem = evaluation.worst_closure() if not error <= ACCEPTED else evaluation.mirrored()
+        accepted = max(ACCEPTED, blur(self.mechanism, q))
+        problem = evaluation.worst_closure() if not error <= accepted else evaluation.mirrored()
         if not problem and self.limits and _violated(self.mechanism, q):
             q, error = _within_limits(evaluation, q, self.free, self.tolerance)
-            problem = evaluation.worst_closure() if not error <= ACCEPTED else evaluation.mirrored()
+            problem = evaluation.worst_closure() if not error <= accepted else evaluation.mirrored()
             problem = problem or _violated(self.mechanism, q)
         if problem:
             if self.nearest_miss is None or error < self.nearest_miss[0]:

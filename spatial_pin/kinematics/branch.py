@@ -15,6 +15,7 @@ from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import blur
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
@@ -222,7 +223,7 @@ class Branch:
                 return None
             if k and not size <= CONTRACTION * last:
                 # round-off, not divergence, ends the contraction of a closed loop
-                return q if error <= 1e-22 else None
+                return q if error <= max(1e-22, blur(self.mechanism, q) ** 2) else None
             last = max(size, 1e-13)
             q = pin.integrate(self.model, q, self.scale * correction)
         return None
