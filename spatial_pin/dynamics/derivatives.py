@@ -23,10 +23,13 @@ from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
 from spatial_pin.dynamics.reaction_derivatives import Changes, Linear, ReactionChanges
 from spatial_pin.dynamics.row_derivatives import Rates, Rows
+from spatial_pin.dynamics.saddle import SINGULAR, SaddlePoint
+from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.jacobians import closure_jacobian
 from spatial_pin.kinematics.split import split_of
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array, independent_rows
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -82,7 +85,7 @@ class _Terms(NamedTuple):
         rows, rates: of the closures and springs at the motion.
         outside: wrenches on frames.
         lines, turns: the springs.
-        data: Pinocchio's, at the motion.
+        mass: the mass matrix.
     """
 
     rows: Rows
@@ -90,7 +93,7 @@ class _Terms(NamedTuple):
     outside: Outside
     lines: list[Pull]
     turns: list[Pull]
-    data: pin.Data
+    mass: MassMatrix
 
 
 def dynamics_derivatives(
@@ -128,7 +131,7 @@ def dynamics_derivatives(
     rows = Rows(mechanism, whole, springs.forces)
     rates = rows.products.rates(state.q, state.v, answer.a)
     terms = _Terms(rows, rates, Outside(mechanism, whole, external), springs.lines(rows, rates),
-                   springs.turns(state.q, state.v), whole.model.createData())
+                   springs.turns(state.q, state.v), MassMatrix(whole.model))
     jacobian = closure_jacobian(mechanism, state.q)
     scale = mechanism.velocity_scale
     chosen = independent_rows(jacobian * scale)
@@ -157,35 +160,28 @@ def _changes(
         multipliers: theirs.
     """
     rows, rates, outside = terms.rows, terms.rates, terms.outside
-    state, whole, data = answer.state, outside.whole, terms.data
+    state, model, unit = answer.state, terms.mass.model, terms.mass.unit
     q, v, a, nv = state.q, state.v, answer.a, len(answer.a)
-    pin.forwardKinematics(whole.model, data, q)
-    pulls = outside.on_joints(data)
-    force_by_q, force_by_v = (x.copy() for x in pin.computeRNEADerivatives(
-        whole.model, data, q, v, a, pulls)[:2])
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    pulls = pin.StdVec_Force([force * (1.0 / unit) for force in outside.on_joints(data)])
+    force_by_q, force_by_v = (unit * x for x in pin.computeRNEADerivatives(
+        model, data, q, v, a, pulls)[:2])
     curvature, bends = rows.curvature(q)
     spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, rates, bends, rows.closed)
-    pin.computeJointJacobians(whole.model, data, q)
+    pin.computeJointJacobians(model, data, q)
     force_by_q -= np.tensordot(multipliers, curvature[chosen], 1) + spring_by_q
     force_by_q -= outside.turning(data)
     force_by_v -= spring_by_v
     closed_by_q, closed_by_v = rows.accelerations(rates)
-    rhs = -np.hstack([np.vstack([force_by_q, closed_by_q[chosen]]),
-                      np.vstack([force_by_v, closed_by_v[chosen]]),
-                      np.vstack([-np.eye(nv), np.zeros((len(chosen), nv))])])
-    mass = pin.crba(whole.model, data, q)
-    x = _solved(mass, jacobian[chosen], state.mechanism.velocity_scale, rhs)
+    work = np.hstack([-force_by_q, -force_by_v, np.eye(nv)])
+    gamma = np.hstack([closed_by_q[chosen], closed_by_v[chosen], np.zeros((len(chosen), nv))])
+    scale, mass, all_rows = state.mechanism.velocity_scale, terms.mass(q), np.arange(len(chosen))
+    scaled = jacobian[chosen] * scale
+    system = SaddlePoint(scale, all_rows, mass, scaled)
+    x = np.vstack(system.solve(mass, scaled, work, gamma))
+    if system.pivot < SINGULAR:
+        raise SingularError(
+            f"mechanism {state.mechanism.name!r}: {state}: a motion has no inertia, or too little "
+            "beside others: accelerations have no derivatives there", state=state)
     return np.stack(np.split(x, 3, axis=1))
-
-
-def _solved(mass: Array, jacobian: Array, scale: Array, rhs: Array) -> Array:
-    """Return the solution of [M -J^T; J 0] x = rhs, for many right-hand sides."""
-    nv, r = len(scale), len(jacobian)
-    scaled = scale[:, None] * mass * scale
-    heaviest = float(np.abs(scaled).max(initial=0.0)) or 1.0
-    a = jacobian * scale
-    k = np.zeros((nv + r, nv + r))
-    k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = scaled / heaviest, -a.T, a
-    scaled_rhs = np.vstack([scale[:, None] * rhs[:nv] / heaviest, rhs[nv:]])
-    x = np.linalg.solve(k, scaled_rhs)
-    return np.vstack([scale[:, None] * x[:nv], heaviest * x[nv:]])

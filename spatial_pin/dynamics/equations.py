@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
-from spatial_pin.dynamics.saddle import SaddlePoint
+from spatial_pin.dynamics.saddle import SINGULAR, IndependentCoordinates, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
@@ -34,10 +34,11 @@ from spatial_pin.linalg import (
     full_decomposition,
     independent_rows,
 )
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 
-SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
-WORN = 1e-7  # that below which the choice of rows is looked at again
+DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
+LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
 
 
 class Equations:
@@ -49,9 +50,12 @@ class Equations:
         turning: (nv,) those of springs about joints.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
+        error: estimated round-off of the last accelerations, by their size.
         native: Pinocchio's own algorithm, once asked for and if the mechanism has that form.
         asked: whether it was asked for.
     """
+
+    error = 0.0
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
@@ -71,6 +75,7 @@ class Equations:
         """Make what evaluates the closure rows, once."""
         self.evaluation = Evaluation(constraints_of(self.mechanism))
         self.data = self.model.createData()
+        self._mass = MassMatrix(self.model)
         self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
         self._transmitted = force_view(self.data)
 
@@ -193,7 +198,10 @@ class Equations:
     def _by_pinocchio(self, state: State, force: Array) -> Array | None:
         if self.native is None:
             return None
-        return self.native.accelerations(state.q, state.v, force)
+        found = self.native.accelerations(state.q, state.v, force)
+        if found is not None:
+            self.error = self.native.error
+        return found
 
     def _learn(self) -> bool:
         """Take note of the loops' rank; return whether Pinocchio's algorithm serves from now on."""
@@ -201,7 +209,7 @@ class Equations:
             self.native.expect(self.rank)
         elif not self.asked:
             self.asked = True
-            self.native = native_of(self.mechanism, self.rank)
+            self.native = native_of(self.mechanism, self._mass, self.rank)
             return self.native is not None
         return False
 
@@ -213,7 +221,7 @@ class Equations:
 
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
-        return pin.crba(self.model, self.data, self.state.q)
+        return self._mass(self.state.q)
 
     def motion_forces(self, a: Array) -> Array:
         """Return M a + b (nv,)."""
@@ -233,18 +241,20 @@ class Equations:
         work = force - self.motion_forces(self._rest)
         mass = self.mass()
         known = self._dense is not None
-        system = self._dense or self._chosen(scaled, mass)
-        x = system.solve(mass, scaled, work, gamma)
-        if known and (system.pivot < WORN or not system.holds(x, scaled, gamma)):
-            system = self._chosen(scaled, mass)
-            x = system.solve(mass, scaled, work, gamma)
-        if system.pivot < SINGULAR:
-            return self._by_freedoms(mass, scaled, work, gamma)
-        nv = len(work)
-        closures = -system.heaviest * (x[nv:] @ system.jacobian) / self.scale
-        return self.scale * x[:nv], closures
+        system = self._dense or self._chosen(mass, scaled)
+        a, multipliers = system.solve(mass, scaled, work, gamma)
+        if known and (system.error > DOUBTFUL or not system.holds(a, scaled, gamma)):
+            system = self._chosen(mass, scaled)
+            a, multipliers = system.solve(mass, scaled, work, gamma)
+        self.error = system.error
+        if self.error > DOUBTFUL:
+            coordinates = IndependentCoordinates(mass, scaled[system.rows], self.scale)
+            if system.pivot < SINGULAR or coordinates.error < self.error:
+                a = self._by_freedoms(coordinates, work, gamma[system.rows])
+                return a, mass @ a - work
+        return a, (multipliers @ scaled[system.rows]) / self.scale
 
-    def _chosen(self, scaled: Array, mass: Array) -> SaddlePoint:
+    def _chosen(self, mass: Array, scaled: Array) -> SaddlePoint:
         """Return the equations for the independent rows of here, kept for the next time.
 
         Raises:
@@ -253,31 +263,45 @@ class Equations:
         rows = independent_rows(scaled)
         self._dense = None  # what is singular is no choice for other places
         self.check_rank(len(rows))
-        heaviest = float((mass.diagonal() * self.scale**2).max(initial=0.0)) or 1.0
-        self._dense = SaddlePoint(self.scale, rows, len(scaled), heaviest)
+        self._dense = SaddlePoint(self.scale, rows, mass, scaled)
         return self._dense
 
     def _by_freedoms(
-        self, mass: Array, scaled: Array, work: Array, gamma: Array
-    ) -> tuple[Array, Array]:
-        """Solve near a singular configuration, or where a freedom has no inertia.
+        self, coordinates: IndependentCoordinates, work: Array, gamma: Array
+    ) -> Array:
+        """Solve near a singular configuration, or where inertias differ much, or are none.
 
         A freedom without inertia stays as it is, if no force works on it.
         """
-        d, svd = self.scale, decompose(scaled)
-        freedoms = svd.null_space
-        own = d[:, None] * mass * d
-        heaviest = float(own.diagonal().max(initial=0.0)) or 1.0
-        carried = -svd.minimum_norm(gamma)
-        inertia = freedoms @ own @ freedoms.T / heaviest
-        pull = freedoms @ (d * work - own @ carried) / heaviest
-        light = decompose(inertia, SINGULAR)
-        z = light.minimum_norm(pull)
-        size = np.abs([d * work / heaviest, carried]).max(initial=0.0)
-        if np.abs(inertia @ z - pull).max(initial=0.0) > 1e-9 * size:
-            raise self.no_inertia(light.null_space @ freedoms)
-        a = d * (carried + freedoms.T @ z)
-        return a, mass @ a - work
+        if coordinates.pivot >= SINGULAR:
+            self.error = coordinates.error
+            return coordinates.solve(work, gamma)
+        a, still, pulled = coordinates.solve_massless(work, gamma)
+        self.error = coordinates.error
+        names = ", ".join(self.moving(_by_size(still / self.scale)))
+        if max((self._energy(motion) for motion in still), default=0.0) > LOST:
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: the inertia of a motion of {names} is lost in "
+                "round-off beside that of bodies more than 1e13 times as heavy: make their masses "
+                "more alike, or the light ones zero",
+                state=self.state)
+        if pulled:
+            raise self.no_inertia(still)
+        return a
+
+    def _energy(self, v: Array) -> float:
+        """Return the kinetic energy at joint velocities v (nv,), without Pinocchio's cancellation.
+
+        It works from the joint's origin, which may move much while the centre of mass does not.
+        """
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.state.q, v)
+        total = 0.0
+        for twist, inertia in zip(data.v, self.model.inertias, strict=True):
+            w = twist.angular
+            centre = twist.linear + np.cross(w, inertia.lever)
+            total += 0.5 * float(inertia.mass * (centre @ centre) + w @ inertia.inertia @ w)
+        return total
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""
@@ -323,6 +347,11 @@ class Equations:
     def determined(self) -> dict[str, bool]:
         """Return for every pair whether its reaction is unique."""
         return self.pairs.determined(self.row_wrenches, self.spaces.left_null_space)
+
+
+def _by_size(motions: Array) -> Array:
+    """Return motions (k, nv), each divided by its largest entry."""
+    return motions / np.abs(motions).max(axis=1, keepdims=True, initial=1e-300)
 
 
 def _made_for(mechanism: Mechanism) -> Equations:

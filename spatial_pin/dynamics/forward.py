@@ -30,13 +30,16 @@ class Dynamics:
 
     Attributes:
         a: (nv,) joint accelerations.
+        error: estimated round-off of `a`, by its size: large where a heavy body hangs on links
+            too light to push it.
     """
 
     def __init__(
-        self, state: State, load: Load, a: Array, closures: Array | None, effort: Array
+        self, state: State, load: Load, a: Array, closures: Array | None, effort: Array,
+        error: float = 0.0,
     ) -> None:
         a.flags.writeable = False
-        self.a, self._at = a, state
+        self.a, self.error, self._at = a, error, state
         self._load, self._closures, self._effort = load, closures, effort
 
     @cached_property
@@ -146,4 +149,5 @@ def forward_dynamics(
     load = Load(external, laws)
     with equations_of(mechanism) as equations:
         a, closures = equations.forward(state, effort, *load)
-    return Dynamics(state, load, a, closures, effort)
+        error = equations.error
+    return Dynamics(state, load, a, closures, effort, error)

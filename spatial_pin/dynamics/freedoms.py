@@ -96,7 +96,7 @@ class Freedoms:
         if not self.n:
             return np.empty(0), missing, given
         columns = problem.scale[:, None] * self.embedding.columns[:, : self.n]
-        mass = pin.crba(problem.model, problem.data, q)
+        mass = problem.mass(q)
         inertia = mass @ columns
         acceleration = -problem.accelerations(columns.T @ inertia, columns.T @ missing, self.free)
         return acceleration, missing + inertia @ acceleration, given

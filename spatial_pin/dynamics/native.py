@@ -12,12 +12,16 @@ position and velocity; anywhere else the answer is left to `equations`, which kn
 
 from __future__ import annotations
 
+from operator import truediv
+
 import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
+from spatial_pin.dynamics.saddle import EPS, ROUNDINGS
 from spatial_pin.errors import ClosureTypeError
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 
@@ -25,8 +29,7 @@ ROWS = 90  # up to which Pinocchio's dense factors are the faster ones
 PROXIMAL = 1e-12  # proximal term, by the largest pivot
 STEPS = 4  # proximal steps at most; each takes off what the one before left, times the term
 TOO_MANY = 1e-8  # pivots below this, by the largest, are of rows too many
-SOUND = 1e-6  # those of the others are above this
-LIGHT = 1e-11  # smallest pivot of the mass matrix, by the largest
+DOUBTFUL = 1e-8  # estimated error above which it is not believed
 OPEN = 1e-10  # how far open loops may be, by the mechanism's size, and by its speed
 
 
@@ -72,20 +75,26 @@ class NativeDynamics:
 
     Args:
         mechanism: its closures are all native.
+        mass: its mass matrix, and the model with it.
         models: from `native_models`.
         rank: of its closure rows.
+
+    Attributes:
+        error: estimated round-off of the last accelerations, by their size.
     """
 
     def __init__(
-        self, mechanism: Mechanism, models: list[pin.RigidConstraintModel], rank: int
+        self, mechanism: Mechanism, mass: MassMatrix, models: list[pin.RigidConstraintModel],
+        rank: int,
     ) -> None:
-        self.model = mechanism.model
+        self.model, self._unit, self.error = mass.model, mass.unit, 0.0
         self.data = self.model.createData()
         self.models = pin.StdVec_RigidConstraintModel(models)
         self.datas = pin.StdVec_RigidConstraintData([m.createData() for m in models])
         pin.initConstraintDynamics(self.model, self.data, self.models, self.datas)
         self._factors = self.data.constraint_chol
         self._n = self._factors.constraintDim()
+        self._inertias = self.data.M.diagonal()
         self._size = mechanism.characteristic_length
         self._by_scale = 1.0 / mechanism.velocity_scale
         self._open = self._errors()
@@ -116,6 +125,8 @@ class NativeDynamics:
 
     def accelerations(self, q: Array, v: Array, force: Array) -> Array | None:
         """Return joint accelerations (nv,) under joint forces (nv,), None if they may be wrong."""
+        if self._unit != 1.0:
+            force = force / self._unit
         a = pin.constraintDynamics(self.model, self.data, q, v, force, self.models, self.datas,
                                    self.settings)
         return a.copy() if self._is_sound() and self._is_closed(v) else None
@@ -123,16 +134,21 @@ class NativeDynamics:
     def _is_sound(self) -> bool:
         """Whether the pivots are those of as many independent rows, on a mass matrix that is one.
 
-        Comparisons are such that NaN fails them.
+        The inertia of a freedom, by what is left of it when those behind it move freely, and the
+        largest pivot of the rows, by the smallest, are how much round-off grows. Comparisons are
+        such that NaN fails them.
         """
         pivots = self._factors.D.tolist()
         masses, own = pivots[self._n :], [-x for x in pivots[: self._n]]
-        if not min(masses) > LIGHT * max(masses):
-            return False
         largest = max(own)
-        small, sound = TOO_MANY * largest, SOUND * largest
-        few = sum([x < small for x in own])
-        return few == self._extra and sum([x > sound for x in own]) == self._n - few
+        small = TOO_MANY * largest
+        sound = [x for x in own if not x < small]
+        if not (len(sound) + self._extra == self._n and sound and min(masses) > 0.0):
+            return False
+        inertias = self._inertias.tolist()
+        grown = max(map(truediv, inertias, masses)) * largest / min(sound)
+        self.error = ROUNDINGS * EPS * grown
+        return self.error < DOUBTFUL
 
     def _is_closed(self, v: Array) -> bool:
         """Whether the loops are closed in position and velocity."""
@@ -142,11 +158,12 @@ class NativeDynamics:
         return bool(place <= size * size and pace <= size * size * speed.dot(speed))
 
 
-def native_of(mechanism: Mechanism, rank: int) -> NativeDynamics | None:
+def native_of(mechanism: Mechanism, mass: MassMatrix, rank: int) -> NativeDynamics | None:
     """Return what solves a mechanism by `constraintDynamics`; None if it has no such form.
 
     Args:
         mechanism: the mechanism.
+        mass: its mass matrix.
         rank: of its closure rows where nothing is singular.
     """
     try:
@@ -155,4 +172,4 @@ def native_of(mechanism: Mechanism, rank: int) -> NativeDynamics | None:
         return None
     if not models or sum(m.residualSize() for m in models) > ROWS:
         return None
-    return NativeDynamics(mechanism, models, rank)
+    return NativeDynamics(mechanism, mass, models, rank)

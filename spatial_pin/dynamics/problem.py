@@ -15,6 +15,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, decompose
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -46,6 +47,7 @@ class Problem:
 
     Attributes:
         forces: its springs.
+        mass: its mass matrix at a configuration.
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
@@ -60,6 +62,7 @@ class Problem:
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
         self.data = self.model.createData()
+        self.mass = MassMatrix(self.model)
         self.forces = Forces(mechanism, laws)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)

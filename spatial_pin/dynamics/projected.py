@@ -107,7 +107,7 @@ class Projected:
         gamma = self._bias(q, v)[self.selected]
         given = problem.given(t, q, v, self.evaluation)
         force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
-        mass = d[:, None] * pin.crba(problem.model, problem.data, q) * d
+        mass = d[:, None] * problem.mass(q) * d
         heaviest = float(np.abs(mass).max()) or 1.0
         jacobian = self.evaluation.jacobian[self.selected]
         k = self.kkt

@@ -33,6 +33,7 @@ from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 PIECES = 6  # of a turn, before any is halved
@@ -66,6 +67,7 @@ class Table:
         self.spins = spins
         self.model = mechanism.model
         self.data = self.model.createData()
+        self._mass = MassMatrix(self.model)
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
         angles = len(path.branch.angles)
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
@@ -293,7 +295,7 @@ class Table:
             t, c = self.spins.without(q, t, c)
         gravity = pin.computeGeneralizedGravity(model, data, q).copy()
         motion = pin.rnea(model, data, q, t, c) - gravity
-        mass = pin.crba(model, data, q)
+        mass = self._mass(q)
         springs: list[float] = []
         for line in self.forces.lines:
             row, length, _ = self.forces.row(path.evaluation, line)

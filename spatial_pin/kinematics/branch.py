@@ -15,12 +15,14 @@ from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import blur
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
 MAX_CORRECTIONS = 6
 TIGHT = 1e-12  # closure residual of loops with redundant rows
 LONGEST_STEP = 1.0  # rad, characteristic lengths: joints never move further in one step
+FARTHEST = 1e100  # rad or m: no Taylor series overflows
 EXPLAINED = 0.1  # part of a step that prediction, or the rates at its ends, may leave unexplained
 ROUND_OFF = 1e-14  # correction after which there is no closer
 CLOSED = 1e-22  # square of the closure residual that round-off may leave
@@ -142,6 +144,8 @@ class Branch:
     def step(self, target: float) -> bool:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
+        if not abs(h) < FARTHEST:
+            return False
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))
@@ -230,7 +234,7 @@ class Branch:
                 return None
             if k and not size <= CONTRACTION * last:
                 # round-off, not divergence, ends the contraction of a closed loop
-                return q if error <= CLOSED else None
+                return q if error <= max(CLOSED, blur(self.mechanism, q) ** 2) else None
             last = max(size, 1e-13)
             q = pin.integrate(self.model, q, self.scale * correction)
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,6 +17,8 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
 from spatial_pin.mechanism.urdf import dimensions
+
+SMALLEST = 1e-100  # m
 
 
 class Coordinate(NamedTuple):
@@ -286,14 +289,24 @@ class Mechanism:
 
     @cached_property
     def characteristic_length(self) -> float:
-        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0."""
+        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0.
+
+        Raises:
+            MechanismFileError: it is so small or large that squares leave the range of numbers.
+        """
         joints = [pin.SE3.Identity()]  # every joint is the identity at neutral
         for parent, placement in zip(self.model.parents[1:], self.model.jointPlacements[1:],
                                      strict=True):
             joints.append(joints[parent] * placement)
         points = np.array([joints[f.parentJoint].act(f.placement.translation)
                            for f in self.model.frames])
-        span = max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
+        unit = 2.0 ** math.frexp(float(np.abs(points).max(initial=0.0)))[1]  # changes no digit
+        points /= unit
+        span = unit * max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
+        if span and not SMALLEST <= span <= 1.0 / SMALLEST:
+            raise MechanismFileError(
+                f"mechanism {self.name!r} is {span:.3g} m large; only sizes from {SMALLEST:g} to "
+                f"{1.0 / SMALLEST:g} m can be worked with")
         return span if span > 0.0 else 1.0
 
     @cached_property
