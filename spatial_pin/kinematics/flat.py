@@ -69,12 +69,14 @@ class FlatTree:
         model, self.carrier = split_of(mechanism)
         self.n_joints, self.nv, self.nq = model.njoints, model.nv, model.nq
         self.joints = [_joint(model, i) for i in range(1, model.njoints)]
+        self._moved = np.repeat(np.arange(model.njoints), model.nvs)  # joint of each freedom
 
     def place(self, q: Array) -> Array:
         """Return G (njoints, 4, 5, m): columns of R, then p, at the configurations q (nq, m)."""
         m = q.shape[1]
         g = np.zeros((self.n_joints, 4, 5, m))
-        g[0, [0, 0, 1, 1, 2], [0, 3, 1, 4, 2]] = 1.0
+        for axis, row in ((0, 0), (0, 3), (1, 1), (1, 4), (2, 2)):
+            g[0, axis, row] = 1.0
         for j in self.joints:
             parent, own = g[j.parent], g[j.at]
             axes = parent[:3].reshape(3, -1)
@@ -95,22 +97,18 @@ class FlatTree:
 
     def columns(self, g: Array) -> Array:
         """Return the world joint Jacobian (6, nv, m), linear first, at the world origin."""
-        m = g.shape[3]
-        out = np.zeros((6, self.nv, m))
+        turns, slides = np.zeros((2, self.nv, 5, g.shape[3]))
         for j in self.joints:
             axes = _axes(j, g[j.at])
-            if j.kind == "free":
-                out[:3, j.v : j.v + 3] = axes[:, :3].swapaxes(0, 1)
-            if j.kind == "slide":
-                out[:3, j.v] = axes[0, :3]
-                continue
-            at = j.v + 3 * (j.kind == "free")
-            turns = slice(at, at + len(axes))
-            out[3:, turns] = axes[:, :3].swapaxes(0, 1)
-            out[:3, turns] = cross(g[j.at, 3], axes)[:, :3].swapaxes(0, 1)
-            if j.kind == "screw":
-                out[:3, j.v] += j.pitch * axes[0, :3]
-        return out
+            if j.kind != "slide":
+                at = j.v + 3 * (j.kind == "free")
+                turns[at : at + len(axes)] = axes
+            if j.kind in ("slide", "screw"):
+                slides[j.v] = j.pitch * axes[0]
+            elif j.kind == "free":
+                slides[j.v : j.v + 3] = axes
+        slides += cross(g[self._moved, 3], turns)
+        return np.concatenate([slides[:, :3], turns[:, :3]], axis=1).swapaxes(0, 1)
 
     def rates(self, g: Array, v: Array) -> tuple[Array, Array]:
         """Return rates at zero joint acceleration.
