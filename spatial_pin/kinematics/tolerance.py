@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.geometry import FittedGeometry, fit
+from spatial_pin.kinematics.fitted import FittedGeometry, fit
 from spatial_pin.kinematics.samples import Solver, is_possible, points_of
 from spatial_pin.kinematics.sensitivity import Drive, sensitivities, varied
 from spatial_pin.kinematics.state import State, of_mechanism
@@ -220,7 +220,7 @@ class _Together(NamedTuple):
             return varied(mechanism, dict(zip(names, (centre + half * x).tolist(), strict=True)))
 
         geometry = fit(mechanism, at, (drawn[:, varies] - centre) / half, points,
-                       min(len(drawn) // 2, MOST_LOADS)) if solver.is_regular else None
+                       min(len(drawn) // 4, MOST_LOADS)) if solver.is_regular else None
         if geometry is None:
             return None
         return cls(solver, geometry, centre, half, varies, outputs)
