@@ -55,7 +55,7 @@ class Geometry(NamedTuple):
         joints = [np.full(np.size(x), size) for j in self.joints
                   for x, size in ((j.turned, 1.0), (j.offset, length), (j.axis, 1.0),
                                   (j.pitch, length))]
-        rows = self.coefficients.reshape(len(self.coefficients), -1, 4)
+        rows = self.coefficients.reshape(len(self.coefficients), self.coefficients.shape[1] // 4, 4)
         flags = np.abs(rows[:, :, 3]).max(axis=1, initial=0.0)
         size = np.where(flags > 0.0, flags * length, np.abs(rows).max(axis=(1, 2), initial=0.0))
         rest = [np.full(np.size(x), s) for x, s in (

@@ -23,7 +23,7 @@ from spatial_pin.mechanism.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 
 CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
-MOST_LOADS = 400  # mechanisms to learn a geometry from, at most
+LOADS = 0.25  # mechanisms to learn a geometry from, at most, by samples
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
@@ -220,7 +220,7 @@ class _Together(NamedTuple):
             return varied(mechanism, dict(zip(names, (centre + half * x).tolist(), strict=True)))
 
         geometry = fit(mechanism, at, (drawn[:, varies] - centre) / half, points,
-                       min(len(drawn) // 4, MOST_LOADS)) if solver.is_regular else None
+                       int(LOADS * len(drawn))) if solver.is_regular else None
         if geometry is None:
             return None
         return cls(solver, geometry, centre, half, varies, outputs)
