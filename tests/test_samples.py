@@ -17,7 +17,7 @@ from spatial_pin.kinematics import tolerance as module
 from spatial_pin.kinematics.flat import FlatTree
 from spatial_pin.kinematics.varying import times, varying
 
-SAMPLES, COMPARED = 240, 6
+SAMPLES, COMPARED = 240, 5
 CRANK = {"crank": 0.8}
 
 
@@ -62,7 +62,7 @@ def rssr(folder: Path, passive: bool = True) -> Path:
     tree = (joint("continuous", "crank", "ground", "arm", axis="0 0 1", mass="${a / 2} 0 ${a / 9}")
             + joint("floating", "ball", "arm", "coupler", "${a} 0 0", mass="0.01 ${b / 3} 0.02")
             + joint("continuous", "rocker", "ground", "lever", "${d} 0 0", axis="0 1 0")
-            + point("tip", "coupler", "0 ${b} 0") + point("end", "lever", "${-c} 0 0"))
+            + point("tip", "coupler", "${c / 9} ${b} ${-a / 3}") + point("end", "lever", "${-c} 0 0"))
     toml = ('[joints.ball]\ntype = "spherical"\n' + closing("spherical", "tip", "end") + DRIVER
             + ('[passive.spin]\nbody = "coupler"\naxis = ["ball", "tip"]\n' if passive else "")
             + "[guess]\nrocker = 1.23\n")
