@@ -62,7 +62,8 @@ def rssr(folder: Path, passive: bool = True) -> Path:
     tree = (joint("continuous", "crank", "ground", "arm", axis="0 0 1", mass="${a / 2} 0 ${a / 9}")
             + joint("floating", "ball", "arm", "coupler", "${a} 0 0", mass="0.01 ${b / 3} 0.02")
             + joint("continuous", "rocker", "ground", "lever", "${d} 0 0", axis="0 1 0")
-            + point("tip", "coupler", "${c / 9} ${b} ${-a / 3}") + point("end", "lever", "${-c} 0 0"))
+            + point("tip", "coupler", "${c / 9} ${b} ${-a / 3}")
+            + point("end", "lever", "${-c} 0 0"))
     toml = ('[joints.ball]\ntype = "spherical"\n' + closing("spherical", "tip", "end") + DRIVER
             + ('[passive.spin]\nbody = "coupler"\naxis = ["ball", "tip"]\n' if passive else "")
             + "[guess]\nrocker = 1.23\n")
@@ -292,8 +293,8 @@ def test_frames_that_come_and_go_with_a_dimension(tmp_path, by_themselves):
     state = sp.assemble(sp.load(write(tmp_path, tree, DRIVER, a=0.3)), CRANK)
     found = sp.tolerance(state.mechanism, "one.position", {"a": 1e-3}, state, samples=60)
     assert len(by_themselves) == 60
-    drawn = [x["a"] for x in draws(state.mechanism, {"a": 1e-3}, 60)]
-    np.testing.assert_allclose(found.samples["one.position"][:, 0], np.cos(0.8) * np.array(drawn), rtol=1e-15)
+    drawn = np.array([x["a"] for x in draws(state.mechanism, {"a": 1e-3}, 60)])
+    np.testing.assert_allclose(found.samples["one.position"][:, 0], np.cos(0.8) * drawn, rtol=1e-15)
 
 
 def test_dimensions_that_do_not_scatter(tmp_path, by_themselves):

@@ -8,7 +8,7 @@ to a singular one, is left to `assemble`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,16 +17,12 @@ from numpy.typing import NDArray
 from spatial_pin.kinematics.assembly import periodic
 from spatial_pin.kinematics.batch import Batch, Placed
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.flat import WRAPPED, cross
-from spatial_pin.kinematics.geometry import Geometry, carriers, is_length
-from spatial_pin.kinematics.motion import COORDINATE_OUTPUTS, FRAME_UNITS
+from spatial_pin.kinematics.geometry import Geometry, is_length
 from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.varying import times
 from spatial_pin.linalg import Array, StackedLU, decompose, independent_rows
-from spatial_pin.mechanism.configuration import coordinate_rates
-from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
 
 DAMPING = 1e-2  # as `newton.close` begins with, and takes a tenth of after every step
@@ -71,49 +67,11 @@ class Metric(NamedTuple):
     columns: Array
 
 
-class Wanted(NamedTuple):
-    """An output: which quantity of which coordinate, or of which point."""
-
-    name: str
-    kind: str
-    is_point: bool
-
-
-COORDINATE_KINDS = ("rate", "acceleration", "ratio", "advantage")
-POINT_KINDS = tuple(kind for kind in FRAME_UNITS if kind != "jerk")
-
-
-def wanted(mechanism: Mechanism, spec: str) -> Wanted | None:
-    """Read an output as `Motion.output` does; None if it takes one sample at a time."""
-    coordinates = {*mechanism.coordinate_table, *mechanism.drivers}
-    if spec in coordinates:
-        return Wanted(spec, "value", False)
-    name, _, kind = spec.rpartition(".")
-    if name in coordinates and kind in COORDINATE_OUTPUTS:
-        return Wanted(name, kind, False) if kind in COORDINATE_KINDS else None
-    if kind in POINT_KINDS and name.removesuffix(".com") in mechanism.frame_ids:
-        return Wanted(name, kind, True)
-    return None
-
-
-def is_possible(mechanism: Mechanism, outputs: Iterable[str]) -> bool:
-    """Whether the outputs can be had of many samples together."""
-    return (all(wanted(mechanism, spec) for spec in outputs)
-            and isinstance(constraints_of(mechanism).c_abx, np.ndarray))
-
-
-def points_of(mechanism: Mechanism, outputs: Iterable[str]) -> list[str]:
-    """Return the points whose motion the outputs tell."""
-    found = (wanted(mechanism, spec) for spec in outputs)
-    return list(dict.fromkeys(x.name for x in found if x and x.is_point))
-
-
 class Solver:
     """Closes samples near a closed state, drivers held, and gives them the drivers' rates.
 
     Args:
         state: the nominal state.
-        points: whose motion is asked for, as for `geometry_of`.
         speeds, accelerations: of the drivers; samples stand still if all are zero.
 
     Raises:
@@ -121,12 +79,10 @@ class Solver:
     """
 
     def __init__(
-        self, state: State, points: list[str], speeds: Mapping[str, float],
-        accelerations: Mapping[str, float],
+        self, state: State, speeds: Mapping[str, float], accelerations: Mapping[str, float]
     ) -> None:
         self.mechanism = mechanism = state.mechanism
-        self.state, self.points = state, points
-        self._carriers = carriers(mechanism, points)
+        self.state = state
         evaluation = Evaluation(constraints_of(mechanism))
         evaluation.turns[:] = state.angles
         evaluation.update(state.q)
@@ -292,49 +248,6 @@ class Solver:
         gram = np.einsum("ivm,jvm->mij", spare, spare)
         part = np.linalg.solve(gram, np.einsum("ivm,vm->mi", spare, x)[:, :, None])
         return x - np.einsum("ivm,mi->vm", spare, part[:, :, 0])
-
-    # ------------------------------------------------------------ outputs
-
-    def output(self, moving: Moving, geometry: Geometry, spec: str) -> Array:
-        """Return an output (m,) or (m, 3) of samples."""
-        found = wanted(self.mechanism, spec)
-        assert found is not None
-        if found.is_point:
-            return self._point(moving, geometry, found.name, found.kind).T
-        rows = moving.placed.q.T, moving.v.T, moving.a.T
-        value, rate, acceleration = coordinate_rates(
-            self.mechanism, found.name, *rows, continued=False)
-        if found.kind in ("value", "rate", "acceleration"):
-            return {"value": value, "rate": rate, "acceleration": acceleration}[found.kind]
-        speed = moving.v[self.mechanism.coordinate(next(iter(self.mechanism.drivers))).v]
-        with np.errstate(divide="ignore"):
-            return rate / speed if found.kind == "ratio" else speed / rate
-
-    def _point(self, moving: Moving, geometry: Geometry, name: str, kind: str) -> Array:
-        """Return a rate (3, m) of a point."""
-        k, m = self.points.index(name), moving.placed.q.shape[1]
-        joint = self._carriers[k]
-        at = self.batch.tree.carrier[joint]
-        g = moving.placed.g[at]
-        arm = times(geometry.offsets, g[:3])[k]
-        if kind == "position":
-            return (g[3] + arm)[:3]
-        if moving.first is None or moving.second is None:
-            return np.zeros((3, m))
-        w, velocity = moving.first[at]
-        if kind == "angular_velocity":
-            return w[:3]
-        if kind == "velocity":
-            return (velocity + cross(w, arm))[:3]
-        own = moving.a * self.batch.constraints.support(joint)[:, None]
-        columns = moving.batch.tree.columns(moving.placed.g)
-        linear, turning = (np.einsum("ivm,vm->im", part, own)[WRAPPED]
-                           for part in (columns[:3], columns[3:]))
-        alpha = moving.second[at, 0] + turning
-        if kind == "angular_acceleration":
-            return alpha[:3]
-        origin = moving.second[at, 1] + linear + cross(turning, g[3])
-        return (origin + cross(alpha, arm) + cross(w, cross(w, arm)))[:3]
 
 
 def _determinant(matrix: Array) -> tuple[float, float]:

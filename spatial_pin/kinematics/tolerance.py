@@ -14,7 +14,8 @@ from tqdm import tqdm
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.fitted import FittedGeometry, fit
-from spatial_pin.kinematics.samples import Solver, is_possible, points_of
+from spatial_pin.kinematics.sample_outputs import is_possible, output, points_of
+from spatial_pin.kinematics.samples import Solver
 from spatial_pin.kinematics.sensitivity import Drive, sensitivities, varied
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
@@ -70,16 +71,18 @@ def tolerance(
 ) -> Tolerance:
     """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
 
-    Many samples are solved together. A few dozen mechanisms loaded from the file at the ends of
-    what the samples reach, and between, tell how its lengths and directions follow from the
-    dimensions: by polynomials, taken if they give the lengths and directions of samples that
-    were not used to make them to 4e-15. All samples are then closed at once, by the steps that
-    `assemble` takes. One whose steps do not shrink fast, that moves joints by more than 0.25 rad
-    or characteristic lengths, or has a determinant of other sign or much smaller than the nominal
-    one, is loaded and assembled by itself; and so are all, where that pays (few samples for the
-    number of dimensions), where the file's formulas are not smooth, where the nominal state is all
-    but singular, and for jerks, transmission angles and limits. Results are the same to round-off.
-    What an `if` in the file changes for very few samples only can be missed.
+    Where it pays, samples are solved together. A few dozen mechanisms (at most a quarter of the
+    number of samples) are loaded at the ends of the range of each dimension and between, and the
+    places and directions that the file computes are fitted by polynomials in the dimensions.
+    These must give the places and directions of other samples, the farthest among them, to 4e-15.
+    Then all samples take together the steps that `assemble` takes from the state. A sample is
+    loaded and assembled by itself where the steps do not shrink fast, move a joint by more than
+    0.25 rad or characteristic lengths, or end at a determinant of another sign than the state's,
+    or of less than a fiftieth; so it is on the state's branch, as it always was. All samples are
+    solved one by one if they are few for the number of dimensions, if the file's formulas are not
+    smooth (an `if` or `max` that changes over among the samples), if the state is all but
+    singular, and for jerks, transmission angles and limits. Results agree to round-off. A change
+    of formula that concerns hardly any sample can be missed.
 
     Args:
         mechanism: a mechanism with a xacro tree.
@@ -187,6 +190,7 @@ class _Together(NamedTuple):
         solver: of the mechanism.
         geometry: by dimensions, which vary by `reach` (k,) at most from `nominal` (k,).
         varies: which of the dimensions (k,) vary.
+        points: whose motion the outputs tell.
         names: of the outputs.
     """
 
@@ -195,6 +199,7 @@ class _Together(NamedTuple):
     nominal: Array
     reach: Array
     varies: NDArray[np.bool_]
+    points: list[str]
     names: Sequence[str]
 
     @classmethod
@@ -210,7 +215,7 @@ class _Together(NamedTuple):
             return None
         points = points_of(mechanism, outputs)
         try:
-            solver = Solver(state, points, drive.speeds, drive.accelerations)
+            solver = Solver(state, drive.speeds, drive.accelerations)
         except SpatialPinError:  # each sample will tell
             return None
         names = [name for name, x in zip(dimensions, varies, strict=True) if x]
@@ -223,10 +228,10 @@ class _Together(NamedTuple):
                        int(LOADS * len(drawn))) if solver.is_regular else None
         if geometry is None:
             return None
-        return cls(solver, geometry, centre, half, varies, outputs)
+        return cls(solver, geometry, centre, half, varies, points, outputs)
 
     def solve(self, drawn: Array) -> tuple[NDArray[np.bool_], dict[str, Array]]:
         """Return which samples (m,) are good, and the outputs of all, (m, ...)."""
         geometry = self.geometry(((drawn[:, self.varies] - self.nominal) / self.reach).T)
         moving, good = self.solver.solve(geometry, len(drawn))
-        return good, {name: self.solver.output(moving, geometry, name) for name in self.names}
+        return good, {name: output(moving, geometry, self.points, name) for name in self.names}
