@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from spatial_pin.accuracy.reduce import Reduced, reduce
+from spatial_pin.accuracy.tradeoff import Tradeoff, tradeoff
 from spatial_pin.dynamics.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
@@ -51,10 +53,12 @@ __all__ = [
     "MechanismFileError",
     "Mobility",
     "Motion",
+    "Reduced",
     "Simulation",
     "SingularError",
     "SpatialPinError",
     "State",
+    "Tradeoff",
     "assemble",
     "assembly_modes",
     "closure_jacobian",
@@ -76,6 +80,7 @@ __all__ = [
     "mobility",
     "movie",
     "plot",
+    "reduce",
     "report",
     "screenshot",
     "sensitivity",
@@ -86,6 +91,7 @@ __all__ = [
     "sweep",
     "tolerance",
     "trace",
+    "tradeoff",
     "transmission",
 ]
 

@@ -16,13 +16,13 @@ import numpy as np
 
 import spatial_pin as sp
 from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
+from spatial_pin.kinematics.usual import usual_motion
 from spatial_pin.mechanism.export import export_urdf
 from spatial_pin.mechanism.files import library_titles
 from spatial_pin.operators import OPERATORS
 from spatial_pin.units import Quantity, quantity
 from spatial_pin.view import Viewer
 from spatial_pin.view.plots import usual_outputs
-from spatial_pin.view.usual import usual_motion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
@@ -85,6 +85,9 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("sweep", _sweep, "follow one branch from one driver value to another")
     _sweep_arguments(sub)
+    sub.add_argument("--only", action="append", default=[], metavar="NAME",
+                     help="sweep the smallest model that yields this coordinate, link or frame, "
+                          "and say what it leaves out")
     _result_options(sub)
 
     sub = command("simulate", _simulate, "let it move under gravity, springs and efforts")
@@ -96,13 +99,35 @@ def _parser() -> argparse.ArgumentParser:
                      metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
     sub.add_argument("--effort", action="append", default=[], type=_setting,
                      metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N]")
+    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
+                     help="where a joint passes a limit of the URDF (report)")
     sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
                      default="engineering")
     _guess_option(sub)
     _result_options(sub)
 
+    sub = command("tradeoff", _tradeoff,
+                  "measure what accuracy settings cost and lose on a motion of it")
+    _sweep_arguments(sub, needed=False)
+    sub.add_argument("--simulate", nargs="?", const=0.0, type=_quantity, metavar="DURATION",
+                     help="a simulation instead of a sweep, as 10 or 500ms "
+                          "(a few seconds under gravity)")
+    sub.add_argument("--at", action="append", default=[], type=_setting, metavar="DRIVER=VALUE",
+                     help="where the simulation starts")
+    sub.add_argument("--begin", action="append", default=[], type=_setting,
+                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
+    sub.add_argument("--effort", action="append", default=[], type=_setting,
+                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
+    sub.add_argument("--rows", type=_count, help="number of its rows (201)")
+    sub.add_argument("--repeats", type=_count, default=5, help="runs of each setting (5)")
+    sub.add_argument("--error", type=_positive, help="name the cheapest setting for this error")
+    sub.add_argument("--json", metavar="F", help="write the table as JSON (- for the screen)")
+    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
+
     sub = command("limits", _limits, "how far a driver can go on its branch")
     sub.add_argument("driver", help="driver or coordinate")
+    sub.add_argument("--joints", action="store_true",
+                     help="and before a joint reaches a limit of the URDF")
     _guess_option(sub)
 
     sub = command("modes", _modes, "all closed configurations at given driver values")
@@ -203,6 +228,13 @@ def _in_units(values: Mapping[str, float], *units: str) -> None:
             raise ValueError(f"{name} is in {' or '.join(units)}, not in {value.unit}")
 
 
+def _positive(text: str) -> float:
+    value = _quantity(text)
+    if not value > 0.0 or (isinstance(value, Quantity) and value.unit):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number without a unit")
+    return value
+
+
 def _count(text: str) -> int:
     if not text.strip().isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
@@ -266,7 +298,8 @@ def _assemble(options: argparse.Namespace) -> None:
 
 def _limits(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    print(f"{mechanism.name}, {sp.limits(mechanism, options.driver, _guess(options))}")
+    found = sp.limits(mechanism, options.driver, _guess(options), joints=options.joints)
+    print(f"{mechanism.name}, {found}")
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         print(sp.grashof(mechanism))
 
@@ -294,37 +327,112 @@ def _guess(options: argparse.Namespace) -> dict[str, float] | None:
     return _unique(options, options.guess) or None
 
 
-def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
+def _sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
+    """The arguments of the sweep that was asked for."""
     for quantity_ in (options.first, options.last, options.speed, options.acceleration):
         _fitting(mechanism, {options.driver: quantity_})
     values = np.linspace(options.first, options.last, options.steps)
     speed = options.speed
     if speed is None:
         speed = 1.0 if options.last >= options.first else -1.0
-    return sp.sweep(mechanism, options.driver, values, speed, options.acceleration,
-                    guess=_guess(options), progress=True,
-                    on_limit="stop" if options.stop else "raise")
+    return {"driver": options.driver, "values": values, "speed": speed,
+            "acceleration": options.acceleration, "guess": _guess(options),
+            "on_limit": "stop" if options.stop else "raise"}
+
+
+def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
+    task = _sweep_task(options, mechanism)
+    if getattr(options, "only", None):
+        mechanism, task["guess"] = _reduced(options, mechanism)
+    return sp.sweep(mechanism, progress=True, **task)
+
+
+def _reduced(
+    options: argparse.Namespace, mechanism: sp.Mechanism
+) -> tuple[sp.Reduced, sp.State]:
+    """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
+    state = sp.assemble(mechanism, {options.driver: options.first}, _guess(options))
+    driven = mechanism.driven_coordinate(options.driver).name
+    others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
+              if d.joint != driven and d.joint not in options.only and d.name not in options.only}
+    is_driver = driven in (d.joint for d in mechanism.drivers.values())
+    found = sp.reduce(mechanism, [*options.only, *[driven] * (not is_driver)], lock=others,
+                      guess=state)
+    if options.json != "-":
+        print(found)
+    return found, found.state(state)
 
 
 def _sweep(options: argparse.Namespace) -> None:
     _write(options, _run_sweep(options, _load(options)))
 
 
-def _simulate(options: argparse.Namespace) -> None:
-    mechanism = _load(options)
+def _beginning(
+    options: argparse.Namespace, mechanism: sp.Mechanism, speeds: list[tuple[str, float]],
+    duration: float,
+) -> tuple[sp.State, dict[str, float]]:
+    """The state that a simulation starts from, and the efforts."""
     start = _fitting(mechanism, _unique(options, options.at))
-    speeds = _fitting(mechanism, _unique(options, options.speed))
-    _in_units({"duration": options.duration}, "s", "ms")
+    rates = _fitting(mechanism, _unique(options, speeds))
+    _in_units({"duration": duration}, "s", "ms")
     efforts = _unique(options, options.effort)
     _in_units(efforts, "N", "kN", "Nm", "N·m")
-    state = sp.solve_rates(mechanism, sp.assemble(mechanism, start, _guess(options)), speeds)
+    state = sp.assemble(mechanism, start, _guess(options))
+    return sp.solve_rates(mechanism, state, rates), efforts
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    state, efforts = _beginning(options, mechanism, options.speed, options.duration)
     times = np.linspace(0.0, options.duration, options.rows)
     motion = sp.simulate(mechanism, state, options.duration, efforts, times,
-                         sp.Accuracy.named(options.accuracy), progress=True)
+                         sp.Accuracy.named(options.accuracy),
+                         on_joint_limit=options.on_joint_limit, progress=True)
     _write(options, motion)
     if options.json != "-":
         print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
               f"in {', '.join(motion.coordinates)}")
+
+
+def _tradeoff(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    found = sp.tradeoff(mechanism, _task(options, mechanism), repeats=options.repeats,
+                        progress=True)
+    if options.json != "-":
+        print(found)
+    if options.json:
+        _write_json(found.as_dict(), options.json)
+    if options.plot:
+        found.plot(options.plot)
+    if options.json == "-":
+        return
+    for path in filter(None, (options.json, options.plot)):
+        print(f"wrote {path}")
+    if options.error is not None:
+        pick = sp.Accuracy.for_error(options.error, measured=found)
+        print(f"cheapest for an error of {options.error:.3g}: {pick}")
+
+
+def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:
+    """What a trade-off is measured on."""
+    if options.simulate is None:
+        if options.at or options.begin or options.effort or options.rows:
+            options.usage_error("--at, --begin, --effort and --rows need --simulate")
+        if options.driver is None:
+            return "sweep"
+        if options.last is None:
+            options.usage_error("a sweep needs a driver, a first and a last value")
+        return _sweep_task(options, mechanism)
+    if options.driver is not None or options.speed is not None or options.acceleration:
+        options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
+    said = options.at or options.begin or options.effort or options.rows or options.guess
+    if not options.simulate:
+        if said:
+            options.usage_error("--simulate needs a duration where more is said")
+        return "simulate"
+    state, efforts = _beginning(options, mechanism, options.begin, options.simulate)
+    return {"state": state, "duration": options.simulate, "efforts": efforts,
+            "times": np.linspace(0.0, options.simulate, options.rows or 201)}
 
 
 def _write(options: argparse.Namespace, motion: sp.Motion) -> None:

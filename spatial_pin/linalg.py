@@ -137,6 +137,27 @@ def pivots_of(lu: Array, pivots: NDArray[np.int32]) -> tuple[int, float]:
     return sign, smallest / largest
 
 
+class Factors:
+    """LU factors of a square matrix (n, n), which may be empty.
+
+    Attributes:
+        pivot: smallest over largest pivot, 0 if the matrix is singular.
+    """
+
+    def __init__(self, a: Array, overwrite: bool = False) -> None:
+        self.pivot = 1.0
+        if len(a):
+            self._lu, self._order, info = lapack.dgetrf(a, overwrite_a=overwrite)
+            self.pivot = 0.0 if info else pivots_of(self._lu, self._order)[1]
+
+    def solve(self, b: Array) -> Array:
+        """Return the solution for right-hand sides (n,) or (n, k)."""
+        if not b.size:
+            return b
+        x: Array = lapack.dgetrs(self._lu, self._order, b)[0]
+        return x
+
+
 def determinant_sign_of(a: Array) -> int:
     """Return the sign (-1, 0, 1) of the determinant of `a` (n, n)."""
     if not len(a):

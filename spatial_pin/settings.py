@@ -4,6 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
+
+from spatial_pin.errors import SpatialPinError
+
+
+class Row(Protocol):
+    """A setting that was measured."""
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The setting."""
+
+
+class Measurement(Protocol):
+    """Settings that were measured: a `Tradeoff`."""
+
+    def cheapest(self, error: float) -> Row:
+        """Return the fastest row with at most this error."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +77,66 @@ class Accuracy:
         except KeyError:
             raise ValueError(f"no accuracy level {level!r}; there are {sorted(LEVELS)}") from None
 
+    @classmethod
+    def for_error(
+        cls, error: float, task: str = "sweep", measured: Measurement | None = None
+    ) -> Accuracy:
+        """Return the cheapest setting that was measured to reach an error.
+
+        The error is the largest of positions [rad, characteristic lengths], and of velocities and
+        accelerations by the largest one. Without `measured` it is ten times the largest that
+        `scripts/accuracy_table.py` found over the mechanisms of the library with loops, each doing
+        its usual sweep, or swinging a second or two under gravity. That is a measurement, not a
+        proof: near singular configurations, and in long or unstable simulations, errors grow
+        (`sarrus` swept through its flat position and `crank_collar` let fall are left out for
+        that). Measure your own mechanism and task to be sure:
+        `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
+
+        Args:
+            error: the largest error to accept.
+            task: "sweep" or "simulate", where nothing was measured.
+            measured: settings measured on one's own task.
+
+        Raises:
+            SpatialPinError: no setting that was measured reaches it.
+            ValueError: the error is not positive, or there is no such task.
+        """
+        if not (math.isfinite(error) and error > 0.0):
+            raise ValueError(f"error is {error}; it must be positive")
+        if measured is not None:
+            return measured.cheapest(error).accuracy
+        if task not in MEASURED:
+            raise ValueError(f"no task {task!r}; there are {sorted(MEASURED)}")
+        for reached, accuracy in MEASURED[task]:
+            if reached <= error:
+                return accuracy
+        best = min(reached for reached, _ in MEASURED[task])
+        raise SpatialPinError(
+            f"no setting is known to reach an error of {error:.3g} on every mechanism of the "
+            f"library; the most exact one reaches {best:.0e} ({task}). Measure your own with "
+            "spatial_pin.tradeoff(mechanism, task) and pass it as `measured`")
+
 
 LEVELS = {
     "draft": Accuracy(tolerance=1e-8, time_tolerance=1e-6),
     "engineering": Accuracy(),
     "reference": Accuracy(tolerance=1e-15, time_tolerance=1e-13),
+}
+
+# error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
+MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
+    "sweep": (
+        (2e-08, Accuracy(tolerance=1e-10)),
+        (3e-11, Accuracy()),
+        (4e-12, Accuracy(tolerance=1e-15)),
+    ),
+    "simulate": (
+        (0.03, Accuracy(tolerance=1e-08, integrator="RK45", time_tolerance=1e-06)),
+        (0.02, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
+        (0.0001, Accuracy(tolerance=1e-10, integrator="RK45", time_tolerance=1e-08)),
+        (6e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
+        (5e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (4e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (2e-08, Accuracy()),
+    ),
 }

@@ -244,3 +244,16 @@ def test_a_passive_spin_does_not_depend_on_the_rows(name, monkeypatch):
     assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
 
 
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10, 1e-13, 1e-15])
+@pytest.mark.parametrize("name", ["bennett", "bricard", "sarrus", "rssr", "swash_plate"])
+def test_any_tolerance_follows_the_branch(name, tolerance):
+    """Loops with redundant rows are closed to 1e-12 whatever is asked: open ones hide them."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    values = sp.assemble(mechanism).coordinate(driver).value + np.linspace(0.0, 1.0, 300)
+    motion = sp.sweep(mechanism, driver, values, accuracy=sp.Accuracy(tolerance=tolerance))
+    exact = sp.sweep(mechanism, driver, values)
+    assert motion.closure_error.max() <= max(tolerance, 2e-15)
+    assert_same(motion.q, exact.q, max(10 * tolerance, 1e-12))

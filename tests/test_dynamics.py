@@ -732,7 +732,7 @@ def test_two_hundred_loops_cost_less_than_three_hundred_times_one(tmp_path):
             times.append(time.perf_counter() - start)
         return min(times)
 
-    assert cost(200) < 100 * cost(1)
+    assert cost(200) < 300 * cost(1)
 
 
 @pytest.mark.parametrize("n", [30, 80])
@@ -743,6 +743,52 @@ def test_many_loops_that_lose_rank_are_refused(n, tmp_path):
         forward_dynamics(mech, leaning(mech, 0.7, 1.3)[0])
     with pytest.raises(sp.SingularError, match=f"lose {n} independent"):
         forward_dynamics(mech, leaning(mech, np.pi / 2, 1.3)[0])
+
+
+@pytest.mark.parametrize("n", [80, 150])
+def test_many_loops_first_met_flat_are_refused(n, tmp_path):
+    """Without knowing another configuration; a regular one is taken afterwards."""
+    mech = ladder(tmp_path, n)
+    for rate in (0.0, 1.3):
+        with pytest.raises(sp.SingularError, match="the loops lose independent equations"):
+            forward_dynamics(mech, leaning(mech, np.pi / 2, rate)[0])
+    state, sense = leaning(mech, 0.7, 1.3)
+    weight = ((n + 1) / 2 + n) * G / ((n + 1) / 3 + n)
+    assert forward_dynamics(mech, state).a == pytest.approx(sense * weight * np.sin(0.7), rel=1e-12)
+
+
+def test_frames_of_many_branches_are_where_the_whole_tree_has_them(tmp_path):
+    mech, rng = ladder(tmp_path, 40), np.random.default_rng(4)
+    state = sp.State(mech, *rng.uniform(-1, 1, (3, mech.model.nv)), closure_error=0.0)
+    model, data = mech.model, mech.model.createData()
+    pin.forwardKinematics(model, data, state.q, state.v, state.a)
+    pin.updateFramePlacements(model, data)
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for name in ("ground", "p7", "r7", "c0", "e39", "t40"):
+        frame = mech.frame_id(name)
+        assert np.array_equal(state.placement(name).homogeneous, data.oMf[frame].homogeneous)
+        for found, want in (
+                (state.velocity(name), pin.getFrameVelocity(model, data, frame, axes)),
+                (state.acceleration(name),
+                 pin.getFrameClassicalAcceleration(model, data, frame, axes))):
+            assert found.vector == pytest.approx(want.vector, rel=1e-13, abs=1e-13), name
+    assert "data" not in vars(state)
+
+
+def test_many_loops_and_a_wheel_without_inertia(tmp_path):
+    """The wheel stays as it is unless a torque acts; the ladder falls all the same."""
+    mech = ladder(tmp_path, 40)
+    path = tmp_path / f"{mech.name}.urdf"
+    wheel = known.turning("axle", "ground", "wheel")
+    path.write_text(path.read_text(encoding="utf-8").replace("</robot>", wheel + "</robot>"),
+                    encoding="utf-8")
+    mech = sp.load(tmp_path / f"{mech.name}.toml")
+    sense = np.array([{"p": -1.0, "k": 1.0, "a": 0.0}[name[0]] for name in mech.coordinates])
+    state = sp.State(mech, 0.7 * sense, 1.3 * sense, closure_error=0.0)
+    want = sense * (41 / 2 + 40) * G / (41 / 3 + 40) * np.sin(0.7)
+    assert forward_dynamics(mech, state).a == pytest.approx(want, abs=1e-10)
+    with pytest.raises(sp.SingularError, match="axle has no inertia but a force works on it"):
+        forward_dynamics(mech, state, {"axle": 1.0})
 
 
 def test_many_loops_there_and_back(tmp_path):

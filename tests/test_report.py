@@ -9,13 +9,13 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.kinematics.usual import ROWS, SLIDE, usual_motion
 from spatial_pin.view.look import Look
 from spatial_pin.view.markup import number, table, tiny
 from spatial_pin.view.movie import movie
 from spatial_pin.view.plots import plot, svg, usual_outputs
 from spatial_pin.view.report import report
 from spatial_pin.view.sections import SECTIONS
-from spatial_pin.view.usual import ROWS, SLIDE, usual_motion
 
 
 @pytest.fixture(scope="module")

@@ -630,6 +630,23 @@ def test_all_joint_coordinates_projected_give_the_motion_of_independent_ones(nam
     assert ways[1].energy_drift < 1e-10
 
 
+def test_what_projecting_takes_is_told():
+    """Long steps open the loops further, and take more corrections each."""
+    mechanism = sp.load("four_bar")
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 5.0})
+    assert sp.simulate(mechanism, state, 0.02).projection is None
+    took = {}
+    for step in (1e-4, 2e-3):
+        motion = sp.simulate(mechanism, state, 0.02, times=[0.0, 0.02], accuracy=sp.Accuracy(
+            formulation="projected", integrator="RK4", step=step))
+        took[step] = motion.projection
+        assert motion.projection.steps == motion.steps == round(0.02 / step)
+        assert 0.0 < motion.projection.share < 1.0 and motion.projection.seconds > 0.0
+    short, long = took.values()
+    assert short.opened < 1e-13 < long.opened < 1e-6
+    assert long.corrections >= long.steps and short.corrections < short.steps
+
+
 def test_what_the_projected_formulation_cannot_do_is_said():
     mechanism = sp.load("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 2.0})

@@ -9,8 +9,8 @@ G of the independent ones gives G^T (M a + b - f) = 0 [Wehage1982].
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -30,18 +30,12 @@ LONGEST = 0.7  # longest step in one go [rad, characteristic lengths]
 HALVINGS = 10
 SINGULAR = 1e-9  # smallest over largest pivot of K below which nothing can be solved
 USELESS = 1e-7  # pivots below which no chart is begun
+PLAIN = 0.1  # speed of a plain coordinate, by the fastest component's, at which it is preferred
 CLOSED = 1e-22  # squared residual that ends a contraction by round-off
 
 
 class Lost(Exception):
     """The loops cannot be closed at the coordinates asked for, or not surely on the branch."""
-
-
-class Rates(NamedTuple):
-    """Velocities (nv,) and the factors of K at a place."""
-
-    v: Array
-    columns: Array
 
 
 class Embedding:
@@ -95,35 +89,37 @@ class Embedding:
                 f"{len(self.held)} independent coordinates")
         self.k = np.zeros((n, n))
         self.k[np.arange(r, n), self.held] = 1.0
-        self.units = self.k[r:].copy()
+        self.rhs = np.zeros(n)
+        self.units = np.zeros((n, len(self.held)))
+        self.units[r:] = np.eye(len(self.held))
+        self.ratio = self.scale / self.scale[self.held][:, None]
         self.x: Array = np.zeros(len(self.held))
-        self.sign, self.pivot = self._factor()
+        self._bend: tuple[Array, Array] | None = None
+        self._factor()
+        self.sign, self.pivot = pivots_of(self.lu, self.pivots)
         if self.pivot < USELESS:
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration")
-        self.columns = self._ahead = self._columns()
+        self._set_columns()
 
-    def _factor(self) -> tuple[int, float]:
-        """Factor K at the evaluation's configuration; return determinant sign and pivots."""
+    def _factor(self) -> bool:
+        """Factor K, with what stands in its lower rows; False where it is singular."""
         jacobian = self.evaluation.jacobian
         self.k[: len(self.rows)] = jacobian[: self.n_rows] if self.whole else jacobian[self.rows]
         self.lu, self.pivots, info = lapack.dgetrf(self.k.T)
-        return pivots_of(self.lu, self.pivots) if info == 0 else (0, 0.0)
+        return info == 0
 
     def _solve(self, rhs: Array) -> Array:
         return lapack.dgetrs(self.lu, self.pivots, rhs, 1)[0]
 
-    def _columns(self) -> Array:
-        """Return the scaled joint velocities (nv, n) per unit of each held velocity."""
-        rhs = np.zeros((len(self.k), len(self.held)))
-        rhs[len(self.rows) :] = np.eye(len(self.held))
-        return self._solve(rhs)
+    def _set_columns(self) -> None:
+        """Set the scaled joint velocities (nv, n) per unit of held velocities, and of chart rates.
 
-    def _chart_columns(self) -> Array:
-        """Return the scaled joint velocities (nv, n) per unit rate of each chart coordinate."""
-        if self.linear:
-            return self.columns
-        rates = self._chart_slopes(self.q) @ self.columns
-        return np.linalg.solve(rates.T, self.columns.T).T
+        Both are the same unless the chart is curved.
+        """
+        self._ahead = self.columns = self._solve(self.units)
+        if not self.linear:
+            self._chart = lapack.dgesv(self._ahead[self.held], self.units[len(self.rows) :])[2]
+            self.columns = np.dot(self._ahead, self._chart)
 
     def coordinates(self, q: Array) -> Array:
         """Return the chart coordinates (n,) of a configuration, scaled."""
@@ -133,10 +129,8 @@ class Embedding:
 
     def chart_rates(self, v: Array) -> Array:
         """Return the rates (n,) of the chart coordinates at joint velocities v (nv,)."""
-        if self.linear:
-            return (v / self.scale)[self.held]
-        slope = pin.dDifference(self.model, self.q0, self.q, pin.ARG1)
-        return (slope @ v / self.scale)[self.held]
+        held: Array = (v / self.scale)[self.held]
+        return held if self.linear else np.dot(self._chart, held)
 
     def go(self, x: Array) -> None:
         """Move to the chart coordinates x (n,), on the same branch.
@@ -160,51 +154,65 @@ class Embedding:
     def _step(self, x: Array) -> bool:
         """Move in one step; False, and nothing changed, where that is not safe."""
         evaluation = self.evaluation
-        step = self._ahead @ (x - self.x)
-        size = float(np.sqrt(step @ step))
+        step = self._predict(x - self.x)
+        size = math.sqrt(step.dot(step))
         if not size <= LONGEST:
             return False
         turns = evaluation.turns.copy()
         if turns.size:
             evaluation.turns[:] = evaluation.angles + evaluation.angle_jacobian @ step
         q = self._correct(pin.integrate(self.model, self.q, self.scale * step), x, size)
-        if not self.linear:
-            self.k[len(self.rows) :] = self.units
         if q is not None:
-            sign, pivot = self._factor()
-            if sign == self.sign and pivot > SINGULAR:
-                self.q, self.x, self.pivot = q, x, pivot
-                self.columns = self._columns()
-                self._ahead = self._chart_columns()
-                if turns.size:
-                    evaluation.turns[:] = evaluation.angles
-                return True
+            self._set_chart_rows(q)
+            if self._factor():
+                sign, pivot = pivots_of(self.lu, self.pivots)
+                if sign == self.sign and pivot > SINGULAR:
+                    self.q, self.x, self.pivot = q, x, pivot
+                    self._set_columns()
+                    self._bend = None
+                    if turns.size:
+                        evaluation.turns[:] = evaluation.angles
+                    return True
         evaluation.turns[:] = turns
         evaluation.update(self.q)
+        self._set_chart_rows(self.q)
         self._factor()
         return False
 
+    def _predict(self, dx: Array) -> Array:
+        """Return the scaled step (nv,) for a change of the chart coordinates, of second order.
+
+        The second derivatives are known along the velocity at which `bias` was asked for.
+        """
+        step: Array = np.dot(self._ahead, dx)
+        if self._bend is not None:
+            rates, bend = self._bend
+            way = dx.dot(rates)
+            step += (0.5 * way * way) * bend
+        return step
+
     def _correct(self, q: Array, x: Array, predicted: float) -> Array | None:
         """Newton steps to the closed configuration with chart coordinates x; None if astray."""
-        last = np.inf
-        rhs = np.zeros(len(self.k))
-        r = len(self.rows)
+        last = math.inf
+        evaluation, rhs, r = self.evaluation, self.rhs, len(self.rows)
         for k in range(MOST_CORRECTIONS):
             if self.linear:
                 q[self.at] = self.q0[self.at] + self.scale[self.held] * x
-            self.evaluation.update(q)
-            residual = self.evaluation.residual
-            off = x - self.coordinates(q) if not self.linear else None
-            error = float(residual @ residual) + (float(off @ off) if off is not None else 0.0)
+            evaluation.update(q)
+            residual = evaluation.residual
+            error = float(residual.dot(residual))
+            if not self.linear:
+                rhs[r:] = off = x - self.coordinates(q)
+                error += float(off.dot(off))
             if error <= self.tolerance**2:
                 return q
-            self._chart_rows(q)
-            self._factor()
-            rhs[:r] = -(residual if self.whole else residual[self.rows])
-            if off is not None:
-                rhs[r:] = off
+            if k == 0:  # later corrections are too small to change them
+                self._set_chart_rows(q)
+            if not self._factor():
+                return None
+            np.negative(residual if self.whole else residual[self.rows], out=rhs[:r])
             correction = self._solve(rhs)
-            size = float(np.sqrt(correction @ correction))
+            size = math.sqrt(correction.dot(correction))
             if k == 0 and not size <= EXPLAINED * predicted + 1e-9:
                 return None
             if k and not size <= CONTRACTION * last:
@@ -213,26 +221,30 @@ class Embedding:
             q = pin.integrate(self.model, q, self.scale * correction)
         return None
 
-    def _chart_rows(self, q: Array) -> None:
-        """Let K hold the derivative of the chart coordinates instead of the held velocities."""
+    def _set_chart_rows(self, q: Array) -> None:
+        """Let K hold the derivatives of the chart coordinates by scaled joint velocities at q."""
         if not self.linear:
-            self.k[len(self.rows) :] = self._chart_slopes(q)
-
-    def _chart_slopes(self, q: Array) -> Array:
-        """Return the derivatives (n, nv) of the chart coordinates by scaled joint velocities."""
-        slope = pin.dDifference(self.model, self.q0, q, pin.ARG1)[self.held]
-        return slope * self.scale / self.scale[self.held][:, None]
+            slopes = pin.dDifference(self.model, self.q0, q, pin.ARG1)[self.held]
+            np.multiply(slopes, self.ratio, out=self.k[len(self.rows) :])
 
     def velocity(self, held: Array) -> Array:
         """Return the joint velocities (nv,) for the held ones (n,)."""
-        return self.scale * (self.columns @ (held / self.scale[self.held]))
+        return self.scale * np.dot(self.columns, held / self.scale[self.held])
 
     def bias(self, v: Array) -> Array:
         """Return the joint accelerations (nv,) at velocities v when the held ones have none."""
         gamma = self.evaluation.bias(self.q, v)[: self.n_rows]
-        rhs = np.zeros(len(self.k))
-        rhs[: len(self.rows)] = -(gamma if self.whole else gamma[self.rows])
-        return self.scale * self._solve(rhs)
+        r = len(self.rows)
+        self.rhs[:r] = -(gamma if self.whole else gamma[self.rows])
+        self.rhs[r:] = 0.0
+        bend = self._solve(self.rhs)
+        if not self.linear:
+            bend -= np.dot(self.columns, bend[self.held])
+        rates = self.chart_rates(v)
+        square = rates.dot(rates)
+        if square > 0.0:
+            self._bend = rates / square, bend
+        return self.scale * bend
 
     @property
     def pace(self) -> float:
@@ -240,10 +252,18 @@ class Embedding:
         return float(np.abs(self.columns).max(initial=1.0))
 
 
-def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
+def best_coordinates(
+    state: State, prescribed: Sequence[int], apart: Array | None = None
+) -> list[int]:
     """Return the velocity entries that determine the motion best, besides the prescribed ones.
 
     Column-pivoted QR of the freedoms: joints that move most.
+
+    Args:
+        state: where.
+        prescribed: velocity entries that follow laws.
+        apart: (k, nv) freedoms that are not to be determined; then plain coordinates are preferred
+            to components of rotation vectors.
 
     Raises:
         SingularError: prescribed coordinates depend on each other, or the loops have lost rank.
@@ -261,13 +281,20 @@ def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
     evaluation.update(state.q)
     drive = np.zeros((len(prescribed), mechanism.model.nv))
     drive[np.arange(len(prescribed)), list(prescribed)] = 1.0
+    if apart is not None:
+        drive = np.vstack([drive, apart])
     svd = decompose(np.vstack([evaluation.jacobian[rows], drive]))
-    if svd.rank < len(rows) + len(prescribed):
+    if svd.rank < len(rows) + len(drive):
         raise SingularError(
             f"mechanism {mechanism.name!r}: the prescribed coordinates are not independent of each "
             f"other at {state}", state=state)
     freedoms = svd.null_space
     if not len(freedoms):
         return []
+    if apart is not None:
+        vectors = [c.v for c in mechanism.coordinate_table.values() if c.q < 0]
+        plain = freedoms.copy()
+        plain[:, vectors] = 0.0
+        freedoms = plain if np.abs(plain).max() > PLAIN * np.abs(freedoms).max() else freedoms
     _, pivots, *_ = lapack.dgeqp3(np.asfortranarray(freedoms))
     return sorted(int(p) - 1 for p in pivots[: len(freedoms)])

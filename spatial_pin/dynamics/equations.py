@@ -16,10 +16,11 @@ from contextlib import contextmanager
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
+from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
+from spatial_pin.dynamics.saddle import SINGULAR, IndependentCoordinates, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
@@ -33,9 +34,11 @@ from spatial_pin.linalg import (
     full_decomposition,
     independent_rows,
 )
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 
-SINGULAR = 1e-13  # smallest over largest pivot of the equations below which nothing is determined
+DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
+LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
 
 
 class Equations:
@@ -47,7 +50,12 @@ class Equations:
         turning: (nv,) those of springs about joints.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
+        error: estimated round-off of the last accelerations, by their size.
+        native: Pinocchio's own algorithm, once asked for and if the mechanism has that form.
+        asked: whether it was asked for.
     """
+
+    error = 0.0
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
@@ -57,12 +65,17 @@ class Equations:
         self.scale = mechanism.velocity_scale
         self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
+        self.native: NativeDynamics | None = None
+        self.asked = False
+        self._dense: SaddlePoint | None = None
+        self._rest = np.zeros(self.model.nv)
         self._make_rows()
 
     def _make_rows(self) -> None:
         """Make what evaluates the closure rows, once."""
         self.evaluation = Evaluation(constraints_of(self.mechanism))
         self.data = self.model.createData()
+        self._mass = MassMatrix(self.model)
         self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
         self._transmitted = force_view(self.data)
 
@@ -152,9 +165,63 @@ class Equations:
 
     # ------------------------------------------------------------ forces
 
+    def forward(
+        self, state: State, effort: Array, external: Mapping[str, pin.Force] | None,
+        laws: Mapping[str, Law] | None,
+    ) -> tuple[Array, Array | None]:
+        """Return accelerations (nv,) and what closures add to the forces, None if not known.
+
+        By Pinocchio's own algorithm (`native`) where it is right.
+
+        Args:
+            state: configuration and velocity.
+            effort: (nv,) at joints.
+            external: wrenches, as for `update`.
+            laws: of springs, as for `update`.
+
+        Raises:
+            SingularError: as `accelerations`.
+        """
+        loaded = bool(external or laws or self.springs.exist)
+        if loaded:
+            self.update(state, external, laws)
+        found = self._by_pinocchio(state, effort + self.given if loaded else effort)
+        if found is not None:
+            return found, None
+        if not loaded:
+            self.update(state)
+        a, closures = self.accelerations(effort + self.given)
+        if self._learn():
+            found = self._by_pinocchio(state, effort + self.given)
+        return (a, closures) if found is None else (found, None)
+
+    def _by_pinocchio(self, state: State, force: Array) -> Array | None:
+        if self.native is None:
+            return None
+        found = self.native.accelerations(state.q, state.v, force)
+        if found is not None:
+            self.error = self.native.error
+        return found
+
+    def _learn(self) -> bool:
+        """Take note of the loops' rank; return whether Pinocchio's algorithm serves from now on."""
+        if self.native is not None:
+            self.native.expect(self.rank)
+        elif not self.asked:
+            self.asked = True
+            self.native = native_of(self.mechanism, self._mass, self.rank)
+            return self.native is not None
+        return False
+
+    @property
+    def rank(self) -> int:
+        """Number of independent closure rows at the last `accelerations`."""
+        assert self._dense is not None
+        return len(self._dense.rows)
+
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
-        return pin.crba(self.model, self.data, self.state.q)
+        return self._mass(self.state.q)
 
     def motion_forces(self, a: Array) -> Array:
         """Return M a + b (nv,)."""
@@ -170,32 +237,71 @@ class Equations:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         scaled = self.scaled
-        rows = independent_rows(scaled)
-        self.check_rank(len(rows))
-        d, nv, r = self.scale, len(self.scale), len(rows)
-        state = self.state
-        gamma = self.evaluation.bias(state.q, state.v)
-        mass = d[:, None] * self.mass() * d
-        bias = self.motion_forces(np.zeros(nv))
-        heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
-        a = scaled[rows]
-        k = np.zeros((nv + r, nv + r))
-        k[:nv, :nv], k[:nv, nv:], k[nv:, :nv] = mass / heaviest, a.T, a
-        rhs = np.concatenate([d * (force - bias) / heaviest, -gamma[rows]])
-        lu, _, x, info = lapack.dgesv(k, rhs)
-        sizes = np.abs(lu.diagonal())
-        if info or sizes.min(initial=1.0) < SINGULAR * sizes.max(initial=1.0):
-            x = self._without_inertia(k, rhs)
-        closures = -heaviest * (a.T @ x[nv:]) / d
-        return d * x[:nv], closures
+        gamma = self.evaluation.bias(self.state.q, self.state.v)[: len(scaled)]
+        work = force - self.motion_forces(self._rest)
+        mass = self.mass()
+        known = self._dense is not None
+        system = self._dense or self._chosen(mass, scaled)
+        a, multipliers = system.solve(mass, scaled, work, gamma)
+        if known and (system.error > DOUBTFUL or not system.holds(a, scaled, gamma)):
+            system = self._chosen(mass, scaled)
+            a, multipliers = system.solve(mass, scaled, work, gamma)
+        self.error = system.error
+        if self.error > DOUBTFUL:
+            coordinates = IndependentCoordinates(mass, scaled[system.rows], self.scale)
+            if system.pivot < SINGULAR or coordinates.error < self.error:
+                a = self._by_freedoms(coordinates, work, gamma[system.rows])
+                return a, mass @ a - work
+        return a, (multipliers @ scaled[system.rows]) / self.scale
 
-    def _without_inertia(self, k: Array, rhs: Array) -> Array:
-        """Solve where a freedom has no inertia: it stays as it is, if no force works on it."""
-        svd = decompose(k, SINGULAR)
-        x = svd.minimum_norm(rhs)
-        if np.abs(k @ x - rhs).max() > 1e-9 * max(1.0, float(np.abs(rhs).max())):
-            raise self.no_inertia(svd.null_space[:, : len(self.scale)])
-        return x
+    def _chosen(self, mass: Array, scaled: Array) -> SaddlePoint:
+        """Return the equations for the independent rows of here, kept for the next time.
+
+        Raises:
+            SingularError: the loops have lost rank.
+        """
+        rows = independent_rows(scaled)
+        self._dense = None  # what is singular is no choice for other places
+        self.check_rank(len(rows))
+        self._dense = SaddlePoint(self.scale, rows, mass, scaled)
+        return self._dense
+
+    def _by_freedoms(
+        self, coordinates: IndependentCoordinates, work: Array, gamma: Array
+    ) -> Array:
+        """Solve near a singular configuration, or where inertias differ much, or are none.
+
+        A freedom without inertia stays as it is, if no force works on it.
+        """
+        if coordinates.pivot >= SINGULAR:
+            self.error = coordinates.error
+            return coordinates.solve(work, gamma)
+        a, still, pulled = coordinates.solve_massless(work, gamma)
+        self.error = coordinates.error
+        names = ", ".join(self.moving(_by_size(still / self.scale)))
+        if max((self._energy(motion) for motion in still), default=0.0) > LOST:
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: the inertia of a motion of {names} is lost in "
+                "round-off beside that of bodies more than 1e13 times as heavy: make their masses "
+                "more alike, or the light ones zero",
+                state=self.state)
+        if pulled:
+            raise self.no_inertia(still)
+        return a
+
+    def _energy(self, v: Array) -> float:
+        """Return the kinetic energy at joint velocities v (nv,), without Pinocchio's cancellation.
+
+        It works from the joint's origin, which may move much while the centre of mass does not.
+        """
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.state.q, v)
+        total = 0.0
+        for twist, inertia in zip(data.v, self.model.inertias, strict=True):
+            w = twist.angular
+            centre = twist.linear + np.cross(w, inertia.lever)
+            total += 0.5 * float(inertia.mass * (centre @ centre) + w @ inertia.inertia @ w)
+        return total
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""
@@ -241,6 +347,11 @@ class Equations:
     def determined(self) -> dict[str, bool]:
         """Return for every pair whether its reaction is unique."""
         return self.pairs.determined(self.row_wrenches, self.spaces.left_null_space)
+
+
+def _by_size(motions: Array) -> Array:
+    """Return motions (k, nv), each divided by its largest entry."""
+    return motions / np.abs(motions).max(axis=1, keepdims=True, initial=1e-300)
 
 
 def _made_for(mechanism: Mechanism) -> Equations:

@@ -29,23 +29,37 @@ class Dynamics:
     Reactions are worked out when they are asked for.
 
     Attributes:
-        state: the State with these accelerations.
         a: (nv,) joint accelerations.
+        error: estimated round-off of `a`, by its size: large where a heavy body hangs on links
+            too light to push it.
     """
 
     def __init__(
-        self, state: State, load: Load, a: Array, closures: Array, effort: Array
+        self, state: State, load: Load, a: Array, closures: Array | None, effort: Array,
+        error: float = 0.0,
     ) -> None:
-        self.state = State(state.mechanism, state.q, state.v, a, closure_error=state.closure_error,
-                           angles=state.angles, rate_error=state.rate_error)
-        self.a = self.state.a
+        a.flags.writeable = False
+        self.a, self.error, self._at = a, error, state
         self._load, self._closures, self._effort = load, closures, effort
+
+    @cached_property
+    def state(self) -> State:
+        """The State with these accelerations."""
+        at = self._at
+        return State(at.mechanism, at.q, at.v, self.a, closure_error=at.closure_error,
+                     angles=at.angles, rate_error=at.rate_error)
 
     @contextmanager
     def _equations(self) -> Iterator[Equations]:
-        with equations_of(self.state.mechanism) as equations:
-            equations.update(self.state, *self._load)
+        with equations_of(self._at.mechanism) as equations:
+            equations.update(self._at, *self._load)
             yield equations
+
+    def _multipliers(self, equations: Equations) -> Array:
+        closures = self._closures
+        if closures is None:
+            closures = equations.motion_forces(self.a) - equations.given - self._effort
+        return equations.multipliers(closures)
 
     @cached_property
     def multipliers(self) -> Array:
@@ -54,12 +68,12 @@ class Dynamics:
         J is `closure_jacobian`; the shortest ones where rows depend on each other.
         """
         with self._equations() as equations:
-            return equations.multipliers(self._closures)
+            return self._multipliers(equations)
 
     @cached_property
     def _borne(self) -> tuple[dict[str, pin.Force], pin.Force]:
         with self._equations() as equations:
-            multipliers = equations.multipliers(self._closures)
+            multipliers = self._multipliers(equations)
             found, ground = equations.reactions(self.a, multipliers, self._effort)
         return {name: pin.Force(wrench) for name, wrench in found.items()}, pin.Force(ground)
 
@@ -134,6 +148,6 @@ def forward_dynamics(
     effort = joint_efforts(mechanism, efforts)
     load = Load(external, laws)
     with equations_of(mechanism) as equations:
-        equations.update(state, *load)
-        a, closures = equations.accelerations(effort + equations.given)
-    return Dynamics(state, load, a, closures, effort)
+        a, closures = equations.forward(state, effort, *load)
+        error = equations.error
+    return Dynamics(state, load, a, closures, effort, error)

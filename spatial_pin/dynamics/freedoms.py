@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.dynamics.embedding import Embedding, Lost
+from spatial_pin.dynamics.embedding import Embedding, Lost, best_coordinates
 from spatial_pin.dynamics.problem import Problem, Row
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -30,6 +30,7 @@ class Freedoms:
     """
 
     rows_at_once = 1
+    projection = None
 
     def __init__(self, problem: Problem, state: State, free: list[int]) -> None:
         self.problem, self.free, self.n = problem, free, len(free)
@@ -39,6 +40,7 @@ class Freedoms:
         self.held_scale = problem.scale[self.embedding.held]
         self.starts = np.array([state.q[c.q] for c, _ in problem.drives])
         self.evaluations, self.patience = 0, FAST
+        self._placed: tuple[float, Array, Array, Array] | None = None
 
     def crossings_to(self, y: Array) -> list[tuple[float, float]]:
         """Return none: with several freedoms no crossing is passed."""
@@ -47,6 +49,10 @@ class Freedoms:
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         return self.problem.unknowns(v[self.free] / self.problem.scale[self.free], work)
+
+    def choice(self, state: State) -> list[int]:
+        """Return the velocity entries that would be the best independent ones at a state."""
+        return best_coordinates(state, [c.v for c, _ in self.problem.drives])
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops cannot be closed."""
@@ -63,6 +69,12 @@ class Freedoms:
 
     def _place(self, t: float, y: Array) -> tuple[Array, Array]:
         """Go where y says; return joint velocities and, at no free acceleration, accelerations."""
+        if self._placed is None or self._placed[0] != t or not np.array_equal(self._placed[1], y):
+            self._placed = None  # lost, until found
+            self._placed = (t, y.copy(), *self._find(t, y))
+        return self._placed[2], self._placed[3]
+
+    def _find(self, t: float, y: Array) -> tuple[Array, Array]:
         n, embedding = self.n, self.embedding
         x, u = y[:n], y[n : 2 * n] * self.held_scale[:n]
         if not self.problem.drives:
@@ -84,7 +96,7 @@ class Freedoms:
         if not self.n:
             return np.empty(0), missing, given
         columns = problem.scale[:, None] * self.embedding.columns[:, : self.n]
-        mass = pin.crba(problem.model, problem.data, q)
+        mass = problem.mass(q)
         inertia = mass @ columns
         acceleration = -problem.accelerations(columns.T @ inertia, columns.T @ missing, self.free)
         return acceleration, missing + inertia @ acceleration, given
@@ -99,6 +111,15 @@ class Freedoms:
         """Return the efforts of prescribed drivers for missing joint forces (nv,)."""
         columns = self.problem.scale[:, None] * self.embedding.columns[:, self.n :]
         return (columns.T @ missing) / self.held_scale[self.n :]
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y.
+
+        Raises:
+            Lost: the loops cannot be closed there.
+        """
+        v, _ = self._place(t, y)
+        return self.embedding.q.copy(), v
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y, with velocities.

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.dynamics.embedding import Lost
+from spatial_pin.dynamics.embedding import Lost, best_coordinates
 from spatial_pin.dynamics.freedoms import FAST
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.problem import Problem, Row
+from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.dynamics.table import Table
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -17,7 +18,9 @@ from spatial_pin.mechanism.mechanism import Coordinate
 
 
 class OneFreedom:
-    """The right-hand side for the unknowns y: the coordinate's change, its rate, work done.
+    """The right-hand side for the unknowns y: the coordinate's change, its rate, spins, work done.
+
+    Spins are the quaternions (x, y, z, w) of bodies that spin freely.
 
     Attributes:
         rows_at_once: how many rows are worth being worked out in one go.
@@ -26,20 +29,27 @@ class OneFreedom:
         problem: what acts; nothing is prescribed.
         state: where the coordinate begins.
         coordinate: the independent coordinate.
+        spins: bodies that spin freely besides.
 
     Raises:
         SingularError: it does not determine the motion there.
     """
 
     rows_at_once = 1000
+    projection = None
 
-    def __init__(self, problem: Problem, state: State, coordinate: Coordinate) -> None:
+    def __init__(
+        self, problem: Problem, state: State, coordinate: Coordinate, spins: Spins
+    ) -> None:
         self.problem, self.n, self.free = problem, 1, [coordinate.v]
         self.path = Path(state, coordinate)
         self.evaluation = self.path.evaluation
         self.unit, self.start = self.path.unit, self.path.start
         self._seen = self.start
-        self.table = Table(problem.mechanism, self.path, coordinate, problem.forces)
+        self.spins, self.q0 = spins, state.q
+        self._sigmas: list[float] = []
+        self._turns = slice(2, 2 + 4 * len(spins))  # of the unknowns
+        self.table = Table(problem.mechanism, self.path, coordinate, problem.forces, spins)
         self.forced = problem.forces.exist or problem.constant.any() or problem.law is not None
         self.evaluations, self.patience = 0, FAST
         self.is_fresh_the_same = True
@@ -56,48 +66,83 @@ class OneFreedom:
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the coordinate's start, at joint velocities v (nv,)."""
-        return self.problem.unknowns(v[self.free] / self.unit, work)
+        turns = [self.q0[body.q] for body in self.spins.bodies]
+        self._sigmas = self.spins.rates(self.q0, v)
+        y = self.problem.unknowns(v[self.free] / self.unit, work)
+        return np.concatenate([y[:2], *turns, y[2:]])
+
+    def choice(self, state: State) -> list[int]:
+        """Return the velocity entry that would be the best coordinate at a state."""
+        return best_coordinates(state, [], self.spins.rows)
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the branch does not go."""
         self.evaluations += 1
         rate = float(y[1])
+        s, speed = self.start + self.unit * float(y[0]), self.unit * rate
         try:
-            acceleration, power = self._accelerate(t, y)
+            m, h, g, _, *spinning = self.table.reduced(s)
+            force, power = self._forces(t, s, y) if self.forced else (0.0, 0.0)
         except Lost:
             return np.full(len(y), np.nan)
-        rates = [rate, acceleration / self.unit]
+        rates = [rate, self._accelerate(m, force - h * speed * speed - g) / self.unit]
+        if spinning:
+            rates += self.spins.turning(spinning, speed, self._sigmas, y[self._turns].tolist())
         return np.array([*rates, power] if self.problem.works else rates)
 
-    def _accelerate(self, t: float, y: Array) -> tuple[float, float]:
-        """Return the coordinate's acceleration, and the power of what is not stored."""
-        s, rate = self.start + self.unit * float(y[0]), self.unit * float(y[1])
-        m, h, g, _ = self.table.reduced(s)
-        force = power = 0.0
-        if self.forced:
-            force, power = self._forces(t, s, rate, self.table.columns_at(s))
-        force -= h * rate * rate + g
+    def _accelerate(self, m: float, force: float) -> float:
+        """Return the coordinate's acceleration."""
         if m:
-            return force / m, power
+            return force / m
         still = self.problem.accelerations(np.zeros((1, 1)), np.array([force]), self.free)
-        return float(still[0]), power
+        return float(still[0])
 
-    def _forces(self, t: float, s: float, rate: float, values: Array) -> tuple[float, float]:
+    def _forces(self, t: float, s: float, y: Array) -> tuple[float, float]:
         """Return the force of efforts and springs on the coordinate, and their lasting power."""
+        values, rate = self.table.columns_at(s), self.unit * float(y[1])
         t1 = values[self.table.columns.t]
         efforts = self.problem.constant
         if self.problem.law is not None:
-            efforts = self.problem.efforts(t, self._stand(s, values), t1 * rate, self.evaluation)
+            q, v, _ = self._moving(s, values, y, t1 * rate)
+            efforts = self.problem.efforts(t, self._stand(q, values), v, self.evaluation)
         springs, stored = self.table.springs(values, rate)
         effort = float(efforts @ t1)
         return effort + springs, (effort + springs + stored) * rate
 
-    def _stand(self, s: float, values: Array) -> Array:
-        """Return q at s, with these values of the columns, and let the evaluation stand there."""
+    def _moving(
+        self, s: float, values: Array, y: Array, v: Array, a: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return q, v and a at unknowns y, where the columns have these values.
+
+        v and a, (nv,), are those of the columns, which leave spins out.
+        """
         q = self.table.configuration(s, values)
+        a = np.zeros(len(v)) if a is None else a
+        self.spins.restore(q, y[self._turns], v, a, self._sigmas)
+        return q, v, a
+
+    def _stand(self, q: Array, values: Array) -> Array:
+        """Let the evaluation stand at q, where the columns have these values; returns q."""
         self.evaluation.turns[:] = values[self.table.columns.angles]
         self.evaluation.update(q)
         return q
+
+    def _at(self, y: Array) -> tuple[Array, Array, Array]:
+        """Return q, v and the values of the columns at y."""
+        s = self.start + self.unit * float(y[0])
+        values = self.table.columns_at(s)
+        q, v, _ = self._moving(
+            s, values, y, values[self.table.columns.t] * (self.unit * float(y[1])))
+        return q, v, values
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        q, v, _ = self._at(y)
+        return q, v
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y, with velocities.
@@ -105,10 +150,8 @@ class OneFreedom:
         Raises:
             Lost: the branch does not go there.
         """
-        s = self.start + self.unit * float(y[0])
-        values = self.table.columns_at(s)
-        v = values[self.table.columns.t] * (self.unit * float(y[1]))
-        return self.problem.state(self._stand(s, values), v, self.evaluation)
+        q, v, values = self._at(y)
+        return self.problem.state(self._stand(q, values), v, self.evaluation)
 
     def rows(self, times: Array, unknowns: Array) -> list[Row]:
         """Return everything at times (N,) and unknowns (N, n).
@@ -123,15 +166,18 @@ class OneFreedom:
         forces = np.zeros(len(times))
         if self.forced:
             forces[:] = [self._forces(*row)[0] for row in zip(
-                times.tolist(), places.tolist(), rates[:, 0].tolist(), values, strict=True)]
+                times.tolist(), places.tolist(), unknowns, strict=True)]
         free = forces - h * rates[:, 0] ** 2 - g
         second = np.divide(free, m, out=np.zeros(len(m)), where=m != 0.0)[:, None]
         v = values[:, columns.t] * rates
         a = values[:, columns.t] * second + values[:, columns.c] * rates**2
-        return [self._row(*row) for row in zip(places.tolist(), values, v, a, strict=True)]
+        return [self._row(values, *self._moving(s, values, y, *moving))
+                for s, values, y, *moving in zip(places.tolist(), values, unknowns, v, a,
+                                                 strict=True)]
 
-    def _row(self, s: float, values: Array, v: Array, a: Array) -> Row:
-        q, evaluation = self._stand(s, values), self.evaluation
+    def _row(self, values: Array, q: Array, v: Array, a: Array) -> Row:
+        evaluation = self.evaluation
+        self._stand(q, values)
         return Row(q, v, a, evaluation.closure_error, self.problem.energy(q, v, evaluation),
                    np.empty(0), evaluation.angles.copy())
 

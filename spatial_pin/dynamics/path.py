@@ -29,6 +29,7 @@ class Path:
 
     def __init__(self, state: State, coordinate: Coordinate) -> None:
         self.branch = Branch(state, [coordinate], Accuracy(tolerance=ROUND_OFF))
+        self.branch.spins = []  # a place need not be the same whichever way it is reached
         self.evaluation = self.branch.evaluation
         self.unit = float(self.branch.scale[coordinate.v])
         self.start = float(state.q[coordinate.q])

@@ -7,12 +7,15 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, decompose
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -44,6 +47,7 @@ class Problem:
 
     Attributes:
         forces: its springs.
+        mass: its mass matrix at a configuration.
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
@@ -58,6 +62,7 @@ class Problem:
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
         self.data = self.model.createData()
+        self.mass = MassMatrix(self.model)
         self.forces = Forces(mechanism, laws)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
@@ -104,9 +109,9 @@ class Problem:
         Raises:
             SingularError: a force works on a freedom without inertia.
         """
-        try:
-            found: Array = np.linalg.solve(inertia, force)
-        except np.linalg.LinAlgError:
+        found: Array
+        _, _, found, singular = lapack.dgesv(inertia, force)
+        if singular:
             found = decompose(inertia / (np.abs(inertia).max() or 1.0)).minimum_norm(
                 force / (np.abs(inertia).max() or 1.0))
             if np.abs(inertia @ found - force).max() > 1e-9 * np.abs(force).max():
@@ -114,7 +119,7 @@ class Problem:
                 raise SingularError(
                     f"mechanism {self.mechanism.name!r}: a motion of "
                     f"{', '.join(by_v[v] for v in names)} has no inertia but a force works on it: "
-                    "give its links a mass or a moment of inertia") from None
+                    "give its links a mass or a moment of inertia")
         return found
 
     def unknowns(self, u: Array, work: float) -> Array:
@@ -159,6 +164,16 @@ class System(Protocol):
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
+
+    @property
+    def projection(self) -> Projection | None:
+        """What projecting has taken so far, where steps are projected (`share` is not known)."""
+
+    def choice(self, state: State) -> list[int]:
+        """Return the velocity entries that would be the best independent ones at a state."""
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y."""
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y."""

@@ -10,6 +10,7 @@ coordinates, but no coordinates have to be chosen.
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.linalg import lapack
 
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.problem import Problem, Row
+from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import rank_loss
@@ -65,11 +67,17 @@ class Projected:
                 "loops lose rank there", state=state)
         self.evaluations, self.pivot = 0, 1.0
         self.is_fresh_the_same, self.patience = not self.curved, 0.0
+        self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
+        self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
         self.kkt = np.zeros((self.n + len(self.selected),) * 2)
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         return self.problem.unknowns(v / self.scale, work)
+
+    def choice(self, state: State) -> list[int]:
+        """Return all velocity entries: none are chosen."""
+        return self.free
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops lose rank."""
@@ -99,7 +107,7 @@ class Projected:
         gamma = self._bias(q, v)[self.selected]
         given = problem.given(t, q, v, self.evaluation)
         force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
-        mass = d[:, None] * pin.crba(problem.model, problem.data, q) * d
+        mass = d[:, None] * problem.mass(q) * d
         heaviest = float(np.abs(mass).max()) or 1.0
         jacobian = self.evaluation.jacobian[self.selected]
         k = self.kkt
@@ -125,6 +133,7 @@ class Projected:
         Raises:
             Lost: the step has opened the loops too far.
         """
+        began = time.perf_counter()
         n, y = self.n, np.array(solver.y)
         q, v = self._place(y)
         self._choose(q)
@@ -133,6 +142,10 @@ class Projected:
         y[n : 2 * n] = v / self.scale
         solver.y = y
         solver.f = self(solver.t, y)
+        steps, corrections, opened, seconds, share = self.projection
+        self.projection = Projection(
+            steps + 1, corrections + self._corrections, max(opened, self._opened),
+            seconds + time.perf_counter() - began, share)
 
     def _choose(self, q: Array) -> None:
         """Choose the independent rows anew, where there is a choice."""
@@ -147,6 +160,7 @@ class Projected:
         for k in range(6):
             evaluation.update(q)
             worst = evaluation.closure_error
+            self._corrections, self._opened = k, self._opened if k else worst
             if not worst < OPEN:
                 raise Lost
             svd = decompose(evaluation.jacobian[self.selected])
@@ -156,6 +170,10 @@ class Projected:
                               -self.scale * svd.minimum_norm(evaluation.residual[self.selected]))
         opening = evaluation.jacobian[self.selected] @ (v / self.scale)
         return q, v - self.scale * svd.minimum_norm(opening)
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y."""
+        return self._closed(*self._place(y))
 
     def state(self, t: float, y: Array) -> State:
         """Return the State at y, with velocities."""

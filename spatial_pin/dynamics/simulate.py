@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from tqdm import tqdm
 
 from spatial_pin.dynamics.embedding import Lost, best_coordinates
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
-from spatial_pin.dynamics.problem import EffortLaw, Problem, Row, System
+from spatial_pin.dynamics.problem import EffortLaw, Problem, System
 from spatial_pin.dynamics.projected import Projected
+from spatial_pin.dynamics.run import Run
+from spatial_pin.dynamics.simulation import Projection, Simulation
+from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.steppers import STEPPERS
+from spatial_pin.dynamics.watch import AT_LIMITS, Watch
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
@@ -26,75 +27,9 @@ from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
 
+__all__ = ["Projection", "Simulation", "simulate"]
+
 ROWS = 1000  # rows of a simulation whose times are not given, less one
-NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
-CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
-
-
-@dataclass(eq=False)
-class Simulation(Motion):
-    """A Motion in time, with its energies.
-
-    Attributes:
-        energy: (N,) kinetic, potential and spring energy [J].
-        work: (N,) of efforts, dampers, prescribed drivers and spring laws since the start [J].
-        energy_drift: largest difference of energy and work to the energy at the start, by the
-            largest kinetic energy or change of the rest [-].
-        efforts: (N,) of every prescribed driver [N·m, N].
-        coordinates: independent coordinates that were used, in their order.
-        evaluations: how often the equations of motion were evaluated.
-        steps: how many steps were taken.
-        by_drivers: whether, besides gravity and springs as the file has them, only drivers acted;
-            False where efforts were a function.
-    """
-
-    energy: Array = field(default_factory=lambda: np.empty(0))
-    work: Array = field(default_factory=lambda: np.empty(0))
-    energy_drift: float = 0.0
-    efforts: dict[str, Array] = field(default_factory=dict)
-    coordinates: list[str] = field(default_factory=list)
-    evaluations: int = 0
-    steps: int = 0
-    by_drivers: bool = True
-
-
-class _Rows:
-    """Rows of a simulation, filled one after the other, several in one go.
-
-    Args:
-        times: (N,) when.
-    """
-
-    def __init__(self, times: Array) -> None:
-        self.times, self.asked = times, 0
-        self._waiting: list[tuple[Array, Array]] = []
-        self._times: list[float] = []
-        self._rows: list[Row] = []
-        self._work: list[float] = []
-
-    def until(self, end: float) -> Array:
-        """Return the times of rows not yet asked for, up to `end`."""
-        return self.times[self.asked : np.searchsorted(self.times, end, "right")]
-
-    def ask(self, system: System, times: Array, unknowns: Array) -> None:
-        """Ask for rows at times (N,) and unknowns (N, n)."""
-        self._waiting.append((times, unknowns))
-        self.asked += len(times)
-        if self.asked - len(self._rows) >= system.rows_at_once:
-            self.fill(system)
-
-    def fill(self, system: System) -> None:
-        """Work out all rows that were asked for."""
-        waiting, self._waiting = self._waiting, []
-        if waiting:
-            times, unknowns = (np.concatenate(x) for x in zip(*waiting, strict=True))
-            self._rows += system.rows(times, unknowns)
-            self._times += times.tolist()
-            self._work += [system.problem.work(y) for y in unknowns]
-
-    def filled(self) -> tuple[Array, list[Row], Array]:
-        """Return the rows that are worked out: times (N,), rows, and work done until each (N,)."""
-        return np.array(self._times), self._rows, np.array(self._work)
 
 
 def simulate(
@@ -108,13 +43,15 @@ def simulate(
     drives: Mapping[str, DriverLaw] | None = None,
     laws: Mapping[str, Law] | None = None,
     stop_when: Callable[[float, State], float] | None = None,
+    on_joint_limit: str = "report",
     progress: bool = False,
 ) -> Simulation:
     """Simulate a mechanism in time.
 
     The equations of motion are solved in independent coordinates, chosen anew when others move
     faster; every evaluation closes the loops to `accuracy.tolerance`, so that nothing drifts. With
-    one freedom, change points (branches that cross) are passed straight on, with an event.
+    one freedom, links that spin freely about a line of symmetry not counted, change points
+    (branches that cross) are passed straight on, with an event.
 
     Args:
         mechanism: the mechanism.
@@ -128,6 +65,9 @@ def simulate(
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
             and a last row there.
+        on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
+            of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
+            last row; "ignore". The time is located to about 1e-12 s.
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
@@ -136,7 +76,8 @@ def simulate(
     Raises:
         SingularError: the motion is not determined at some configuration; `.motion` holds what
             came before.
-        SpatialPinError: the state does not fit the laws, or the integrator gives up.
+        SpatialPinError: the state does not fit the laws, or is beyond a joint limit at which the
+            simulation is to stop, or the integrator gives up.
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite, or times do not rise.
     """
@@ -146,9 +87,13 @@ def simulate(
     if accuracy.integrator not in STEPPERS:
         raise ValueError(f"no integrator {accuracy.integrator!r}; there are {', '.join(STEPPERS)}")
     _check_formulation(accuracy)
+    if on_joint_limit not in AT_LIMITS:
+        raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
+                         f"{', '.join(map(repr, AT_LIMITS))}")
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance)
     _check_start(problem, state)
-    run = _Run(problem, accuracy, times, stop_when)
+    watch = Watch(problem, state, stop_when, on_joint_limit)
+    run = Run(problem, accuracy, FORMULATIONS[accuracy.formulation], times, watch)
     bar = tqdm(total=float(times[-1]), desc=f"{mechanism.name}: seconds", delay=1.0, leave=False,
                disable=None if progress else True)
     try:
@@ -212,10 +157,13 @@ def _independent(problem: Problem, state: State) -> System:
         SingularError: the motion is not determined there.
     """
     free = best_coordinates(state, [c.v for c, _ in problem.drives])
-    if len(free) == 1 and not problem.drives:
-        only = next(c for c in problem.mechanism.coordinate_table.values() if c.v == free[0])
-        if only.q >= 0:
-            return OneFreedom(problem, state, only)
+    if not problem.drives:
+        spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
+        if len(free) - len(spins) == 1:
+            left = best_coordinates(state, [], spins.rows)
+            only = next(c for c in problem.mechanism.coordinate_table.values() if c.v == left[0])
+            if only.q >= 0:
+                return OneFreedom(problem, state, only, spins)
     return Freedoms(problem, state, free)
 
 
@@ -224,171 +172,3 @@ FORMULATIONS: dict[str, Callable[[Problem, State], System]] = {
     "projected": Projected,
 }
 SETTLING = ("DOP853", "RK45", "Radau", "RK4", "Gauss")  # integrators that a projection can correct
-
-
-class _Run:
-    """A simulation under way.
-
-    Attributes:
-        t: time reached [s].
-        y: unknowns there.
-    """
-
-    def __init__(
-        self, problem: Problem, accuracy: Accuracy, times: Array,
-        stop_when: Callable[[float, State], float] | None,
-    ) -> None:
-        self.problem, self.accuracy = problem, accuracy
-        self.rows, self.events = _Rows(times), list[Event]()
-        self.stop_when, self.last = stop_when, 0.0
-        self.t, self.end = 0.0, float(times[-1])
-        self.y: Array = np.empty(0)
-        self.steps, self.evaluations = 0, 0
-        self.used: list[str] = []
-        self._largest, self._creeping = np.zeros(2), 0
-        self._failed_at = -1.0
-
-    def follow(self, state: State) -> Iterator[float]:
-        """Integrate from coordinates to coordinates until the end; yields the time reached."""
-        system = self._begin(state)
-        self.y = system.unknowns(state.v, 0.0)
-        start = self.rows.until(0.0)
-        self.rows.ask(system, start, self.y[None][: len(start)])
-        if self.stop_when is not None:
-            self.last = self.stop_when(0.0, state)
-        while self.t < self.end:
-            solver = STEPPERS[self.accuracy.integrator](
-                system, self.t, self.y, self.end, self.accuracy)
-            before = system.evaluations
-            try:
-                for stopped in self._steps(system, solver):
-                    yield self.t
-                    if stopped:
-                        return
-            finally:
-                self.evaluations += system.evaluations - before
-                self.rows.fill(system)
-            if self.t < self.end:
-                system = self._begin_again(system, solver.status == "failed")
-
-    def _steps(self, system: System, solver: Any) -> Iterator[bool]:
-        """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
-        while solver.status == "running":
-            solver.step()
-            if solver.status == "failed":
-                break
-            system.settle(solver)
-            self._watch(system, solver)
-            self.t, self.y = solver.t, solver.y
-            yield self._take(system, solver)
-            if solver.status == "running" and system.is_worn(self.t, solver.y):
-                break
-
-    def _watch(self, system: System, solver: Any) -> None:
-        """Refuse to creep into a singular configuration.
-
-        Raises:
-            SingularError: ever shorter steps lead to one.
-        """
-        sizes = np.array([system.pivot, solver.t - solver.t_old])
-        self._largest = np.maximum(self._largest, sizes)
-        creeps = bool(np.all(sizes < NEAR * self._largest))
-        self._creeping = self._creeping + 1 if creeps else 0
-        if self._creeping > CREEPING:
-            raise self._singular(system.state(solver.t, solver.y))
-
-    def _singular(self, state: State) -> SingularError:
-        return SingularError(
-            f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
-            f"{self.t:.9g} s: the loops lose rank, or branches cross, just ahead of {state}",
-            state=state)
-
-    def _begin(self, state: State) -> System:
-        system = FORMULATIONS[self.accuracy.formulation](self.problem, state)
-        by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
-        self.used += [by_v[v] for v in system.free]
-        return system
-
-    def _begin_again(self, system: System, failed: bool) -> System:
-        """Choose new coordinates where the old ones are worn, and change the unknowns to them."""
-        state = system.state(self.t, self.y)
-        if failed and self.t == self._failed_at:
-            raise self._singular(state)
-        if failed:
-            self._failed_at = self.t
-        free = best_coordinates(state, [c.v for c, _ in self.problem.drives])
-        if free == system.free and system.is_fresh_the_same:
-            if failed:
-                raise self._singular(state)
-            system.patience *= 2.0
-            return system
-        fresh = self._begin(state)
-        self.y = fresh.unknowns(state.v, self.problem.work(self.y))
-        return fresh
-
-    def _take(self, system: System, solver: Any) -> bool:
-        """Keep rows and events of the last step; return whether it is to be the last."""
-        self.steps += 1
-        stop = self._crossed(system, solver)
-        times = self.rows.until(solver.t if stop is None else stop)
-        if stop is not None:
-            times = np.union1d(times, [stop])
-        unknowns = solver.dense_output()(times).T if times.size else np.empty((0, len(solver.y)))
-        self._note_crossings(system, solver.y, unknowns)
-        if times.size:
-            self.rows.ask(system, times, unknowns)
-        if stop is not None:
-            self.events.append(Event("stopped", stop, self.rows.asked, f"stopped at {stop:.12g} s"))
-        return stop is not None
-
-    def _crossed(self, system: System, solver: Any) -> float | None:
-        """Return when `stop_when` has crossed zero in the last step, if it has."""
-        function = self.stop_when
-        if function is None:
-            return None
-        before, self.last = self.last, function(solver.t, system.state(solver.t, solver.y))
-        if before == 0.0 or before * self.last > 0.0:
-            return None
-        from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
-        dense = solver.dense_output()
-        return float(brentq(lambda t: function(t, system.state(t, dense(t))), solver.t_old,
-                            solver.t, xtol=1e-14, rtol=1e-14))
-
-    def _note_crossings(self, system: System, y: Array, unknowns: Array) -> None:
-        """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
-        for value, at in system.crossings_to(y):
-            row = self.rows.asked + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
-            text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the "
-                    "one that goes straight on")
-            self.events.append(Event("branch point", value, row, text))
-
-    def motion(self) -> Simulation:
-        """Return the rows so far."""
-        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
-        times, rows, work = self.rows.filled()
-        n = len(rows)
-        q, v, a, error, energy, efforts, angles = (
-            np.array(column) for column in (zip(*rows, strict=True) if n else [[]] * 7))
-        model = problem.model
-        q, v, a = q.reshape(n, model.nq), v.reshape(n, model.nv), a.reshape(n, model.nv)
-        return Simulation(
-            mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=self.events,
-            angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
-            energy_drift=_drift(problem, q, v, energy, work),
-            efforts=dict(zip(names, efforts.reshape(n, len(names)).T, strict=True)),
-            coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
-            steps=self.steps, by_drivers=problem.by_drivers,
-        )
-
-
-def _drift(problem: Problem, q: Array, v: Array, energy: Array, work: Array) -> float:
-    """Return the largest energy that came from nowhere, by what the motion exchanges."""
-    if not len(energy):
-        return 0.0
-    kinetic = np.array([pin.computeKineticEnergy(problem.model, problem.data, *row)
-                        for row in zip(q, v, strict=True)])
-    size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)))
-    drift = float(np.abs(energy - work - energy[0]).max())
-    return drift / size if size > 0.0 else 0.0

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.dynamics.equations import SINGULAR, Equations
+from spatial_pin.dynamics.equations import Equations
+from spatial_pin.dynamics.saddle import HOLDS, own_units, round_off
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.pieces import PiecewiseRows
 from spatial_pin.linalg import RANK_TOLERANCE, Array, independent_rows
@@ -21,7 +22,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 LARGE = 60  # freedoms from which sparse factorisation is faster
 PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
-HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
+STAYS = 1e-6  # what an equation left out may lack for a motion of unit size, by that of its terms
+UNSURE = 1e-10  # smallest over largest pivot below which the equations are solved densely
 
 
 class _System:
@@ -36,7 +38,8 @@ class _System:
         from scipy.sparse import csc_array  # imported on use: it takes a tenth of a second
 
         nv, self.chosen = rows.model.nv, chosen
-        place = np.full(rows.constraints.n_rows, -1)
+        self._sizes: Array | None = None
+        self._place = place = np.full(rows.constraints.n_rows, -1)
         place[chosen] = nv + np.arange(len(chosen))
         self._own = np.flatnonzero(place[rows.row_at] >= 0)
         at, columns = place[rows.row_at[self._own]], rows.column_at[self._own]
@@ -46,6 +49,13 @@ class _System:
         numbered = csc_array((np.arange(1.0, len(where[0]) + 1.0), where), shape=(n, n))
         self._order = numbered.data.astype(np.intp) - 1
         self.matrix: Any = numbered
+
+    def sizes(self, row_at: NDArray[np.intp], values: Array) -> Array:
+        """Return the sizes of all rows from their entries, always those of the first time."""
+        if self._sizes is None:  # of rows that shrink to nothing later, nothing is to be left
+            self._sizes = np.sqrt(np.bincount(row_at, values * values, len(self._place)))
+            self._sizes[self._sizes == 0.0] = 1.0
+        return self._sizes
 
     def factor(self, mass: Array, values: Array) -> Any:
         """Return the factors for entries of the mass matrix and of all rows; None if singular."""
@@ -62,8 +72,10 @@ class _System:
 class SparseEquations(Equations):
     """`Equations` whose accelerations cost no more than in proportion to the number of loops.
 
-    With more than `PROBED` freedoms the rank of the loops is learnt from the configurations met:
-    one that loses rank is refused if a better one came before it.
+    With more than `PROBED` freedoms the rank of the loops is not found by closing them nearby. A
+    configuration is refused there if rows that depend on others do not go on doing so: if for a
+    motion v that the loops allow J a = -gamma(v) has no solution (second-order analysis
+    [ConnellyWhiteley1996]), or if a better configuration came before it.
     """
 
     evaluation: PiecewiseRows  # type: ignore[assignment]
@@ -73,6 +85,7 @@ class SparseEquations(Equations):
         self._columns = self.evaluation.data.J
         self._mass_at = self.evaluation.mass_entries()
         self._mass_scale = self.scale[self._mass_at[0]] * self.scale[self._mass_at[1]]
+        self._diagonal = np.flatnonzero(self._mass_at[0] == self._mass_at[1])
         self._system: _System | None = None
 
     def mass(self) -> Array:
@@ -99,24 +112,31 @@ class SparseEquations(Equations):
         Raises:
             SingularError: the loops have lost rank, by what is known of them.
         """
-        state, rows, d = self.state, self.evaluation, self.scale
+        state, rows, (i, j) = self.state, self.evaluation, self._mass_at
         gamma = rows.bias(state.q, state.v)
-        mass = rows.mass(state.q) * self._mass_scale
-        heaviest = float(np.abs(mass).max(initial=0.0)) or 1.0
-        load = d * (force - self.motion_forces(np.zeros(len(d)))) / heaviest
+        mass = rows.mass(state.q)
+        own = np.zeros(len(self.scale))
+        own[i[self._diagonal]] = mass[self._diagonal]
+        unit = own_units(own * self.scale**2)
+        d = unit * self.scale
+        mass *= d[i]
+        mass *= d[j]
+        load = d * (force - self.motion_forces(np.zeros(len(d))))
         if self._system is None:
             self._system = _System(rows, self._select())
             self.check_rank(len(self._system.chosen))
-        x, holds = self._solve(mass / heaviest, load, gamma)
+        x, holds = self._solve(mass, load, gamma, unit)
         if not holds and self._select_again():
-            x, _ = self._solve(mass / heaviest, load, gamma)
+            x, _ = self._solve(mass, load, gamma, unit)
         if x is None:
             return super().accelerations(force)
-        scaled, multipliers = x[: len(d)], x[len(d) :]
         full = np.zeros(rows.constraints.n_rows)
-        full[self._system.chosen] = multipliers
-        closures = -heaviest * self._transposed(full) / d
-        return d * scaled, closures
+        full[self._system.chosen] = x[len(d) :]
+        return self.scale * x[: len(d)], -self._transposed(full) / self.scale
+
+    def _learn(self) -> bool:
+        """Stay with sparse factors, which are faster than Pinocchio's dense ones."""
+        return False
 
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank, if that is cheap to know.
@@ -126,28 +146,62 @@ class SparseEquations(Equations):
         """
         if self.model.nv <= PROBED:
             super().check_rank(rank)
+        elif rank < self.evaluation.constraints.n_rows and not self._stays():
+            self._system = None
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: singular configuration, {self.state}: the "
+                "loops lose independent equations there; the motion is not determined by the "
+                "forces", state=self.state)
 
-    def _solve(self, mass: Array, load: Array, gamma: Array) -> tuple[Array | None, bool]:
+    def _stays(self) -> bool:
+        """Whether rows that depend on others here do so in motion, tried with a random one."""
+        rows, (i, j) = self.evaluation, self._mass_at
+        alike, n = (i == j).astype(float), rows.constraints.n_rows
+        any_way = np.random.default_rng(3).standard_normal(len(self.scale))
+        motion, _ = self._solve(alike, any_way, np.zeros(n))
+        if motion is None:
+            return True
+        v = self.scale * motion[: len(self.scale)]
+        return self._solve(alike, np.zeros_like(v), rows.bias(self.state.q, v), lack=STAYS)[1]
+
+    def _solve(
+        self, mass: Array, load: Array, gamma: Array, unit: Array | None = None,
+        lack: float = HOLDS,
+    ) -> tuple[Array | None, bool]:
         """Return scaled accelerations and multipliers, None if the equations are singular.
 
         And whether the closure rows that were left out hold as well.
+
+        Args:
+            mass: entries, for scaled velocities that are multiplied by `unit` once more.
+            load: (nv,) forces, likewise.
+            gamma: (n_rows,) of the rows.
+            unit: (nv,), 1 if not given.
+            lack: what a row left out may lack.
         """
-        system = self._system
+        rows, system, n = self.evaluation, self._system, len(gamma)
         assert system is not None
-        rhs = np.concatenate([load, -gamma[system.chosen]])
-        factors = system.factor(mass, self.evaluation.values)
+        is_scaled = unit is not None
+        unit = np.ones(len(load)) if unit is None else unit
+        values = rows.values * unit[rows.column_at]
+        size = system.sizes(rows.row_at, values) if is_scaled else np.ones(n)
+        factors = system.factor(mass, values / size[rows.row_at])
         if factors is None:
             return None, False
         pivots = np.abs(factors.U.diagonal())
-        if pivots.min(initial=1.0) < SINGULAR * pivots.max(initial=1.0):
+        pivot = float(pivots.min(initial=1.0) / pivots.max(initial=1.0))
+        if not pivot >= UNSURE:
             return None, False
+        self.error = round_off(pivot)
+        rhs = np.concatenate([load, -gamma[system.chosen] / size[system.chosen]])
         x = factors.solve(rhs)
         x += factors.solve(rhs - system.matrix @ x)
-        terms = self.evaluation.values * x[self.evaluation.column_at]
-        n = len(gamma)
-        lacking = np.abs(np.bincount(self.evaluation.row_at, terms, n) + gamma)
-        size = np.abs(gamma) + np.bincount(self.evaluation.row_at, np.abs(terms), n)
-        return x, bool(np.all(lacking <= HOLDS * max(float(size.max(initial=0.0)), 1e-300)))
+        x[: len(unit)] *= unit
+        x[len(unit) :] /= size[system.chosen]
+        terms = rows.values * x[rows.column_at]
+        lacking = np.abs(np.bincount(rows.row_at, terms, n) + gamma)
+        total = np.abs(gamma) + np.bincount(rows.row_at, np.abs(terms), n)
+        return x, bool(np.all(lacking <= lack * max(float(total.max(initial=0.0)), 1e-300)))
 
     def _transposed(self, multipliers: Array) -> Array:
         """Return the scaled joint forces (nv,) of multipliers (n_rows,)."""

@@ -61,13 +61,18 @@ class _Fixed:
     def _advance(self, t: float, y: Array, f: Array, h: float) -> Array:
         raise NotImplementedError
 
-    def dense_output(self) -> Callable[[float], Array]:
+    def dense_output(self) -> Callable[[Any], Array]:
         """Return the cubic Hermite interpolant of the last step."""
-        from scipy.interpolate import CubicHermiteSpline
+        (t, y, f), h = self._before, self.t - self._before[0]
+        moved, first, last = self.y - y, h * f, h * self.f
+        second, third = 3.0 * moved - 2.0 * first - last, first + last - 2.0 * moved
 
-        (t, y, f) = self._before
-        spline = CubicHermiteSpline([t, self.t], [y, self.y], [f, self.f])
-        return lambda times: spline(times).T
+        def at(times: Any) -> Array:
+            x = np.expand_dims((np.asarray(times) - t) / h, -1)
+            found: Array = (y + x * (first + x * (second + x * third))).T
+            return found
+
+        return at
 
 
 class RK4(_Fixed):

@@ -15,18 +15,27 @@ from __future__ import annotations
 import contextlib
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.dynamics.chebyshev import (
+    NODES,
+    POINTS,
+    TO_COEFFICIENTS,
+    Columns,
+    Piece,
+    polynomials,
+    polynomials_at,
+)
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.path import Path
+from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
-NODES = 24  # of a piece
 PIECES = 6  # of a turn, before any is halved
 HALVINGS = 7
 TAIL = 3  # last coefficients that tell the error
@@ -38,43 +47,6 @@ WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing 
 SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
 
-_K = np.arange(NODES)
-_ANGLES = np.pi * (_K + 0.5) / NODES
-POINTS = np.cos(_ANGLES)  # Chebyshev points in (-1, 1), descending
-_TO_COEFFICIENTS = 2.0 / NODES * np.cos(np.outer(_K, _ANGLES))
-_TO_COEFFICIENTS[0] *= 0.5
-
-
-class Columns(NamedTuple):
-    """Where a table's functions stand among its columns."""
-
-    q: slice
-    t: slice
-    c: slice
-    springs: slice
-    angles: slice
-    reduced: slice
-    width: int
-
-
-class Piece(NamedTuple):
-    """Functions on one stretch of the coordinate.
-
-    Attributes:
-        first, last: ends of the stretch.
-        coefficients: (NODES, width) of Chebyshev polynomials.
-        reduced: (NODES, 4) those of m, h, g and the potential energy, contiguous.
-        shift: (nq,) what is to be added to q: whole turns.
-        tail: last coefficients, by the largest: the error.
-    """
-
-    first: float
-    last: float
-    coefficients: Array
-    reduced: Array
-    shift: Array
-    tail: float
-
 
 class Table:
     """Everything about a one-freedom mechanism as functions of its coordinate.
@@ -83,25 +55,34 @@ class Table:
         path: the branch, at the start of the coordinate.
         coordinate: the coordinate.
         forces: the springs, whose lengths are tabulated too.
+        spins: bodies whose spin is left out: see there what stands in the places of their joints.
     """
 
     def __init__(
-        self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces
+        self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces,
+        spins: Spins,
     ) -> None:
         self.mechanism, self.path, self.coordinate, self.forces = (
             mechanism, path, coordinate, forces)
+        self.spins = spins
         self.model = mechanism.model
         self.data = self.model.createData()
+        self._mass = MassMatrix(self.model)
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
         angles = len(path.branch.angles)
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
         q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))
         self.columns = Columns(q, t, c, springs, turns, reduced, ends[-1])
+        self.often = [*range(ends[-2], ends[-1])]  # columns that every evaluation wants
+        for body in spins.bodies:
+            self.often += range(t.start + body.v.start, t.start + body.v.stop)
+            self.often += range(body.q.start, body.q.start + 3)
         self.turning = coordinate.unit == "rad"
         size = mechanism.velocity_scale[coordinate.v]
         self.span = TURN / PIECES if self.turning else size / PIECES
         self.pieces: dict[tuple[int, int], Piece] = {}
         self.divided: set[tuple[int, int]] = set()  # pieces too long, or lost
+        self.divided_in_a_turn: set[tuple[int, int]] = set()  # the same, numbered within a turn
         self.first_made: dict[tuple[int, int], int] = {}
         self.period: Array | None = np.empty(0)  # empty while not known, None if there is none
         self.piece: Piece | None = None
@@ -118,15 +99,10 @@ class Table:
         if piece is None or not piece.first <= s <= piece.last:
             self.piece = piece = self._find(s)
         x = (2.0 * s - piece.first - piece.last) / (piece.last - piece.first)
-        return piece, self._basis_at(x)
-
-    @staticmethod
-    def _basis_at(x: float) -> Array:
-        basis: Array = np.cos(_K * math.acos(min(1.0, max(-1.0, x))))
-        return basis
+        return piece, polynomials(x)
 
     def reduced(self, s: float) -> list[float]:
-        """Return m, h, g and the potential energy at s."""
+        """Return m, h, g and the potential energy at s, and w and d of every body that spins."""
         piece, basis = self.basis(s)
         found: list[float] = basis.dot(piece.reduced).tolist()
         return found
@@ -147,8 +123,7 @@ class Table:
             inside = (piece.first <= places[rest]) & (places[rest] <= piece.last)
             here, rest = rest[inside], rest[~inside]
             x = (2.0 * places[here] - piece.first - piece.last) / (piece.last - piece.first)
-            angles = np.arccos(np.clip(x, -1.0, 1.0))
-            found[here] = np.cos(angles[:, None] * _K) @ piece.coefficients
+            found[here] = polynomials_at(x) @ piece.coefficients
             found[here, self.columns.q] += piece.shift
         return found
 
@@ -199,7 +174,7 @@ class Table:
         tried = []
         for level in range(HALVINGS):
             k = math.floor((s - self.path.start) / self.span * 2**level)
-            if (level, k) in self.divided:
+            if self._is_divided(level, k):
                 continue
             piece = self.pieces.get((level, k)) or self._again(level, k) or self._make(level, k)
             tried.append((level, k))
@@ -211,10 +186,20 @@ class Table:
             if piece.tail <= ROUND_OFF:
                 break
         if best is None or best[2].tail > NOISE:
-            self.divided.update(tried)
+            self._divide(tried)
             raise Lost
-        self.divided.update(tried[: tried.index(best[:2])])
+        self._divide(tried[: tried.index(best[:2])])
         return self._keep(*best)
+
+    def _divide(self, pieces: list[tuple[int, int]]) -> None:
+        """Remember pieces, by level and number, not to be made again, in no turn."""
+        self.divided.update(pieces)
+        self.divided_in_a_turn.update((level, k % (PIECES * 2**level)) for level, k in pieces)
+
+    def _is_divided(self, level: int, k: int) -> bool:
+        if self.period is None or not self.period.size:
+            return (level, k) in self.divided
+        return (level, k % (PIECES * 2**level)) in self.divided_in_a_turn
 
     def _keep(self, level: int, k: int, piece: Piece) -> Piece:
         self.pieces[level, k] = piece
@@ -230,9 +215,9 @@ class Table:
             rows = self._rows(nodes, width)
         except Lost:
             return None
-        coefficients = _TO_COEFFICIENTS @ rows
+        coefficients = TO_COEFFICIENTS @ rows
         return Piece(first, first + width, coefficients,
-                     coefficients[:, self.columns.reduced].copy(), np.zeros(self.model.nq),
+                     coefficients[:, self.often].copy(), np.zeros(self.model.nq),
                      self._tail(coefficients))
 
     def _rows(self, nodes: Array, width: float) -> Array:
@@ -279,7 +264,7 @@ class Table:
     def _compare(self, old: Piece, turns: int) -> Array | None:
         """Return what a turn of the coordinate adds to q (nq,); None if bodies do not come back."""
         middle = 0.5 * (old.first + old.last)
-        there = self._basis_at(0.0) @ old.coefficients
+        there = polynomials(0.0) @ old.coefficients
         here = self._row(middle + turns * TURN)
         q, t = self.columns.q, self.columns.t
         shift = here[q] - there[q] - old.shift
@@ -306,13 +291,17 @@ class Table:
         path, model, data = self.path, self.model, self.data
         path.go_to(s)
         q, t, c = path.q, path.branch.t, path.branch.c
+        if len(self.spins):
+            t, c = self.spins.without(q, t, c)
         gravity = pin.computeGeneralizedGravity(model, data, q).copy()
         motion = pin.rnea(model, data, q, t, c) - gravity
-        mass = pin.crba(model, data, q)
+        mass = self._mass(q)
         springs: list[float] = []
         for line in self.forces.lines:
             row, length, _ = self.forces.row(path.evaluation, line)
             springs += [length, float(row @ t)]
         potential = float(pin.computePotentialEnergy(model, data, q))
         reduced = [t @ mass @ t, t @ motion, t @ gravity, potential]
+        if len(self.spins):
+            q, t, c = self.spins.put(q, t, c)
         return np.concatenate([q, t, c, springs, path.branch.angles, reduced])

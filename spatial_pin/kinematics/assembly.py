@@ -15,6 +15,7 @@ from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import (
+    blur,
     finite_array,
     finite_number,
     joint_values,
@@ -28,6 +29,7 @@ from spatial_pin.settings import Accuracy
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
+FAR = 10.0  # characteristic lengths; a length named beyond them may be that of another size
 NEAR = 1e-2  # a branch this near to the guess [rad, characteristic lengths] is not questioned
 ACCEPTED = 1e-11  # closure error above which a configuration is not called closed
 PERIODIC = ("revolute", "cylindrical", "universal", "planar")
@@ -77,6 +79,7 @@ def assemble(
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
+    guess = mechanism.start(held) if guess is None else guess
     start = _read_guess(mechanism, guess)
     named = {name: value for name, value in start.named.items() if name not in held}
     search = _Search(mechanism, held, named, limits, accuracy)
@@ -120,10 +123,11 @@ class _Search:
         q, error = close(evaluation, q, self.free, self.tolerance)
         q = nearest_turn(self.mechanism, q, self.held, self.named)
         evaluation.update(q)
-        problem = evaluation.worst_closure() if not error <= ACCEPTED else evaluation.mirrored()
+        accepted = max(ACCEPTED, blur(self.mechanism, q))
+        problem = evaluation.worst_closure() if not error <= accepted else evaluation.mirrored()
         if not problem and self.limits and _violated(self.mechanism, q):
             q, error = _within_limits(evaluation, q, self.free, self.tolerance)
-            problem = evaluation.worst_closure() if not error <= ACCEPTED else evaluation.mirrored()
+            problem = evaluation.worst_closure() if not error <= accepted else evaluation.mirrored()
             problem = problem or _violated(self.mechanism, q)
         if problem:
             if self.nearest_miss is None or error < self.nearest_miss[0]:
@@ -236,13 +240,16 @@ def _starts(
     """Yield start configurations: the guess, then others that keep what it names.
 
     After half of the starts what is named is shaken too, first by up to a radian, in the end by
-    any angle, and lengths in proportion.
+    any angle, and lengths in proportion; named lengths far beyond the mechanism's size are cut.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     fixed = with_values(mechanism, q, {**named, **held})
     yield fixed
     rng = np.random.default_rng(20110)
-    table = mechanism.coordinate_table
+    table, far = mechanism.coordinate_table, FAR * mechanism.characteristic_length
+    nearer = {name: float(np.clip(value, -far, far)) for name, value in named.items()
+              if table[name].unit == "m"}
+    near = with_values(mechanism, fixed, {**nearer, **held})
     is_held = np.array([name in held for name in table], dtype=bool)
     is_named = np.array([name in named for name in table], dtype=bool)
     is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
@@ -253,6 +260,7 @@ def _starts(
         reach = np.where(open_ones, np.pi, 0.0)
         if k > MAX_STARTS // 2 or not open_ones.any():
             reach = np.where(is_named, 1.0 if k < 3 * MAX_STARTS // 4 else np.pi, reach)
+            fixed = near
         reach = reach * np.where(is_angle, 1.0, scale * 0.2)
         yield pin.integrate(model, fixed, rng.uniform(-1.0, 1.0, model.nv) * reach)
 

@@ -42,7 +42,12 @@ class Placed(NamedTuple):
 
     def take(self, which: NDArray[np.intp]) -> Placed:
         """Return some of the configurations."""
-        return Placed(*(np.ascontiguousarray(part[..., which]) for part in self))
+        return Placed(*(part[..., which] for part in self))
+
+    def put(self, which: NDArray[np.intp], some: Placed) -> None:
+        """Write some of the configurations."""
+        for part, new in zip(self, some, strict=True):
+            part[..., which] = new
 
 
 class Batch:
@@ -194,7 +199,7 @@ class BranchBatch(Batch):
         return StackedLU(self.branch.system.stack(self.jacobian(p)))
 
     def correction(self, p: Placed, lu: StackedLU) -> Array:
-        """Return Newton's joint displacements (nv, m) that close the loops, drivers held."""
+        """Return the joint displacements (nv, m) that close the loops, drivers held."""
         system = self.branch.system
         rhs = np.zeros((len(system.matrix), p.q.shape[1]))
         rhs[system.closure_rows] = -p.residual[system.rows]

@@ -15,12 +15,17 @@ from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import blur
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
 MAX_CORRECTIONS = 6
+TIGHT = 1e-12  # closure residual of loops with redundant rows
 LONGEST_STEP = 1.0  # rad, characteristic lengths: joints never move further in one step
+FARTHEST = 1e100  # rad or m: no Taylor series overflows
 EXPLAINED = 0.1  # part of a step that prediction, or the rates at its ends, may leave unexplained
+ROUND_OFF = 1e-14  # correction after which there is no closer
+CLOSED = 1e-22  # square of the closure residual that round-off may leave
 CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
@@ -70,6 +75,12 @@ class Branch:
                       for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
 
+    @property
+    def tolerance(self) -> float:
+        """Closure residual to reach: open loops hide which of their rows are redundant."""
+        wanted = self.accuracy.tolerance
+        return min(wanted, TIGHT) if self.system.has_redundant_rows else wanted
+
     def _set_rates(self) -> None:
         self.t: Array = self.scale * self.system.solve(self.unit)
         self.c: Array = self.system.acceleration(self.q, self.t, self._drive)
@@ -110,8 +121,8 @@ class Branch:
         for spin, rotation in zip(self.spins, rotations, strict=True):
             spin.begin(rotation, h)
 
-    def hold(self, q: Array, value: float) -> None:
-        """Write the prescribed values into a configuration."""
+    def hold(self, q: Array, value: float | Array) -> None:
+        """Write the prescribed values into a configuration (nq,), or some (nq, m)."""
         q[self.at] = value
         for index, fixed in self.held:
             q[index] = fixed
@@ -133,6 +144,8 @@ class Branch:
     def step(self, target: float) -> bool:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
+        if not abs(h) < FARTHEST:
+            return False
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))
@@ -199,10 +212,10 @@ class Branch:
 
     def _correct(self, q: Array, target: float, predicted: float, h: float) -> Array | None:
         """Newton from a predicted configuration, drivers held; None when it goes astray."""
-        evaluation, system, tolerance = self.evaluation, self.system, self.accuracy.tolerance
+        evaluation, system, tolerance = self.evaluation, self.system, self.tolerance
         fixed = self.accuracy.corrections
         allowed = EXPLAINED * predicted
-        last = np.inf
+        last = size = np.inf
         for k in range((MAX_CORRECTIONS if fixed is None else fixed) + 1):
             self.hold(q, target)
             evaluation.update(q)
@@ -210,6 +223,8 @@ class Branch:
             error = float(residual.dot(residual))
             spun = [spin.error(h) for spin in self.spins]
             if k == fixed or (fixed is None and error <= tolerance * tolerance):
+                return q
+            if k and size <= ROUND_OFF and error <= CLOSED:  # no closer than this
                 return q
             if not system.factor():
                 return None
@@ -219,7 +234,7 @@ class Branch:
                 return None
             if k and not size <= CONTRACTION * last:
                 # round-off, not divergence, ends the contraction of a closed loop
-                return q if error <= 1e-22 else None
+                return q if error <= max(CLOSED, blur(self.mechanism, q) ** 2) else None
             last = max(size, 1e-13)
             q = pin.integrate(self.model, q, self.scale * correction)
         return None
@@ -252,7 +267,7 @@ class Branch:
 
     def _march(self, target: float) -> None:
         """Go on by arc length, which finds the limit or passes the hard stretch."""
-        arrival = march(self.system, self.q, target, self.t, self.accuracy.tolerance)
+        arrival = march(self.system, self.q, target, self.t, self.tolerance)
         if arrival.kind != "reached":
             raise Stopped(arrival)
         self.q, self.s = arrival.q, target

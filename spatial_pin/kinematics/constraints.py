@@ -364,12 +364,6 @@ class Evaluation:
         signs[: c.n_products] = c.signs[: c.n_products, at] / self.mechanism.velocity_scale[at]
         return signs
 
-    def product_buffers(self) -> tuple[Array, Any, Array, Array, Array, Array]:
-        """Return G, the matrix of A and B, their buffer, its halves, and a buffer for A * B."""
-        r = self._n_all
-        ab = self._abx[: 2 * r]
-        return self._g, self.constraints.c_abx[: 2 * r], ab, ab[:r], ab[r:], np.empty((r, 3))
-
     def _finish_rows(self, q: Array) -> None:
         """Put product, screw, coupling and passive rows in their places."""
         c, p = self.constraints, self.constraints.n_products

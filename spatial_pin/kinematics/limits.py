@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from spatial_pin.kinematics.arc import (
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.crossing import straight_on
+from spatial_pin.kinematics.joint_range import within_joint_limits
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.kinematics.ranges import Bound, Range
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -34,50 +36,12 @@ MOST_TURNS = 100  # turns of a driver that leads elsewhere with every turn
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
 
 
-class Bound(NamedTuple):
-    """One end of a driver's range.
-
-    Attributes:
-        value: driver value [rad or m], infinite where there is no limit.
-        kind: "limit" (dead centre), "branch point", "singular", "none", or "not followed further"
-            (the value is then the last one reached).
-    """
-
-    value: float
-    kind: str
-
-
-class Range(NamedTuple):
-    """How far a driver can go on its branch.
-
-    Attributes:
-        driver: name of the driver or coordinate.
-        lower, upper: the two ends.
-        unit: "rad" or "m".
-        full_turn: whether it turns all the way round.
-    """
-
-    driver: str
-    lower: Bound
-    upper: Bound
-    unit: str
-    full_turn: bool
-
-    def __str__(self) -> str:
-        if self.full_turn:
-            return f"{self.driver}: full turn"
-        ends = []
-        for bound in (self.lower, self.upper):
-            degrees = f" ({np.degrees(bound.value):.9g}°)" * (self.unit == "rad")
-            ends.append("no limit" if bound.kind == "none" else
-                        f"{bound.value:.12g} {self.unit}{degrees} ({bound.kind})")
-        return f"{self.driver}: from {ends[0]} to {ends[1]}"
-
-
 def limits(
     mechanism: Mechanism,
     driver: str,
     guess: Mapping[str, Any] | State | Array | None = None,
+    *,
+    joints: bool = False,
 ) -> Range:
     """Find how far a driver can go either way on the branch of a guess.
 
@@ -87,10 +51,13 @@ def limits(
         mechanism: the mechanism; other drivers stay where the guess has them.
         driver: a driver or coordinate.
         guess: where to start, as for `assemble`.
+        joints: end the range where a joint, the driver's own among them, reaches a limit of the
+            URDF: the bound is then of kind "upper limit of" or "lower limit of" that joint.
 
     Raises:
         AssemblyError: the guess does not close.
         SingularError: the guess closes in a singular configuration.
+        SpatialPinError: with `joints`, the guess closes beyond a joint limit.
     """
     system, state = _system(mechanism, driver, guess)
     coordinate = system.driven[0]
@@ -99,7 +66,8 @@ def limits(
     direction = _direction(system)
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
-    return Range(driver, ends[0], ends[1], coordinate.unit, turns)
+    found = Range(driver, ends[0], ends[1], coordinate.unit, turns)
+    return within_joint_limits(mechanism, state, found, span) if joints else found
 
 
 def _bound(

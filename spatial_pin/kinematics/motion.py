@@ -27,8 +27,10 @@ class Event(NamedTuple):
 
     Attributes:
         kind: "limit", "near limit" (digits are lost), "singular", "branch point", "dead centre",
-            "lost", "open" (drifted without corrections), or "stopped" (a simulation).
-        value: driver value of it [rad or m]; the time of "stopped" [s].
+            "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed), or
+            "stopped" (a simulation).
+        value: driver value of it [rad or m]; in a simulation the time of "stopped" and
+            "joint limit" [s].
         row: number of rows of the motion before it.
         text: the same as a sentence.
     """

@@ -12,7 +12,7 @@ from scipy.linalg import lapack
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.views import joint_jacobian
-from spatial_pin.linalg import Array, aligned, decompose, independent_rows, pivots_of
+from spatial_pin.linalg import ROUND_OFF, Array, aligned, decompose, independent_rows, pivots_of
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
@@ -177,6 +177,7 @@ class SquareSystem:
         passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space * self.scale))
         missing = len(null_space) - passive
         if not missing:
+            self._check_free()
             return
         if rank_loss(self.evaluation, q, len(self.rows)):
             raise SingularError(
@@ -190,6 +191,20 @@ class SquareSystem:
             f"mechanism {mechanism.name!r}: {missing} of its freedoms are not "
             f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
         )
+
+    def _check_free(self) -> None:
+        """Refuse passive freedoms that closures do hold, by a lever too short to be of use."""
+        evaluation = self.evaluation
+        n = evaluation.constraints.n_rows
+        held = np.abs(evaluation.jacobian[:n] @ self.passive.T).max(axis=1, initial=0.0)
+        if held.max(initial=0.0) > ROUND_OFF:
+            mechanism, row = evaluation.mechanism, int(held.argmax())
+            sizes = np.abs(self.passive).max(axis=0)
+            names = [c for c, s in zip(mechanism.coordinates, sizes, strict=True) if s > 1e-6]
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: {', '.join(names)}: closure "
+                f"{evaluation.constraints.labels[row].closure!r} holds them by a lever of only "
+                f"{held[row]:.0e} of the mechanism's size; no digit of their rates is reliable")
 
     def factor(self) -> bool:
         """Factor the matrix at the evaluation's configuration; False when it is singular."""
@@ -262,18 +277,6 @@ class SquareSystem:
         matrices[self._spin] = jacobians[n:]
         matrices[self._drivers] = self._drive[:, :, None]
         return matrices
-
-    def chord(self) -> tuple[Array, Array]:
-        """Return what corrects a configuration near the last factorisation by products alone.
-
-        Returns:
-            (nv, n_rows): the correction is chord @ residual;
-            (n_passive, nv): what takes away a unit of each spin.
-        """
-        inverse = lapack.dgetri(self._lu, self._pivots)[0].T * self.scale[:, None]
-        chord = np.zeros((len(self.matrix), self.evaluation.constraints.n_rows))
-        chord[:, self.rows] = -inverse[:, self._closure]
-        return chord, -inverse[:, self._spin].T
 
     def put_bias(self, rhs: Array, bias: Array) -> None:
         """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""

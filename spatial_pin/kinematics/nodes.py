@@ -4,204 +4,195 @@ from __future__ import annotations
 
 import math
 from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spatial_pin.kinematics.batch import BranchBatch, Placed
 from spatial_pin.kinematics.branch import Branch
-from spatial_pin.kinematics.chord import NEAR, Chord
 from spatial_pin.kinematics.flat import WRAPPED, cross, dot
 from spatial_pin.kinematics.interpolation import NodeCurve, integrals
 from spatial_pin.linalg import Array, StackedLU
 
-HISTORY = 8  # nodes that an extrapolation goes through
 FEWEST = 4  # nodes that make a curve
-STRAIGHT = 0.9  # least cosine between the path directions at the two ends of a step
-LONGEST_STEP = 0.5  # rad, characteristic lengths, that a joint may move between nodes
 SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
-WORN = 0.1  # the same where redundant rows might better be chosen anew
-UNEXPLAINED = 1e-3  # part of a step that the rates at its two ends may leave unexplained
-SPIN_PASSES = 2
+ROUGH = 1e-8  # closure residual of steps
+OFF = 1e-4  # closure residual of an interpolated point that is no longer a small correction
+CORRECTIONS = 3
+SPIN_PASSES = 6
 SPIN_LEFT = 1e-8  # spin after which another pass would find none
-_EXTRAPOLATION = np.array(
-    [(-1.0) ** (HISTORY - 1 - k) * math.comb(HISTORY, k) for k in range(HISTORY)]
-)
 
 
-class Nodes(NamedTuple):
-    """Nodes s0 + h j of a branch, n of them; arrays as in `batch`."""
+class Skeleton(NamedTuple):
+    """Steps of a branch, n + 1 of them from s0 on at equal distances h.
+
+    Attributes:
+        s0, h: first driver value and step, of either sign.
+        curve: configurations (nq, m) between as a function of driver values.
+        turns: (n_angles, n + 1) angles of screw closures.
+    """
 
     s0: float
     h: float
+    curve: NodeCurve
+    turns: Array
+
+    @property
+    def n(self) -> int:
+        """Number of steps."""
+        return self.curve.n - 1
+
+    @property
+    def end(self) -> float:
+        """Driver value of the last step."""
+        return self.s0 + self.h * self.n
+
+    def angles(self, values: Array) -> Array:
+        """Return the angles (n_angles, m) of screw closures at driver values, roughly."""
+        at = (values - self.s0) / self.h
+        rows = [np.interp(at, np.arange(self.n + 1), angle) for angle in self.turns]
+        return np.array(rows).reshape(-1, len(values))
+
+
+class Points(NamedTuple):
+    """Closed points of a branch, m of them, with their systems and rates; arrays as in `batch`.
+
+    Attributes:
+        off: largest closure residual before they were closed.
+        good: how many pass before the first that is open, or beyond or near a singularity.
+    """
+
     placed: Placed
     lu: StackedLU
     t: Array
     c: Array
     rates: tuple[Array, Array]
-
-    @property
-    def n(self) -> int:
-        """Number of nodes."""
-        return self.placed.q.shape[1]
-
-    @property
-    def end(self) -> float:
-        """Driver value of the last node."""
-        return self.s0 + self.h * (self.n - 1)
-
-    def angles(self, values: Array) -> Array:
-        """Return the angles (n_angles, m) of screw closures at driver values, roughly."""
-        at = (values - self.s0) / self.h
-        rows = [np.interp(at, np.arange(self.n), angle) for angle in self.placed.angles]
-        return np.array(rows).reshape(-1, len(values))
-
-    def curve(self, batch: BranchBatch) -> NodeCurve:
-        """Return the configurations (nq, m) between the nodes as a function of driver values."""
-        q = self.placed.q
-        return NodeCurve(self.s0, self.h, q, *batch.tree.entry_rates(q, self.t, self.c))
+    off: float
+    good: int
 
 
-def follow(
-    batch: BranchBatch, h: float, n_steps: int, history: NodeCurve | None
-) -> Nodes | None:
-    """Return nodes from the branch's place on, at most n_steps + 1, up to the first that fails.
+def steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
+    """Take at most n steps h with a branch; None, and the branch as it was, if they are too few.
 
-    None, and the branch as it was, if they are too few for a curve.
-
-    Args:
-        batch: of the branch, which is moved to some node.
-        h: distance of the nodes, of either sign.
-        n_steps: number of steps wanted.
-        history: the branch up to its place, if known.
+    They are closed no better than the curve between them.
     """
     branch = batch.branch
+    accuracy = branch.accuracy
+    branch.accuracy = replace(accuracy, tolerance=max(accuracy.tolerance, ROUGH))
+    try:
+        return _steps(batch, h, n)
+    finally:
+        branch.accuracy = accuracy
+
+
+def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
+    branch = batch.branch
     start = branch.q, branch.angles, branch.s, [copy(spin) for spin in branch.spins]
-    q = _chain(branch, h, n_steps, history)
-    nodes = _judged(batch, start[2], h, q, start[1]) if len(q) >= FEWEST else None
-    if nodes is None:
+    rows, angles = [(branch.q, branch.t, branch.c)], [branch.angles]
+    for j in range(1, n + 1):
+        selected = branch.system.rows
+        if not branch.step(start[2] + h * j):
+            break
+        rows.append((branch.q, branch.t, branch.c))
+        angles.append(branch.angles)
+        if branch.system.rows is not selected:  # what follows has other independent rows
+            break
+    if len(rows) < FEWEST:
         branch.evaluation.turns[:] = start[1]
         branch.place(start[0])
         branch.s, branch.spins = start[2:]
-    return nodes
-
-
-def _chain(branch: Branch, h: float, n_steps: int, history: NodeCurve | None) -> Array:
-    """Return configurations (n, nq), all but closed, one from the other."""
-    first, s = HISTORY - 1, branch.s
-    q = np.empty((first + n_steps + 1, branch.model.nq))
-    q[first] = branch.q
-    past = s - h * np.arange(first, 0, -1)
-    done = 0
-    if history is not None and history.reaches(float(past[0])):
-        q[:first] = history(past).T
-    else:
-        for done in range(1, min(n_steps, first) + 1):
-            if not branch.step(s + h * done):
-                return q[first : first + done]
-            q[first + done] = branch.q
-    chord = Chord(branch, h)
-    for j in range(done + 1, n_steps + 1):
-        found = chord.close(_EXTRAPOLATION @ q[first + j - HISTORY : first + j], s + h * j)
-        if found is None:
-            return q[first : first + j]
-        q[first + j] = found
-    return q[first:]
-
-
-def _judged(
-    batch: BranchBatch, s0: float, h: float, q: Array, angles: Array
-) -> Nodes | None:
-    """Return the nodes q (n, nq), closed and free of spin, up to the first that fails.
-
-    None if these are too few. The first has the screw angles `angles`.
-    """
-    near = np.repeat(angles[:, None], len(q), axis=1)
-    placed = batch.place(np.ascontiguousarray(q.T), near)
-    if len(near):
-        near = np.unwrap(placed.angles, axis=1)
-        near += angles[:, None] - near[:, :1]
-        placed = batch.place(placed.q, near)
-    nodes = _evaluated(batch, s0, h, placed)
-    n = _good(batch.branch, nodes)
-    if n < FEWEST:
         return None
-    step = batch.correction(placed, nodes.lu)
+    q, t, c = (np.ascontiguousarray(np.array(x).T) for x in zip(*rows, strict=True))
+    return Skeleton(start[2], h, NodeCurve(start[2], h, q, *batch.tree.entry_rates(q, t, c)),
+                    np.array(angles).T)
+
+
+def divided(batch: BranchBatch, skeleton: Skeleton, parts: int) -> tuple[Skeleton | None, float]:
+    """Return a skeleton with its steps divided, free of spin, as far as its points are good.
+
+    None if these are too few. Second, the largest closure residual of the points before they were
+    closed.
+    """
+    h, n = skeleton.h / parts, skeleton.n * parts
+    points = closed(batch, skeleton, skeleton.s0 + h * np.arange(n + 1))
+    n = points.good
+    if n < FEWEST:
+        return None, points.off
+    q = points.placed.q
     if batch.branch.spins:
-        step += batch.spinning(nodes.lu, -_spun(batch, nodes))
-    q = batch.tree.integrate(placed.q[:, :n], step[:, :n])
-    return _evaluated(batch, s0, h, batch.place(q, near[:, :n]))
+        q = batch.tree.integrate(q, batch.spinning(points.lu, -_spun(batch, h, points)))
+        points = _evaluated(batch, batch.place(q, points.placed.angles), points.off)
+    q, t, c, angles = (x[:, :n] for x in (q, points.t, points.c, points.placed.angles))
+    curve = NodeCurve(skeleton.s0, h, q, *batch.tree.entry_rates(q, t, c))
+    return Skeleton(skeleton.s0, h, curve, angles), points.off
 
 
-def _evaluated(batch: BranchBatch, s0: float, h: float, placed: Placed) -> Nodes:
+def closed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> Points:
+    """Return the points of the branch at driver values (m,) on a skeleton."""
+    placed, off = _placed(batch, skeleton, values)
+    return _evaluated(batch, placed, off)
+
+
+def _placed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> tuple[Placed, float]:
+    branch = batch.branch
+    near, q = skeleton.angles(values), skeleton.curve(values)
+    batch.tree.normalize(q)
+    branch.hold(q, values)
+    placed = batch.place(q, near)
+    residual = np.abs(placed.residual).max(axis=0, initial=0.0)
+    enough = 0.1 * tolerance(branch)
+    opened = np.flatnonzero((residual > enough) & (residual < OFF))
+    if opened.size:
+        some = placed.take(opened)
+        lu = batch.factor(some)  # good for all corrections: points move little
+        for _ in range(CORRECTIONS):
+            q = batch.tree.integrate(some.q, np.nan_to_num(batch.correction(some, lu)))
+            branch.hold(q, values[opened])
+            some = batch.place(q, near[:, opened])
+            if np.abs(some.residual).max() <= enough:
+                break
+        placed.put(opened, some)
+    return placed, float(residual.max())
+
+
+def _evaluated(batch: BranchBatch, placed: Placed, off: float) -> Points:
+    branch = batch.branch
     lu = batch.factor(placed)
     t, c, first, second = batch.path_rates(placed, lu)
-    return Nodes(s0, h, placed, lu, t, c, (first, second))
-
-
-def _good(branch: Branch, nodes: Nodes) -> int:
-    """Return how many nodes pass, the first one included."""
-    h, t, c, lu = nodes.h, nodes.t, nodes.c, nodes.lu
-    at, v = branch.linear
-    # Hermite, as in `Branch`
-    moved = np.diff(nodes.placed.q[at], axis=1)
-    told = (0.5 * h) * (t[:, :-1] + t[:, 1:]) + (h * h / 12.0) * (c[:, :-1] - c[:, 1:])
-    size, gap = (np.sqrt(np.square(x).sum(axis=0)) for x in (moved, moved - told[v]))
-    length = np.sqrt(np.square(t).sum(axis=0))
-    cosine = (t[:, :-1] * t[:, 1:]).sum(axis=0) / (length[:-1] * length[1:])
-    root = np.exp(0.5 * (lu.magnitude - lu.magnitude.max()))
-    vanishing = np.zeros(len(gap), dtype=bool)
-    vanishing[1:] = 2.0 * root[1:-1] < root[:-2]  # zero is due before the node
     bad = (
-        is_bad(branch, nodes.placed, lu, float(lu.magnitude.max()), 10.0 * NEAR)[1:]
-        | vanishing
-        | (np.abs(h * t[:, 1:] / branch.scale[:, None]).max(axis=0) > LONGEST_STEP)
-        | ~(gap <= UNEXPLAINED * size + 1e-12)
-        | ~(cosine > STRAIGHT)
-        | ~np.isfinite(c[:, 1:]).all(axis=0)
-    )
-    return 1 + (int(np.argmax(bad)) if bad.any() else len(bad))
-
-
-def is_bad(
-    branch: Branch, placed: Placed, lu: StackedLU, largest: float, tolerance: float
-) -> NDArray[np.bool_]:
-    """Return which points are open, or beyond or too near a singular configuration.
-
-    Args:
-        branch: the branch.
-        placed: the points.
-        lu: their systems.
-        largest: logarithm of the largest determinant around.
-        tolerance: closure residual of a closed one.
-    """
-    worn = WORN if branch.system.has_redundant_rows else SINGULAR
-    return (
-        ~(np.abs(placed.residual).max(axis=0, initial=0.0) <= tolerance)
+        ~(np.abs(placed.residual).max(axis=0, initial=0.0) <= tolerance(branch))
         | (lu.sign != branch.sign)
-        | (lu.magnitude < largest + math.log(worn))
+        | (lu.magnitude < lu.magnitude.max() + math.log(SINGULAR))
+        | ~np.isfinite(c).all(axis=0)
     )
+    good = int(np.argmax(bad)) if bad.any() else len(bad)
+    return Points(placed, lu, t, c, (first, second), off, good)
 
 
-def _spun(batch: BranchBatch, nodes: Nodes) -> Array:
-    """Return the spin (n_passive, n) of each node since the first, which ought to be none.
+def tolerance(branch: Branch) -> float:
+    """Return the closure residual of closed points: no finer than round-off allows."""
+    return max(branch.tolerance, 1e-14)
+
+
+def _spun(batch: BranchBatch, h: float, points: Points) -> Array:
+    """Return the spin (n_passive, n) of points a step h apart, which ought to be none.
 
     The rates have no spin, whatever the spin of the configuration: what the rotation of the body
     moves more than the integral of its rate tells is spin. Taken back, it tells better.
     """
     constraints = batch.constraints
-    spun = np.zeros((len(constraints.spins), nodes.n))
-    turning = batch.tree.columns(nodes.placed.g)[3:]
+    spun = np.zeros((len(constraints.spins), points.t.shape[1]))
+    turning = batch.tree.columns(points.placed.g)[3:]
     for total, (joint, axis) in zip(spun, constraints.spins, strict=True):
         at = batch.tree.carrier[joint]
-        columns = nodes.placed.g[at, :3]
+        columns = points.placed.g[at, :3]
         support = constraints.support(joint)
-        alpha = np.einsum("ivm,vm,v->im", turning, nodes.c, support)[WRAPPED]
-        w, alpha = nodes.rates[0][at, 0, None], (nodes.rates[1][at, 0] + alpha)[None]
+        alpha = np.einsum("ivm,vm,v->im", turning, points.c, support)[WRAPPED]
+        w, alpha = points.rates[0][at, 0, None], (points.rates[1][at, 0] + alpha)[None]
         line = np.einsum("k,kxm->xm", axis, columns)
         for _ in range(SPIN_PASSES):
-            spin = _spin(nodes.h, columns, w, alpha, line)
+            spin = _spin(h, columns, w, alpha, line)
             total += spin
             if np.abs(spin).max() < SPIN_LEFT:
                 break
@@ -212,7 +203,7 @@ def _spun(batch: BranchBatch, nodes: Nodes) -> Array:
 def _spin(h: float, columns: Array, w: Array, alpha: Array, line: Array) -> Array:
     """Return how much the columns (3, 5, n) of a rotation have turned about a line (5, n).
 
-    More than their rates tell, since the first node.
+    More than their rates tell, since the first point.
     """
     first = cross(w, columns)
     second = cross(w, first) + cross(alpha, columns)

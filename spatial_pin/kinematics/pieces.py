@@ -23,6 +23,7 @@ from spatial_pin.kinematics.views import (
     twists,
 )
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 
 FREEDOMS = 32  # of a piece, at least, if there are so many branches
@@ -35,6 +36,7 @@ class Piece(NamedTuple):
         model, data: of the branches.
         joints, q, v: places of its joints (but the ground), configuration and velocity in the
             whole model.
+        mass: its mass matrix at a configuration.
         mass_at: (rows, columns) of the entries of its mass matrix that can be other than zero.
         placements, twists, accelerations, forces, columns: views on `data`.
         rest: zero velocity.
@@ -45,6 +47,7 @@ class Piece(NamedTuple):
     joints: NDArray[np.intp]
     q: NDArray[np.intp]
     v: NDArray[np.intp]
+    mass: MassMatrix
     mass_at: tuple[NDArray[np.intp], NDArray[np.intp]]
     placements: Array
     twists: Array
@@ -75,12 +78,12 @@ def _piece(whole: pin.Model, joints: list[int]) -> Piece:
     for i in joints:
         own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
                                 whole.jointPlacements[i], whole.names[i])
-        model.appendBodyToJoint(own[i], whole.inertias[i], pin.SE3.Identity())
+        model.inertias[own[i]] = whole.inertias[i]
     data = model.createData()
     q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
     v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
-    return Piece(model, data, np.array(joints), q, v, _related(model), placements(data)[1:],
-                 twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
+    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model),
+                 placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
                  joint_jacobian(data, model.nv), np.zeros(model.nv))
 
 
@@ -213,7 +216,7 @@ class PiecewiseRows:
 
     def mass(self, q: Array) -> Array:
         """Return the entries (nnz,) of the mass matrix."""
-        return np.concatenate([pin.crba(p.model, p.data, q[p.q])[p.mass_at] for p in self.pieces])
+        return np.concatenate([p.mass(q[p.q])[p.mass_at] for p in self.pieces])
 
     def motion_forces(self, q: Array, v: Array, a: Array) -> Array:
         """Return M a + b (nv,)."""

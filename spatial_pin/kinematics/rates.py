@@ -13,6 +13,8 @@ from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
+ROUNDINGS = 8.0  # of a closure row, in eps
+
 
 def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
     """Return the coordinates that are prescribed when `names` are.
@@ -70,7 +72,7 @@ def solve_rates(
     Raises:
         SingularError: the drivers do not determine the rates there; says which and why.
         UnknownNameError: a name does not exist.
-        ValueError: a value is NaN or infinite.
+        ValueError: a value is NaN or infinite, or makes rates that are.
     """
     state = of_mechanism(mechanism, state)
     speeds, accelerations = speeds or {}, accelerations or {}
@@ -82,8 +84,12 @@ def solve_rates(
     drive_v = np.array([v_of.get(c.name, 0.0) for c in system.driven])
     drive_a = np.array([a_of.get(c.name, 0.0) for c in system.driven])
     rates = system.driver_rates()
-    v = rates @ drive_v
-    a = system.acceleration(state.q, v, drive_a)
+    with np.errstate(over="ignore", invalid="ignore"):
+        v = rates @ drive_v
+        a = system.acceleration(state.q, v, drive_a)
+    if not np.isfinite(v).all() or not np.isfinite(a).all():
+        raise ValueError(f"speeds {dict(speeds)} and accelerations {dict(accelerations)} make "
+                         "joint rates larger than numbers can be")
     check_rates(system, v, state)
     return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
                  rate_error=round_off(system, rates))
@@ -94,9 +100,11 @@ def round_off(system: SquareSystem, rates: np.ndarray) -> float:
 
     Near a limit position at a small distance e of the driver, joints move 1/sqrt(e) times as fast
     as the driver; a configuration known to round-off times that gives rates to that squared.
+    A short link leaves as much of it as its pivot, by the largest.
     """
-    pace = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
-    return float(np.finfo(float).eps * pace.max(initial=1.0) ** 2)
+    paces = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
+    pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
+    return ROUNDINGS * float(np.finfo(float).eps) * pace * max(pace, 1.0 / max(pivot, 1e-300))
 
 
 def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:

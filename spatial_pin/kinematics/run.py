@@ -1,12 +1,11 @@
-"""Many driver values at once: nodes where the branch needs them, all rows together between them.
+"""Many driver values at once: steps as long as the branch allows, all rows together between them.
 
-`Branch.step` is the specification; this is the same motion at a fraction of the cost. Nodes follow
-the branch at equal distances that its curvature sets, whatever the rows are: extrapolated through
-the last nodes and corrected with a matrix kept for a few steps (`nodes`). Rows are interpolated
-between the nodes, corrected where their loops are not closed, and get their rates hundreds at a
-time (`batch`). Every node and row is judged: closed, on the same side of every singularity, nodes
-explained by the rates at both ends of their step. Rows from the first one that fails are thrown
-away and followed step by step instead.
+`Branch.step` follows the branch at equal distances that its curvature sets, whatever the rows are.
+Its points and rates make a curve; rows are interpolated on it, closed, and get their rates
+hundreds at a time (`batch`). Where rows are many, or bodies spin, the steps are divided first, so
+that rows between them are closed to round-off as they are. Every row is judged: closed, and on the
+same side of every singularity; those from the first one that fails on are thrown away and followed
+step by step instead.
 """
 
 from __future__ import annotations
@@ -17,20 +16,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.kinematics import nodes as node
-from spatial_pin.kinematics.batch import BranchBatch, Placed
+from spatial_pin.kinematics import nodes
+from spatial_pin.kinematics.batch import BranchBatch
 from spatial_pin.kinematics.branch import Branch
-from spatial_pin.kinematics.interpolation import NodeCurve
-from spatial_pin.kinematics.nodes import Nodes
+from spatial_pin.kinematics.nodes import Skeleton
 from spatial_pin.linalg import Array
 
 REST = 8  # rows step by step after a failure
 CHUNK = 512  # rows that are computed together: their arrays fit a processor's cache
-LONGEST = 96  # nodes that are judged together
-FIRST_STEP = 0.08  # rad, characteristic lengths, that a joint moves between the first nodes
-CLOSED = 1e-14  # closure residual between nodes that their distance is chosen for
-# costs [µs] of a step of `Branch`, a node, a row, and of everything else
-STEP_COST, NODE_COST, ROW_COST, START_COST = 55.0, 14.0, 3.0, 1200.0
+TRIES = 3  # each with half the length, before rows are followed step by step
+LONGEST = 24  # steps that make a curve
+FIRST_STEP = 0.4  # rad, characteristic lengths, that a joint moves in the first steps
+LONGEST_STEP = 0.7  # the same in any step
+OFF = 3e-6  # closure residual between steps that their length is chosen for: one correction
+CLOSED = 1e-15  # the same for divided steps: none
+MANY = 3.0  # rows by steps after a division above which steps are divided
+# costs [µs] of a row step by step, of a long step, of a row together with others, of all else
+STEP_COST, LONG_COST, ROW_COST, START_COST = 55.0, 100.0, 3.5, 1500.0
 
 
 class Rows(NamedTuple):
@@ -72,22 +74,18 @@ class Runner:
         self.branch = branch
         self.values = values
         self.batch = BranchBatch(branch)
-        self.tolerance = max(branch.accuracy.tolerance, CLOSED)
         self.rest = 0
-        self._history: NodeCurve | None = None
         self._failures = 0
-        self._restart()
+        self._length: float | None = None
+        self._parts = 8
         sense = np.sign(np.diff(values))
         self._turns = np.flatnonzero(np.diff(sense)) + 1  # rows after which another sense begins
 
-    def _restart(self) -> None:
-        """Choose the distance of nodes by the speed of the joints."""
+    def _reach(self, motion: float) -> float:
+        """Return the change of the driver in which no joint moves further than `motion`."""
         driver = self.branch.scale[self.branch.driven[0].v]
-        pace = max(self._pace(), 1.0 / driver)
-        self._spacing = FIRST_STEP / pace * 0.5 ** min(self._failures, 3)
-
-    def _pace(self) -> float:
-        return float(np.abs(self.branch.t / self.branch.scale).max())
+        pace = float(np.abs(self.branch.t / self.branch.scale).max())
+        return motion / max(pace, 1.0 / driver)
 
     def pays(self, k: int) -> int:
         """Return the row after those from row k on that are worth while to take together, or k."""
@@ -95,109 +93,91 @@ class Runner:
             return k
         at = int(np.searchsorted(self._turns, k))
         end = int(self._turns[at]) + 1 if at < len(self._turns) else len(self.values)
-        length = abs(float(self.values[end - 1]) - self.branch.s)
-        if self._history is None:
-            self._restart()
-        saved = (end - k) * (STEP_COST - ROW_COST) - length / self._spacing * NODE_COST - START_COST
+        left = abs(float(self.values[end - 1]) - self.branch.s)
+        if self._length is None:
+            self._length = self._reach(FIRST_STEP) * 0.5 ** min(self._failures, 3)
+        saved = (end - k) * (STEP_COST - ROW_COST) - left / self._length * LONG_COST - START_COST
         return end if saved > 0.0 else k
 
     def follow(self, k: int, end: int) -> Iterator[tuple[int, Rows]]:
         """Yield rows from row k on, with the place of the first; ends before one that fails.
 
-        The branch stands at, or before, the row before k; afterwards at the last row or node
-        that is good.
+        The branch stands at, or before, the row before k; afterwards at the last row that is good,
+        or behind it.
         """
-        branch, values = self.branch, self.values
+        branch, values, tries = self.branch, self.values, TRIES
         while k < end:
             left = float(values[end - 1]) - branch.s
-            n_steps = max(math.ceil(abs(left) / self._spacing * (1.0 - 1e-9)), node.FEWEST - 1)
-            h = left / n_steps
-            nodes = node.follow(self.batch, h, min(n_steps, LONGEST), self._history)
-            if nodes is None:
+            length = min(self._length or abs(left), self._reach(LONGEST_STEP))
+            n = max(math.ceil(abs(left) / length * (1.0 - 1e-9)), nodes.FEWEST - 1)
+            h = left / n
+            skeleton = nodes.steps(self.batch, h, min(n, LONGEST))
+            if skeleton is None:
+                self._length, tries = 0.5 * abs(h), tries - 1
+                if tries:
+                    continue
                 break
-            curve = nodes.curve(self.batch)
-            until = end  # whatever round-off says of the last node
-            if nodes.n <= n_steps:
-                sense = math.copysign(1.0, h)
-                until = k + int(np.searchsorted(sense * values[k:end], sense * nodes.end))
-            self._open = 0.0
-            for rows in self._rows(nodes, curve, k, until):
+            until = self._until(skeleton, n, k, end)
+            curve, self._off = skeleton, 0.0
+            if branch.spins or until - k > MANY * self._parts * skeleton.n:
+                fine, self._off = nodes.divided(self.batch, skeleton, self._parts)
+                if fine is None:
+                    self._stand(skeleton, k)
+                    break
+                curve, until = fine, self._until(fine, n * self._parts, k, end)
+            for rows in self._rows(curve, k, until):
                 yield k, rows
                 k += len(rows.q)
             if k == len(values):
                 return
-            self._stand(nodes, curve, k if k < until else None)
-            if k < until:
+            self._stand(curve, k if k < until else None)
+            if k < until or abs(curve.end - skeleton.end) > 0.5 * abs(curve.h):
                 break
-            self._history = curve
-            if nodes.n > min(n_steps, LONGEST):
-                self._failures = 0
-            if self._open:
-                self._adapt(abs(h))
+            tries = TRIES
+            self._adapt(abs(h), skeleton.n == min(n, LONGEST))
         else:
             return
         self._failures += 1
         self.rest = REST * 2 ** min(self._failures - 1, 4)
-        self._history = None
+        self._length = None
 
-    def _adapt(self, h: float) -> None:
-        """Choose the distance of nodes for which rows between them would just be closed."""
-        wanted = max(CLOSED, 0.01 * self.branch.accuracy.tolerance)
-        factor = (wanted / max(self._open, 1e-4 * wanted)) ** (1.0 / 12.0)
-        longest = 0.8 * node.LONGEST_STEP / self._pace()
-        self._spacing = min(h * min(max(0.9 * factor, 0.5), 1.8), longest)
+    def _until(self, skeleton: Skeleton, n: int, k: int, end: int) -> int:
+        """Return the row after those from k on that a skeleton holds, `end` if it has n steps."""
+        if skeleton.n == n:  # whatever round-off says of the last step
+            return end
+        sense = math.copysign(1.0, skeleton.h)
+        return k + int(np.searchsorted(sense * self.values[k:end], sense * skeleton.end))
 
-    def _rows(self, nodes: Nodes, curve: NodeCurve, k: int, end: int) -> Iterator[Rows]:
+    def _adapt(self, h: float, is_whole: bool) -> None:
+        """Choose the length of steps, and into how many to divide them, by the residual between."""
+        size = max(self._off, 1e-4 * OFF)
+        self._length = h * min(max(0.9 * (OFF / size) ** (1.0 / 12.0), 0.5), 1.8)
+        self._parts = min(max(math.ceil((size / CLOSED) ** (1.0 / 12.0)), 2), 10)
+        if is_whole:
+            self._failures = 0
+        else:
+            self._length = min(self._length, 0.5 * h)
+
+    def _rows(self, skeleton: Skeleton, k: int, end: int) -> Iterator[Rows]:
         """Yield rows from k to `end` in chunks, the last one shortened by the first that fails."""
-        largest = float(nodes.lu.magnitude.max())
         for begin in range(k, end, CHUNK):
             values = self.values[begin : min(begin + CHUNK, end)]
-            placed = self._closed(curve(values), values, nodes.angles(values))
-            lu = self.batch.factor(placed)
-            t, c, _, _ = self.batch.path_rates(placed, lu)
-            bad = node.is_bad(self.branch, placed, lu, largest, self.tolerance)
-            bad |= ~np.isfinite(c).all(axis=0)
-            n = int(np.argmax(bad)) if bad.any() else len(values)
+            points = nodes.closed(self.batch, skeleton, values)
+            self._off = max(self._off, points.off)
+            n, p = points.good, points.placed
             if n:
-                yield Rows(*(x.T[:n] for x in (placed.q, t, c, placed.residual, placed.angles)))
+                yield Rows(*(x.T[:n] for x in (p.q, points.t, points.c, p.residual, p.angles)))
             if n < len(values):
                 return
 
-    def _closed(self, q: Array, values: Array, near: Array) -> Placed:
-        """Return configurations at driver values, taken from q (nq, m) to closed loops."""
-        batch = self.batch
-        batch.tree.normalize(q)
-        self._hold(q, values)
-        placed = batch.place(q, near)
-        for attempt in range(2):
-            residual = np.abs(placed.residual).max(axis=0, initial=0.0)
-            if not attempt:
-                self._open = max(self._open, float(residual.max()))
-            open_rows = np.flatnonzero(residual > 0.1 * self.tolerance)
-            if not open_rows.size:
-                break
-            some = placed.take(open_rows)
-            step = batch.correction(some, batch.factor(some))
-            moved = batch.tree.integrate(some.q, np.nan_to_num(step))
-            self._hold(moved, values[open_rows])
-            q[:, open_rows] = moved
-            placed = batch.place(q, near)
-        return placed
-
-    def _hold(self, q: Array, values: Array) -> None:
-        q[self.branch.at] = values
-        for index, fixed in self.branch.held:
-            q[index] = fixed
-
-    def _stand(self, nodes: Nodes, curve: NodeCurve, row: int | None) -> None:
-        """Take the branch to the row before `row`, or to the last node."""
-        s = nodes.end if row is None else float(self.values[row - 1])
-        if (s - nodes.s0) / nodes.h < 1e-9:
-            s = nodes.s0
-        h = 0.25 * nodes.h if s != nodes.s0 else -0.25 * nodes.h
-        points = np.array([s - h, s])
-        placed = self._closed(curve(points), points, nodes.angles(points))
-        self.branch.evaluation.turns[:] = placed.angles[:, 1]
-        self.branch.jump(placed.q[:, 0], placed.q[:, 1], s, h)
+    def _stand(self, skeleton: Skeleton, row: int | None) -> None:
+        """Take the branch to the row before `row`, or to the end of a skeleton."""
+        s = skeleton.end if row is None else float(self.values[row - 1])
+        if (s - skeleton.s0) / skeleton.h < 1e-9:
+            s = skeleton.s0
+        h = (0.25 if s != skeleton.s0 else -0.25) * skeleton.h
+        p = nodes.closed(self.batch, skeleton, np.array([s - h, s])).placed
+        self.branch.evaluation.turns[:] = p.angles[:, 1]
+        self.branch.jump(p.q[:, 0], p.q[:, 1], s, h)
         if self.branch.system.has_redundant_rows:
             self.branch.reselect()

@@ -85,6 +85,8 @@ def sensitivities(
     parameters: Iterable[str] | None = None,
 ) -> list[Sensitivity]:
     """Differentiate several outputs at the price of one; see `sensitivity`."""
+    if mechanism.path is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     names = list(mechanism.dimensions if parameters is None else parameters)
     for name in names:
         if name not in mechanism.dimensions:

@@ -59,7 +59,7 @@ class Spin:
         u, v, w = self._d
         a, b, c = self._axis
         triple = a * (v * z - w * y) + b * (w * x - u * z) + c * (u * y - v * x)
-        return a * x + b * y + c * z - triple * h * h / (6.0 * self._h * (self._h + h))
+        return a * x + b * y + c * z - triple * (h / self._h) * (h / (self._h + h)) / 6.0
 
     def accept(self, h: float) -> None:
         """Make the rotation of the last `error` the last accepted one."""

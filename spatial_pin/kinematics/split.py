@@ -46,7 +46,7 @@ def split(model: pin.Model) -> SplitModel:
         for k, (joint, offset) in enumerate(_parts(model.joints[i].extract())):
             at = out.addJoint(at, joint, placement * offset, f"{model.names[i]} {k}")
             placement = pin.SE3.Identity()
-        out.appendBodyToJoint(at, model.inertias[i], pin.SE3.Identity())
+        out.inertias[at] = model.inertias[i]
         carrier.append(at)
     return SplitModel(out, np.array(carrier))
 

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.frames import Located
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -103,11 +104,26 @@ class State:
 
     @cached_property
     def data(self) -> pin.Data:
-        """Pinocchio data with joint and frame kinematics at (q, v, a)."""
+        """Pinocchio data with joint and frame kinematics at (q, v, a).
+
+        Of the whole tree: its memory grows with the cube of the freedoms. Frames of a large tree
+        are found without it.
+        """
         data = self.mechanism.model.createData()
         pin.forwardKinematics(self.mechanism.model, data, self.q, self.v, self.a)
         pin.updateFramePlacements(self.mechanism.model, data)
         return data
+
+    @cached_property
+    def _located(self) -> Located:
+        return Located(self.mechanism, (self.q, self.v, self.a))
+
+    def _find(self, name: str) -> tuple[pin.Model, pin.Data, int]:
+        """Return a model and its data, and the place in it, of a link, frame or joint."""
+        frame = self.mechanism.frame_id(name)
+        if self._located.is_whole:
+            return self.mechanism.model, self.data, frame
+        return self._located.find(frame)
 
     def coordinate(self, name: str) -> CoordinateRates:
         """Return (value, rate, acceleration) of a joint coordinate [rad or m, per s, per s²].
@@ -123,22 +139,19 @@ class State:
 
     def placement(self, name: str) -> pin.SE3:
         """Return the placement of a link, frame or joint in the world [m]."""
-        return self.data.oMf[self.mechanism.frame_id(name)].copy()
+        _, data, frame = self._find(name)
+        return data.oMf[frame].copy()
 
     def velocity(self, name: str) -> pin.Motion:
         """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s]."""
-        return pin.getFrameVelocity(
-            self.mechanism.model, self.data, self.mechanism.frame_id(name), WORLD_AXES
-        )
+        return pin.getFrameVelocity(*self._find(name), WORLD_AXES)
 
     def acceleration(self, name: str) -> pin.Motion:
         """Return the classical acceleration of a frame's origin and the angular acceleration.
 
         World axes [m/s², rad/s²]; the linear part is the second derivative of the position.
         """
-        return pin.getFrameClassicalAcceleration(
-            self.mechanism.model, self.data, self.mechanism.frame_id(name), WORLD_AXES
-        )
+        return pin.getFrameClassicalAcceleration(*self._find(name), WORLD_AXES)
 
     def angular_velocity(self, name: str) -> Array:
         """Return the angular velocity of a link or frame, world axes (3,) [rad/s]."""

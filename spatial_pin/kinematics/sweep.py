@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ from spatial_pin.errors import AssemblyError, LimitError, SingularError
 from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.kinematics.branch import TIGHT, Branch, Stopped
+from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
@@ -112,7 +113,8 @@ def sweep(
     speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
     coordinate = mechanism.driven_coordinate(driver)
     hold = dict(hold or {})
-    state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=accuracy)
+    tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
+    state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
     driven = driven_coordinates(mechanism, [driver, *hold])
     driven.sort(key=lambda c: c.name != coordinate.name)
     branch = Branch(state, driven, accuracy)
@@ -129,7 +131,8 @@ def sweep(
         bar.close()
     motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
-    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion)]
+    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
+                      *joint_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
         ends = on_limit if stop.kind == "limit" else on_crossing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,6 +17,8 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
 from spatial_pin.mechanism.urdf import dimensions
+
+SMALLEST = 1e-100  # m
 
 
 class Coordinate(NamedTuple):
@@ -47,6 +50,8 @@ class Closure:
         frames: names of the two frames it joins (empty for a coupling).
         geometry: the pair's axes, length and lead (None for a coupling).
         joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
+        equations: which of the pair's equations are asked for, None for all; the others must
+            hold of themselves (planar loops).
     """
 
     name: str
@@ -56,6 +61,7 @@ class Closure:
     joints: tuple[str, ...] = ()
     ratio: float = 1.0
     offset: float = 0.0
+    equations: tuple[int, ...] | None = None
 
     @property
     def pair(self) -> Pair:
@@ -67,7 +73,8 @@ class Closure:
         """Its scalar equations on the relative placement (none for a coupling)."""
         if self.geometry is None or self.pair.rows is None:
             return ()
-        return self.pair.rows(self.geometry)
+        rows = self.pair.rows(self.geometry)
+        return rows if self.equations is None else tuple(rows[k] for k in self.equations)
 
     @property
     def n_rows(self) -> int:
@@ -263,6 +270,14 @@ class Mechanism:
         frame = self.model.frames[self.frame_id(name)]
         return int(frame.parentJoint), frame.placement
 
+    def start(self, values: Mapping[str, float]) -> Array | None:
+        """Return where to assemble when nobody says, (nq,); None for the guess of the file.
+
+        Args:
+            values: coordinates to be held [rad, m].
+        """
+        return None
+
     # ------------------------------------------------------------ numbers
 
     @cached_property
@@ -274,14 +289,24 @@ class Mechanism:
 
     @cached_property
     def characteristic_length(self) -> float:
-        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0."""
+        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0.
+
+        Raises:
+            MechanismFileError: it is so small or large that squares leave the range of numbers.
+        """
         joints = [pin.SE3.Identity()]  # every joint is the identity at neutral
         for parent, placement in zip(self.model.parents[1:], self.model.jointPlacements[1:],
                                      strict=True):
             joints.append(joints[parent] * placement)
         points = np.array([joints[f.parentJoint].act(f.placement.translation)
                            for f in self.model.frames])
-        span = max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
+        unit = 2.0 ** math.frexp(float(np.abs(points).max(initial=0.0)))[1]  # changes no digit
+        points /= unit
+        span = unit * max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
+        if span and not SMALLEST <= span <= 1.0 / SMALLEST:
+            raise MechanismFileError(
+                f"mechanism {self.name!r} is {span:.3g} m large; only sizes from {SMALLEST:g} to "
+                f"{1.0 / SMALLEST:g} m can be worked with")
         return span if span > 0.0 else 1.0
 
     @cached_property
@@ -298,7 +323,8 @@ class Mechanism:
         """
         models = []
         for closure in self.closures:
-            native = None if closure.type == COUPLING else closure.pair.native
+            whole = closure.type != COUPLING and closure.equations is None
+            native = closure.pair.native if whole else None
             if native is None:
                 raise ClosureTypeError(
                     f"mechanism {self.name!r}: closure {closure.name!r} is {closure.type}; "

@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
 from spatial_pin.mechanism.urdf_checks import check_joint, check_links, check_structure, numbers
 
@@ -183,8 +184,15 @@ def read_tree(
     Raises:
         MechanismFileError: the file cannot be read, is not a tree, or has impossible numbers.
     """
-    refinements = refinements or {}
-    urdf = expand(path, parameters or {})
+    return tree_of(expand(path, parameters or {}), path, refinements or {})
+
+
+def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -> Tree:
+    """Build the open tree of plain URDF text; `path` is where it comes from.
+
+    Raises:
+        MechanismFileError: it is not a tree, or has impossible numbers.
+    """
     robot = _parse(urdf, path)
     check_structure(robot, path)
     inertias = check_links(robot, path)
@@ -207,6 +215,12 @@ def read_tree(
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     rebuilt = _rebuild(model, pairs, elements, refinements, path)
+    try:
+        put_inertias(rebuilt, inertias)
+    except (RuntimeError, ValueError) as error:
+        raise MechanismFileError(
+            f"{path}: inertias leave the range of numbers: it is too large or too heavy"
+        ) from error
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
     return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf)
 
@@ -321,8 +335,6 @@ def _rebuild(
                   else _read_limits(elements[name], joint.nq, joint.nv))
         new.addJoint(model.parents[i], joint, model.jointPlacements[i], name, *limits)
     new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
-    for i in range(model.njoints):
-        new.inertias[i] = model.inertias[i]
     for frame in list(model.frames)[1:]:
         new.addFrame(frame, False)
     return new

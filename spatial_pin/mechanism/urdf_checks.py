@@ -16,6 +16,8 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
 
+LIGHTEST = 1e-200  # kg
+
 # ---------------------------------------------------------------- structure
 
 
@@ -200,4 +202,8 @@ def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
             stacklevel=2,
         )
     rotation = placement.rotation
+    if mass and not LIGHTEST <= mass <= 1.0 / LIGHTEST:
+        raise MechanismFileError(
+            f"{where}: a mass of {mass:.3g} kg; only 0 and masses from {LIGHTEST:g} to "
+            f"{1.0 / LIGHTEST:g} kg can be worked with")
     return pin.Inertia(mass, placement.translation, rotation @ matrix @ rotation.T)

@@ -1,4 +1,4 @@
-"""What is shown of a mechanism of which nothing is said: a move of its first driver."""
+"""The motion of a mechanism of which nothing is said: a move of its first driver."""
 
 from __future__ import annotations
 

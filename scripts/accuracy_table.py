@@ -1,0 +1,175 @@
+"""The table behind `Accuracy.for_error`: what settings reach on every mechanism of the library.
+
+    python scripts/accuracy_table.py                  # both tasks, some ten minutes
+    python scripts/accuracy_table.py --task sweep --only rssr stewart
+
+Every mechanism with loops does its usual move (`sp.tradeoff(mech, "sweep")`: one turn of the first
+driver, 361 values) and swings a few seconds under gravity (`"simulate"`). Only settings that watch
+their error themselves are tried: corrections to a tolerance, integrators that choose their step.
+Of each, the largest error over all mechanisms is taken, times `MARGIN`, and the time by that of
+"engineering", in geometric mean. Settings that fail on a mechanism are left out, and so are those
+that another one beats in both. What is left is printed as `MEASURED` in `spatial_pin/settings.py`.
+Motions that no setting follows to `HOPELESS` (unstable ones, sweeps through singular
+configurations) are left out, and named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.accuracy.grid import describe, simulation_settings, sweep_settings
+from spatial_pin.accuracy.tradeoff import ROUND_OFF, pareto, tradeoff
+
+MARGIN = 10.0  # by which the promised error exceeds the largest that was measured
+LARGEST = 0.1  # error that is worth a promise
+HOPELESS = {"sweep": 1e-11, "simulate": 1e-8}  # best error above which the motion is to blame
+BASE = sp.Accuracy.named("engineering")
+SAME = {"sweep": ("order", "corrections", "tolerance"),
+        "simulate": tuple(f.name for f in fields(sp.Accuracy))}  # what tells settings apart
+
+Table = dict[str, Any]  # a trade-off as plain data
+
+
+class Entry(NamedTuple):
+    """A setting over all mechanisms.
+
+    Attributes:
+        accuracy: the setting.
+        error: largest error that was measured.
+        where: on which mechanism.
+        time: time by that of BASE, geometric mean.
+        failed: mechanisms on which it fails.
+    """
+
+    accuracy: sp.Accuracy
+    error: float
+    where: str
+    time: float
+    failed: list[str]
+
+
+def candidates(task: str) -> list[sp.Accuracy]:
+    """Return the settings that watch their own error."""
+    if task == "sweep":
+        return [a for a in sweep_settings() if a.corrections is None and a.order]
+    return [a for a in simulation_settings(1.0) if a.step is None]
+
+
+def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:
+    """Return the trade-offs of mechanisms with loops; says which have no such task."""
+    found = []
+    for name in names:
+        mechanism = sp.load(name)
+        if not mechanism.closures:
+            continue
+        try:
+            found.append(tradeoff(mechanism, task, settings=candidates(task), repeats=3,
+                                  budget=budget, progress=True).as_dict())
+        except sp.SpatialPinError as error:
+            print(f"# {name} left out: {error}")
+    return found
+
+
+def known_error(table: Table, row: Table) -> float:
+    """Return the error of a row as far as it is known; infinite where it failed."""
+    if row["error"] is None:
+        return math.inf
+    return max(row["error"], table["reference_error"], ROUND_OFF)
+
+
+def useful(task: str, tables: list[Table]) -> list[Table]:
+    """Return the tables of motions that any setting can follow; says which are not."""
+    kept = []
+    for table in tables:
+        best = min(known_error(table, row) for row in table["rows"])
+        if best > HOPELESS[task]:
+            print(f"# {table['mechanism']} left out: unstable or near a singular configuration, "
+                  f"the best error is {best:.1e}")
+        else:
+            kept.append(table)
+    return kept
+
+
+def entries(task: str, tables: list[Table]) -> list[Entry]:
+    """Return every setting over all mechanisms, the fastest first."""
+    rows: dict[sp.Accuracy, dict[str, tuple[float, float]]] = {}
+    for table in tables:
+        base = next(row["time_per_step"] for row in table["rows"]
+                    if all(row["accuracy"][key] == getattr(BASE, key) for key in SAME[task]))
+        for row in table["rows"]:
+            rows.setdefault(sp.Accuracy(**row["accuracy"]), {})[table["mechanism"]] = (
+                known_error(table, row), row["time_per_step"] / base)
+    found = []
+    for accuracy, by_name in rows.items():
+        good = {name: x for name, x in by_name.items() if math.isfinite(x[0])}
+        where = max(good, key=lambda name: good[name][0], default="")
+        time = float(np.exp(np.mean([math.log(x[1]) for x in good.values()] or [math.inf])))
+        found.append(Entry(accuracy, good[where][0] if where else math.inf, where, time,
+                           sorted(set(by_name) - set(good))))
+    return sorted(found, key=lambda entry: entry.time)
+
+
+def promised(error: float) -> float:
+    """Return the margin times an error, rounded up to one digit."""
+    size = 10.0 ** math.floor(math.log10(MARGIN * error))
+    return float(f"{math.ceil(MARGIN * error / size * (1 - 1e-12)) * size:.0e}")
+
+
+def chosen(table: list[Entry]) -> list[Entry]:
+    """Return the entries that work everywhere, are not beaten, and are worth a promise."""
+    good = [entry for entry in table if not entry.failed and promised(entry.error) <= LARGEST]
+    flags = pareto([e.time for e in good], [promised(e.error) for e in good])
+    return [entry for entry, flag in zip(good, flags, strict=True) if flag]
+
+
+def literal(accuracy: sp.Accuracy) -> str:
+    """Return the setting as Python text, without its defaults."""
+    said = [f"{f.name}={getattr(accuracy, f.name)!r}" for f in fields(accuracy)
+            if getattr(accuracy, f.name) != f.default]
+    return f"Accuracy({', '.join(said)})".replace("'", '"')
+
+
+def report(task: str, tables: list[Table]) -> list[str]:
+    """Return all settings as text, then the entries of MEASURED."""
+    found = entries(task, tables)
+    lines = [f"# {task}: {len(tables)} mechanisms; the references are good to "
+             f"{max(t['reference_error'] for t in tables):.0e} at least"]
+    for entry in found:
+        bad = f"  fails on {', '.join(entry.failed)}" if entry.failed else ""
+        lines.append(f"# {describe(entry.accuracy, task):30} time {entry.time:5.2f}  error "
+                     f"{entry.error:.1e} ({entry.where}){bad}")
+    lines.append(f'    "{task}": (')
+    lines += [f"        ({promised(entry.error)!r}, {literal(entry.accuracy)}),"
+              for entry in chosen(found)]
+    return [*lines, "    ),"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--task", choices=("sweep", "simulate"))
+    parser.add_argument("--only", nargs="+", metavar="M", help="mechanisms (all with loops)")
+    parser.add_argument("--budget", type=float, default=15.0,
+                        help="seconds a mechanism and task after which no run is repeated (15)")
+    parser.add_argument("--json", metavar="F", help="write all trade-offs")
+    parser.add_argument("--read", metavar="F", help="read what --json wrote instead of measuring")
+    options = parser.parse_args()
+    known = json.loads(Path(options.read).read_text(encoding="utf-8")) if options.read else {}
+    for task in [options.task] if options.task else ["sweep", "simulate"]:
+        if not options.read:
+            known[task] = measured(task, options.only or sp.list_mechanisms(), options.budget)
+        print("\n".join(report(task, useful(task, known[task]))), flush=True)
+    if options.json:
+        Path(options.json).write_text(json.dumps(known, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

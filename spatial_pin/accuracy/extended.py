@@ -1,0 +1,294 @@
+"""Closure equations in extended precision, evaluated without Pinocchio for many rows at once.
+
+Placements are products of exponentials of the joints' screws, in `numpy.longdouble` (64 bits of
+mantissa on x86). Every quantity is carried with its first two derivatives in time, as arrays
+(3, N, ...) whose products follow Leibniz' rule: velocities and accelerations of the rows come from
+differentiating their definition (`spatial_pin.mechanism.rows`), by no formula that the library's
+solvers use. With T the placement of a joint and X the 4 x 4 matrix of its body twist,
+
+    T' = T X,    T'' = T (X X + X').
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import point_on_body as point_on
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.rows import Row
+
+Long: Any = np.longdouble
+EPS = float(np.finfo(Long).eps)  # 1.1e-19 on x86; that of float64 where there is nothing longer
+
+
+class _Joint(NamedTuple):
+    """One joint: its parent, placement (4, 4), pair, places in q and v, and screws (6, n)."""
+
+    parent: int
+    placement: Array
+    is_linear: bool
+    q: int
+    v: int
+    nq: int
+    screws: Array
+
+
+def _matrix(placement: pin.SE3) -> Array:
+    return placement.homogeneous.astype(Long)
+
+
+def times(a: Array, b: Array) -> Array:
+    """Return the matrix product of two quantities with their rates (3, N, ., .)."""
+    return np.stack([a[0] @ b[0], a[1] @ b[0] + a[0] @ b[1],
+                     a[2] @ b[0] + 2 * (a[1] @ b[1]) + a[0] @ b[2]])
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Return the scalar product of two vectors with their rates (3, N, 3)."""
+    return np.stack([(a[0] * b[0]).sum(-1), (a[1] * b[0] + a[0] * b[1]).sum(-1),
+                     (a[2] * b[0] + 2 * a[1] * b[1] + a[0] * b[2]).sum(-1)])
+
+
+def _twist_matrices(twists: Array) -> Array:
+    """Return the matrices (N, 4, 4) of twists (N, 6), linear above angular."""
+    x = np.zeros((len(twists), 4, 4), dtype=Long)
+    v1, v2, v3, w1, w2, w3 = twists.T
+    x[:, 0, 1], x[:, 0, 2], x[:, 1, 2] = -w3, w2, -w1
+    x[:, 1, 0], x[:, 2, 0], x[:, 2, 1] = w3, -w2, w1
+    x[:, 0, 3], x[:, 1, 3], x[:, 2, 3] = v1, v2, v3
+    return x
+
+
+def _moving(t: Array, twists: Array, rates: Array) -> Array:
+    """Return placements (3, N, 4, 4) with their rates, from body twists and their rates (N, 6)."""
+    x = _twist_matrices(twists)
+    return np.stack([t, t @ x, t @ (x @ x + _twist_matrices(rates))])
+
+
+def _about(screw: Array, angle: Array) -> Array:
+    """Return exp(screw * angle) (N, 4, 4), the screw's axis through the origin.
+
+    Rodrigues' formula; the translation is along the axis, or there is no rotation.
+    """
+    t = np.zeros((len(angle), 4, 4), dtype=Long)
+    w = _twist_matrices(np.concatenate([np.zeros(3, dtype=Long), screw[3:]])[None])[0]
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    t[:] = np.eye(4) + s * w + (1 - c) * (w @ w)
+    t[:, :3, 3] = angle[:, None] * screw[:3]
+    return t
+
+
+def _of_quaternions(quaternions: Array) -> Array:
+    """Return placements (N, 4, 4) without translation of quaternions (N, 4) x, y, z, w."""
+    x, y, z, w = (quaternions / np.sqrt((quaternions**2).sum(-1, keepdims=True))).T
+    k = np.zeros((len(quaternions), 4, 4), dtype=Long)
+    k[:, 0, 1], k[:, 0, 2], k[:, 1, 2] = -z, y, -x
+    k[:, 1, 0], k[:, 2, 0], k[:, 2, 1] = z, -y, x
+    return np.eye(4) + 2 * (w[:, None, None] * k + k @ k)
+
+
+def _compose(a: Array, b: Array) -> Array:
+    """Return the products (N, 4) of quaternions x, y, z, w."""
+    va, vb, wa, wb = a[:, :3], b[:, :3], a[:, 3:], b[:, 3:]
+    return np.hstack([wa * vb + wb * va + np.cross(va, vb),
+                      wa * wb - (va * vb).sum(-1, keepdims=True)])
+
+
+class Extended:
+    """The closure equations of a mechanism in extended precision.
+
+    Attributes:
+        n_rows: number of closure rows.
+        n_spins: number of resolved passive freedoms.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, model = mechanism, mechanism.model
+        data, n = model.createData(), model.njoints
+        pin.computeJointJacobians(model, data, mechanism.neutral.copy())
+        self._joints = []
+        for i in range(1, n):
+            at, count = model.idx_vs[i], model.nvs[i]
+            columns = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
+            screws = columns.reshape(6, -1)[:, at : at + count].astype(Long)
+            sizes = np.sqrt((screws[3:] ** 2).sum(0))
+            screws[3:] /= np.where(sizes > 0, sizes, 1)
+            self._joints.append(_Joint(
+                model.parents[i], _matrix(model.jointPlacements[i]),
+                PAIRS[mechanism.pairs[i - 1]].is_linear, model.idx_qs[i], at, model.nqs[i], screws))
+        self._scale = 1 / Long(mechanism.characteristic_length)
+        self._couplings = [c for c in mechanism.closures if c.type == COUPLING]
+        self._spins = []
+        for passive in mechanism.passives:
+            joint, _ = mechanism.frame_on_joint(passive.body)
+            a, b = (point_on(mechanism, joint, name).astype(Long) for name in passive.axis)
+            self._spins.append((joint, (b - a) / np.sqrt(((b - a) ** 2).sum())))
+        self.n_rows = sum(closure.n_rows for closure in mechanism.closures)
+        self.n_spins = len(self._spins)
+
+    def placements(self, q: Array, v: Array, a: Array) -> list[Array]:
+        """Return the joint placements (3, N, 4, 4) in the world with their rates."""
+        still = np.zeros((3, len(q), 4, 4), dtype=Long)
+        still[0] = np.eye(4)
+        found = [still]
+        for joint in self._joints:
+            t = np.einsum("knij,jl->knil", found[joint.parent], joint.placement)
+            for element in self._elements(joint, q, v, a):
+                t = times(t, element)
+            found.append(t)
+        return found
+
+    def _elements(self, joint: _Joint, q: Array, v: Array, a: Array) -> list[Array]:
+        if joint.is_linear:
+            return [_moving(_about(s, q[:, joint.q + k]), v[:, [joint.v + k]] * s,
+                            a[:, [joint.v + k]] * s)
+                    for k, s in enumerate(joint.screws.T)]
+        end, count = joint.q + joint.nq, joint.screws.shape[1]
+        t = _of_quaternions(q[:, end - 4 : end])
+        if count == 6:
+            t[:, :3, 3] = q[:, joint.q : joint.q + 3]
+        lead = np.zeros((len(q), 6 - count), dtype=Long)
+        moving = (np.hstack([lead, x[:, joint.v : joint.v + count]]) for x in (v, a))
+        return [_moving(t, *moving)]
+
+    def rows(self, q: Array, v: Array, a: Array, turns: Array) -> Array:
+        """Return the closure rows with their rates (3, N, n_rows) [-], in `Evaluation`'s order.
+
+        Args:
+            q: (N, nq) configurations.
+            v: (N, nv) velocities.
+            a: (N, nv) accelerations.
+            turns: (N, n) relative angles of screw closures to within half a turn [rad].
+        """
+        placements = self.placements(q, v, a)
+        found, screw = [], 0
+        for closure in self.mechanism.closures:
+            if closure.type == COUPLING:
+                continue
+            first, second = (self._frame(placements, name) for name in closure.frames)
+            d = (second - first)[..., :3, 3]
+            for row in closure.rows:
+                value = self._row(row, first[..., :3, :3], second[..., :3, :3], d)
+                if row.pitch is not None:
+                    value = value - self._scale * row.pitch * self._angle(
+                        row, first[..., :3, :3], second[..., :3, :3], turns[:, screw])
+                    screw += 1
+                found.append(value)
+        found += [self._coupling(closure, q, v, a) for closure in self._couplings]
+        return np.stack(found, axis=-1) if found else np.zeros((3, len(q), 0), dtype=Long)
+
+    def _frame(self, placements: list[Array], name: str) -> Array:
+        joint, offset = self.mechanism.frame_on_joint(name)
+        return placements[joint] @ _matrix(offset)
+
+    def _row(self, row: Row, r1: Array, r2: Array, d: Array) -> Array:
+        if row.u is None:
+            length = Long(row.offset)
+            value = dot(d, d)
+            value[0] -= length * length
+            return value * (self._scale / (2 * length))
+        u = r1 @ row.u.astype(Long)
+        if row.w is None:
+            return dot(u, d) * self._scale
+        value = dot(u, r2 @ row.w.astype(Long))
+        value[0] -= row.offset
+        return value
+
+    def _angle(self, row: Row, r1: Array, r2: Array, turns: Array) -> Array:
+        """Return the relative angle of a screw row with its rates (3, N) [rad]."""
+        assert row.angle_from is not None and row.angle_of is not None
+        of = r2 @ row.angle_of.astype(Long)
+        c, s = (dot(r1 @ u.astype(Long), of) for u in row.angle_from)
+        n = s[0] ** 2 + c[0] ** 2
+        turning = c[0] * s[1] - s[0] * c[1]
+        rate = turning / n
+        change = 2 * (s[0] * s[1] + c[0] * c[1])
+        angle, turn = np.arctan2(s[0], c[0]), 8 * np.arctan(Long(1))
+        return np.stack([angle + turn * np.round((turns - angle) / turn), rate,
+                         (c[0] * s[2] - s[0] * c[2]) / n - rate * change / n])
+
+    def _coupling(self, closure: Closure, q: Array, v: Array, a: Array) -> Array:
+        first, second = (self.mechanism.coordinate(name) for name in closure.joints)
+        scale = Long(1) if second.unit == "rad" else self._scale
+        ratio = Long(closure.ratio)
+        value = np.stack([x[:, k] - ratio * x[:, i] for x, i, k in (
+            (q, first.q, second.q), (v, first.v, second.v), (a, first.v, second.v))])
+        value[0] -= closure.offset
+        return value * scale
+
+    def spins(self, q: Array, v: Array, a: Array) -> Array:
+        """Return (2, N, n) speed and acceleration of the resolved passive spins [rad/s, rad/s²]."""
+        placements = self.placements(q, v, a) if self._spins else []
+        found = []
+        for joint, axis in self._spins:
+            r, dr, ddr = placements[joint][..., :3, :3]
+            back = np.swapaxes(r, -1, -2)
+            found.append([_unskew(back @ x) @ axis for x in (dr, ddr)])
+        return np.moveaxis(np.array(found, dtype=Long).reshape(-1, 2, len(q)), 0, -1)
+
+    def closure_errors(self, q: Array, turns: Array) -> Array:
+        """Return the largest closure row (N,) of configurations (N, nq) [-]."""
+        q = np.asarray(q, dtype=Long)
+        still = np.zeros((len(q), self.mechanism.model.nv), dtype=Long)
+        rows = np.abs(self.rows(q, still, still, turns)[0])
+        return rows.max(axis=-1, initial=0).astype(float)
+
+    # ------------------------------------------------------------ configurations
+
+    def integrate(self, q: Array, step: Array) -> Array:
+        """Return configurations (N, nq) moved by small steps (N, nv)."""
+        moved = q.copy()
+        for joint in self._joints:
+            n, end = joint.screws.shape[1], joint.q + joint.nq
+            dx = step[:, joint.v : joint.v + n]
+            if joint.is_linear:
+                moved[:, joint.q : end] += dx
+                continue
+            turn = q[:, end - 4 : end]
+            if n == 6:
+                r = _of_quaternions(turn)[:, :3, :3]
+                moved[:, joint.q : end - 4] += (r @ dx[:, :3, None])[..., 0]
+            small = np.hstack([dx[:, -3:] / 2, np.ones((len(q), 1), dtype=Long)])
+            turned = _compose(turn, small)
+            moved[:, end - 4 : end] = turned / np.sqrt((turned**2).sum(-1, keepdims=True))
+        return moved
+
+    def difference(self, first: Array, second: Array) -> Array:
+        """Return the steps (N, nv) from configurations to others (N, nq).
+
+        Rotation vectors in body axes; translations of floating joints in those of the first.
+        """
+        steps = np.zeros((len(first), self.mechanism.model.nv), dtype=Long)
+        for joint in self._joints:
+            n, end = joint.screws.shape[1], joint.q + joint.nq
+            if joint.is_linear:
+                steps[:, joint.v : joint.v + n] = (second - first)[:, joint.q : end]
+                continue
+            a, b = first[:, end - 4 : end], second[:, end - 4 : end]
+            if n == 6:
+                moved = (second - first)[:, joint.q : end - 4]
+                back = np.swapaxes(_of_quaternions(a)[:, :3, :3], -1, -2)
+                steps[:, joint.v : joint.v + 3] = (back @ moved[..., None])[..., 0]
+            steps[:, joint.v + n - 3 : joint.v + n] = _rotation_vectors(a, b)
+        return steps
+
+
+def _rotation_vectors(a: Array, b: Array) -> Array:
+    """Return the rotation vectors (N, 3) from orientations a to b (N, 4), in the axes of a."""
+    back = a * np.array([-1, -1, -1, 1])
+    turn = _compose(back, b)
+    turn = np.where(turn[:, 3:] < 0, -turn, turn)
+    sine = np.sqrt((turn[:, :3] ** 2).sum(-1, keepdims=True))
+    angle = 2 * np.arctan2(sine, turn[:, 3:])
+    return np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2) * turn[:, :3]
+
+
+def _unskew(k: Array) -> Array:
+    """Return the axial vectors (N, 3) of the skew parts of matrices (N, 3, 3)."""
+    return np.stack([k[:, 2, 1] - k[:, 1, 2], k[:, 0, 2] - k[:, 2, 0],
+                     k[:, 1, 0] - k[:, 0, 1]], axis=-1) / 2

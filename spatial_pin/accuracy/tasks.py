@@ -1,0 +1,224 @@
+"""What a trade-off is measured on: one sweep, or one simulation, repeated with other settings."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from spatial_pin.dynamics.simulate import Simulation, simulate
+from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
+from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.kinematics.usual import usual_motion
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import needed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.settings import Accuracy
+
+OURS = ("mechanism", "accuracy", "progress")  # arguments that the trade-off itself gives
+SWINGS = 9.0  # length of the usual simulation, by sqrt(characteristic length / gravity)
+SHORTER = 0.8  # part of the time to a singular configuration that is simulated instead
+ROWS = 201  # of the usual simulation
+STILL = 1e-9  # joint speed [rad/s, lengths/s] that is no motion
+
+
+@dataclass(frozen=True, eq=False)
+class SweepTask:
+    """A sweep that begins at a known state.
+
+    Attributes:
+        start: the exact motion's first state; every setting begins there.
+        arguments: keyword arguments of `sweep`, without accuracy.
+    """
+
+    mechanism: Mechanism
+    start: State
+    arguments: dict[str, Any]
+    kind: ClassVar[str] = "sweep"
+    RATES: ClassVar[dict[str, float]] = {"speed": 1.0, "acceleration": 0.0}
+
+    def run(self, accuracy: Accuracy) -> Motion:
+        """Do it with a setting."""
+        return sweep(self.mechanism, accuracy=accuracy, **self.arguments)
+
+    def row_rates(self, name: str) -> Array:
+        """Return "speed" or "acceleration" of the driver at every row (N,)."""
+        given = self.arguments.get(name, self.RATES[name])
+        return np.array(np.broadcast_to(given, len(self.arguments["values"])), dtype=float)
+
+    def finer(self, many: int) -> SweepTask:
+        """Return the same with `many` equal steps from every value to the next."""
+        rows = np.arange(len(self.arguments["values"]))
+        at = np.arange(many * rows[-1] + 1) / many
+        columns = {"values": self.arguments["values"],
+                   **{name: self.row_rates(name) for name in self.RATES}}
+        return replace(self, arguments={
+            **self.arguments, **{k: np.interp(at, rows, x) for k, x in columns.items()}})
+
+    def __str__(self) -> str:
+        values, name = self.arguments["values"], self.arguments["driver"]
+        unit = self.mechanism.coordinate(name).unit
+        zero = 1e-12 * float(np.abs(values).max())
+        first, last = (0.0 if abs(x) < zero else x for x in (values[0], values[-1]))
+        return f"sweep of {name} from {first:.6g} to {last:.6g} {unit}, {len(values)} values"
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationTask:
+    """A simulation.
+
+    Attributes:
+        arguments: arguments of `simulate`, without accuracy.
+    """
+
+    mechanism: Mechanism
+    arguments: dict[str, Any]
+    kind: ClassVar[str] = "simulate"
+
+    def run(self, accuracy: Accuracy) -> Simulation:
+        """Do it with a setting."""
+        return simulate(self.mechanism, accuracy=accuracy, **self.arguments)
+
+    def __str__(self) -> str:
+        return f"simulation of {self.arguments['duration']:.6g} s"
+
+
+Task = SweepTask | SimulationTask
+
+
+def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None) -> Task:
+    """Return what is meant by a task; see `tradeoff`.
+
+    Raises:
+        SpatialPinError: the mechanism has nothing to do such a thing with.
+        TypeError, ValueError: the task is none.
+        UnknownNameError: the task has an argument that neither verb has.
+    """
+    needed(mechanism)
+    if task is None:
+        task = "sweep"
+    if isinstance(task, str):
+        if task not in _USUAL:
+            raise ValueError(f"no task {task!r}; there are 'sweep' and 'simulate', or a mapping "
+                             "with the arguments of one of them")
+        return _USUAL[task](mechanism)
+    if isinstance(task, Motion):
+        return _again(mechanism, task)
+    if not isinstance(task, Mapping):
+        raise TypeError(f"a task is a mapping with arguments of sweep or simulate, a swept Motion, "
+                        f"'sweep' or 'simulate', not {type(task).__name__}")
+    if "duration" in task:
+        _check(task, simulate)
+        given = dict(task)
+        state = given.pop("state", None)
+        state = assemble(mechanism) if state is None else of_mechanism(mechanism, state)
+        return SimulationTask(mechanism, {"state": state, **given})
+    _check(task, sweep)
+    if "values" not in task:
+        if set(task) - {"driver"}:
+            raise ValueError("a task needs values (a sweep) or a duration (a simulation)")
+        return _usual_sweep(mechanism, task.get("driver"))
+    return _sweep_task(mechanism, dict(task))
+
+
+def _check(task: Mapping[str, Any], verb: Callable[..., Any]) -> None:
+    valid = [name for name in inspect.signature(verb).parameters if name not in OURS]
+    for name in task:
+        if name in OURS:
+            raise ValueError(f"{name!r} is no part of a task: a trade-off tries settings itself")
+        if name not in valid:
+            raise UnknownNameError(f"argument of {verb.__name__}", str(name), valid)
+
+
+def _sweep_task(mechanism: Mechanism, given: dict[str, Any]) -> SweepTask:
+    """Return the sweep of the values that can be reached, from a state that is assembled once."""
+    if "driver" not in given:
+        given["driver"] = _first_driver(mechanism)
+    motion = sweep(mechanism, accuracy=Accuracy.named("reference"), **given)
+    n = len(motion)
+    if not n:
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: no value of the task is reached")
+    for name in ("speed", "acceleration"):  # one number, or one a row
+        if np.ndim(given.get(name, 0.0)):
+            given[name] = np.asarray(given[name], dtype=float)[:n]
+    start = motion.state(0)
+    driver = mechanism.driven_coordinate(given["driver"])
+    driven = driven_coordinates(mechanism, [driver.name, *(given.get("hold") or {})])
+    hold = {c.name: float(start.q[c.q]) for c in driven if c.name != driver.name}
+    given.update(values=np.array(motion.swept), guess=start, hold=hold)
+    return SweepTask(mechanism, start, given)
+
+
+def _first_driver(mechanism: Mechanism) -> str:
+    driver = next(iter(mechanism.drivers), None)
+    if driver is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no driver: give the task a "
+                              "'driver' (any coordinate) and its 'values'")
+    return driver
+
+
+def _usual_sweep(mechanism: Mechanism, driver: str | None = None) -> SweepTask:
+    motion = usual_motion(mechanism, driver or _first_driver(mechanism))
+    if isinstance(motion, State):
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: the driver cannot move from the "
+                              "guess: give the task 'values'")
+    return _again(mechanism, motion)
+
+
+def _again(mechanism: Mechanism, motion: Motion) -> SweepTask:
+    """Return the sweep that a motion is."""
+    if motion.driver is None:
+        raise ValueError("a simulation does not know all that acted on it: give the task as a "
+                         "mapping with the arguments of simulate")
+    driver = mechanism.driven_coordinate(motion.driver_name)
+    held = [c for c in driven_coordinates(mechanism, [driver.name]) if c.name != driver.name]
+    return _sweep_task(mechanism, {
+        "driver": motion.driver_name, "values": motion.driver, "speed": motion.driver_speed,
+        "acceleration": motion.coordinate(driver.name).acceleration,
+        "guess": of_mechanism(mechanism, motion.state(0)),
+        "hold": {c.name: float(motion.q[0, c.q]) for c in held}})
+
+
+def _usual_simulation(mechanism: Mechanism) -> SimulationTask:
+    """Return a few swings under gravity from the assembled guess on, at rest."""
+    gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
+    if not any(inertia.mass > 0.0 for inertia in mechanism.inertias.values()) or not gravity:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r} has no masses, or no gravity, that would move it: give "
+            "the task as a mapping with a 'duration', a 'state' and 'efforts'")
+    duration = SWINGS * math.sqrt(mechanism.characteristic_length / gravity)
+    state = assemble(mechanism)
+    try:
+        motion = _rough(mechanism, state, duration)
+    except SingularError as error:
+        if error.motion is None or error.motion.time is None or len(error.motion.time) < 2:
+            raise
+        motion, duration = error.motion, SHORTER * float(error.motion.time[-1])
+    if np.abs(motion.v / mechanism.velocity_scale).max(initial=0.0) < STILL:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r} stands still under gravity: give the task as a mapping "
+            "with a 'duration', a 'state' and 'efforts'")
+    return SimulationTask(mechanism, {"state": state, "duration": duration,
+                                      "times": _times(duration)})
+
+
+def _rough(mechanism: Mechanism, state: State, duration: float) -> Motion:
+    return simulate(mechanism, state, duration, times=_times(duration),
+                    accuracy=Accuracy.named("draft"))
+
+
+def _times(duration: float) -> Array:
+    return np.linspace(0.0, duration, ROWS)
+
+
+_USUAL: dict[str, Callable[[Mechanism], Task]] = {
+    "sweep": _usual_sweep, "simulate": _usual_simulation,
+}

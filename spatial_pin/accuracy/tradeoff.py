@@ -1,0 +1,294 @@
+"""What each accuracy setting costs and loses, on one's own mechanism and task."""
+
+from __future__ import annotations
+
+import gc
+import json
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from tqdm import tqdm
+
+from spatial_pin.accuracy.grid import describe, simulation_settings, sweep_settings
+from spatial_pin.accuracy.reference import (
+    Astray,
+    Errors,
+    SimulationReference,
+    SweepReference,
+)
+from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
+from spatial_pin.dynamics.simulate import Simulation
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.motion import Motion
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.settings import Accuracy
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+REPEATS = 5
+BUDGET = 30.0  # time after which no further run is repeated [s]
+ROUND_OFF = 1e-15  # error below which results in double precision are equally exact
+FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One setting as measured.
+
+    Attributes:
+        accuracy: the setting.
+        seconds: of every run, in the order they were made.
+        steps: rows of the motion; a step is a row.
+        errors: largest errors against the reference; None where it failed.
+        energy_drift: of a simulation, see `Simulation`; None of a sweep.
+        solver_steps: of the integrator; None of a sweep.
+        on_front: whether no other setting is both as fast and as exact.
+        said: why it failed, or what the motion reports; empty if nothing.
+    """
+
+    accuracy: Accuracy
+    seconds: tuple[float, ...]
+    steps: int
+    errors: Errors | None = None
+    energy_drift: float | None = None
+    solver_steps: int | None = None
+    on_front: bool = False
+    said: str = ""
+
+    @property
+    def time_per_step(self) -> float:
+        """Median time of a step, assembly of the first one included [s]; NaN where it failed."""
+        return float(np.median(self.seconds)) / self.steps if self.steps else np.nan
+
+    @property
+    def spread(self) -> float | None:
+        """Difference of the quartiles of the runs, by their median; None for one run."""
+        if len(self.seconds) < 2:
+            return None
+        low, middle, high = np.percentile(self.seconds, [25, 50, 75])
+        return float((high - low) / middle)
+
+    @property
+    def error(self) -> float:
+        """Largest error of a position, or of a rate by the largest rate; NaN where it failed."""
+        return self.errors.total if self.errors else np.nan
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """What settings cost and lose on one task; `str()` is the table.
+
+    Errors are absolute in rad, and in m relative to the characteristic length; `error` is the
+    largest of that of positions, and those of velocities and accelerations by the largest one.
+
+    Attributes:
+        mechanism: its name.
+        task: what was done.
+        kind: "sweep" or "simulate".
+        rows: one for each setting, the fastest first, those that failed last.
+        reference: what errors were measured against.
+        reference_error: the error of that, like `Measured.error`.
+    """
+
+    mechanism: str
+    task: str
+    kind: str
+    rows: tuple[Measured, ...]
+    reference: str
+    reference_error: float
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def front(self) -> tuple[Measured, ...]:
+        """The rows of the Pareto front, the fastest first."""
+        return tuple(row for row in self.rows if row.on_front)
+
+    def known_error(self, row: Measured) -> float:
+        """Return the error of a row as far as it is known.
+
+        It is at least the reference's own, and round-off; NaN where the setting failed.
+        """
+        return float(np.maximum(row.error, max(self.reference_error, ROUND_OFF)))
+
+    def cheapest(self, error: float) -> Measured:
+        """Return the fastest row with at most this `error`.
+
+        Raises:
+            SpatialPinError: there is none.
+            ValueError: the error is not positive.
+        """
+        if not error > 0.0:
+            raise ValueError(f"error is {error}; it must be positive")
+        for row in self.front:
+            if self.known_error(row) <= error:
+                return row
+        if not self.front:
+            raise SpatialPinError(f"{self.mechanism}, {self.task}: no setting worked; the table "
+                                  "says why")
+        best = min(self.known_error(row) for row in self.front)
+        raise SpatialPinError(
+            f"{self.mechanism}, {self.task}: no setting that was measured has an error of "
+            f"{error:.3g}; the best reaches {best:.1e}"
+            + (f", as far as the reference tells (itself to {self.reference_error:.1e})"
+               if best <= self.reference_error else ""))
+
+    def __str__(self) -> str:
+        from spatial_pin.accuracy.tradeoff_view import table
+
+        return table(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        rows = [{
+            "setting": describe(row.accuracy, self.kind), "accuracy": asdict(row.accuracy),
+            "seconds": list(row.seconds), "steps": row.steps,
+            "time_per_step": row.errors and row.time_per_step,
+            "spread": row.spread, "error": row.errors and row.errors.total,
+            **{key: row.errors and getattr(row.errors, key) for key in Errors._fields[:-1]},
+            "below_reference": bool(row.errors and row.error < self.reference_error),
+            "energy_drift": row.energy_drift, "solver_steps": row.solver_steps,
+            "on_front": row.on_front, "said": row.said,
+        } for row in self.rows]
+        return {"mechanism": self.mechanism, "task": self.task, "kind": self.kind,
+                "reference": self.reference, "reference_error": self.reference_error, "rows": rows}
+
+    def to_json(self, path: str | Path) -> Path:
+        """Write `as_dict`; returns the path."""
+        path = Path(path)
+        path.write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n",
+                        encoding="utf-8")
+        return path
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Draw error over time per step, both logarithmic, with the Pareto front.
+
+        Args:
+            path: file to write as well; its suffix says how: .png, .svg, .pdf.
+
+        Returns:
+            The figure.
+        """
+        from spatial_pin.accuracy.tradeoff_view import plot
+
+        return plot(self, path)
+
+
+def tradeoff(
+    mechanism: Mechanism,
+    task: Mapping[str, Any] | str | Motion | None = None,
+    *,
+    settings: Iterable[Accuracy] | None = None,
+    repeats: int = REPEATS,
+    budget: float = BUDGET,
+    progress: bool = False,
+) -> Tradeoff:
+    """Measure what accuracy settings cost and lose on a mechanism and a task.
+
+    Every setting does the whole task, by turns with the others and in changing order, so that
+    noise hits all alike and shows as a spread. Its motion is compared with a reference that does
+    not depend on settings: sweeps with rows refined in extended precision, simulations with a
+    tight integration that is itself compared with others. Sweeps of all settings begin at the same
+    state; only values that can be reached are swept. Passive freedoms, which move no other body,
+    are judged apart (`Errors.spin`).
+
+    Args:
+        mechanism: the mechanism.
+        task: a mapping with the arguments of `sweep` (driver, values, speed, ...) or `simulate`
+            (duration, state, efforts, ...; default state the assembled guess at rest); a swept
+            Motion; "sweep" for the usual move of the first driver (the default); "simulate" for a
+            few seconds under gravity.
+        settings: what to try; default a grid of all kinds.
+        repeats: how often each setting is timed.
+        budget: time after which no run is repeated any more [s]; after twice that time settings
+            that have not run yet are not tried.
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Raises:
+        SpatialPinError: the task cannot be done at all, or the mechanism has no such task.
+        TypeError, ValueError: what is given is no task, or a number is out of range.
+        UnknownNameError: an argument or name does not exist.
+    """
+    if int(repeats) != repeats or repeats < 1:
+        raise ValueError(f"repeats is {repeats}; each setting is timed a whole number of times")
+    begun = time.perf_counter()
+    doing = task_of(mechanism, task)
+    reference = (SweepReference(doing) if isinstance(doing, SweepTask)
+                 else SimulationReference(doing))
+    tried = list(settings) if settings is not None else _grid(reference)
+    if not tried:
+        raise ValueError("no settings to try")
+    with tqdm(total=len(tried) * repeats, desc=f"{mechanism.name}: runs", delay=1.0, leave=False,
+              disable=None if progress else True) as bar:
+        rows = [_judged(doing, reference, accuracy, bar)
+                if time.perf_counter() < begun + 2.0 * budget
+                else Measured(accuracy, (), 0, said="not tried, the time was out")
+                for accuracy in tried]
+        _repeat(doing, rows, repeats - 1, begun + budget, bar)
+    rows.sort(key=lambda row: row.time_per_step if row.errors else np.inf)
+    found = Tradeoff(mechanism.name, str(doing), doing.kind, tuple(rows), reference.text,
+                     reference.error)
+    flags = pareto([row.time_per_step for row in rows], [found.known_error(row) for row in rows])
+    return replace(found, rows=tuple(replace(row, on_front=flag)
+                                     for row, flag in zip(rows, flags, strict=True)))
+
+
+def _grid(reference: SweepReference | SimulationReference) -> list[Accuracy]:
+    if isinstance(reference, SweepReference):
+        return sweep_settings()
+    return simulation_settings(reference.step)
+
+
+def _judged(
+    task: Task, reference: SweepReference | SimulationReference, accuracy: Accuracy, bar: tqdm[Any]
+) -> Measured:
+    """Run a setting once, time it and compare it."""
+    start = time.perf_counter()
+    try:
+        motion = task.run(accuracy)
+        seconds = time.perf_counter() - start
+        errors = reference.judge(motion)
+    except FAILURES as error:
+        said = str(error) or type(error).__name__
+        return Measured(accuracy, (time.perf_counter() - start,), 0, said=said)
+    finally:
+        bar.update()
+    said = "; ".join(event.text for event in motion.events)
+    row = Measured(accuracy, (seconds,), len(motion), errors, said=said)
+    if isinstance(motion, Simulation):
+        return replace(row, energy_drift=motion.energy_drift, solver_steps=motion.steps)
+    return row
+
+
+def _repeat(task: Task, rows: list[Measured], rounds: int, end: float, bar: tqdm[Any]) -> None:
+    """Time the settings that work again, round by round in changing order."""
+    good = [k for k, row in enumerate(rows) if row.errors is not None]
+    rng = np.random.default_rng(0)
+    for _ in range(rounds):
+        gc.collect()
+        for k in rng.permutation(good).tolist():
+            start = time.perf_counter()
+            if start > end:
+                return
+            task.run(rows[k].accuracy)
+            seconds = time.perf_counter() - start
+            rows[k] = replace(rows[k], seconds=(*rows[k].seconds, seconds))
+            bar.update()
+
+
+def pareto(costs: Iterable[float], errors: Iterable[float]) -> list[bool]:
+    """Return which of (cost, error) no other matches in both and beats in one; NaN never is."""
+    points: Array = np.column_stack([list(costs), list(errors)])
+    flags = []
+    for point in points:
+        no_worse = np.all(points <= point, axis=1)
+        better = np.any(points < point, axis=1)
+        flags.append(bool(np.isfinite(point).all() and not np.any(no_worse & better)))
+    return flags

@@ -1,0 +1,169 @@
+"""A trade-off as a table and as a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spatial_pin.accuracy.grid import describe
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from spatial_pin.accuracy.tradeoff import Measured, Tradeoff
+
+SAID = 100  # characters that are shown of what a setting says
+INK, FAINT = "#2b3138", "#d5d9de"
+APART = 2.5  # ratio of two errors whose labels do not lie on each other
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a939c")
+MARKERS = "osD^vPX<>"  # more than colours, so that pairs repeat late
+
+
+# ---------------------------------------------------------------- table
+
+
+def table(tradeoff: Tradeoff) -> str:
+    """Return the rows in columns, the Pareto front marked with *."""
+    good = [row for row in tradeoff.rows if row.errors is not None]
+    lines = [list(_columns(tradeoff, None))]
+    lines += [list(_columns(tradeoff, row).values()) for row in good]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    text = [f"{tradeoff.mechanism}: {tradeoff.task}", f"reference: {tradeoff.reference}"]
+    text += ["  ".join([line[0].ljust(widths[0]),
+                        *(x.rjust(w) for x, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
+             for line in lines]
+    runs = sorted({len(row.seconds) for row in good})
+    notes = [f"*: no other is as fast and as exact; ±: between the quartiles of "
+             f"{' to '.join(map(str, runs[:: max(len(runs) - 1, 1)]))} runs; errors in rad and "
+             "characteristic lengths, error: the largest, rates by the largest rate"]
+    if any(row.error < tradeoff.reference_error for row in good):
+        notes.append("<: smaller than the reference's own error")
+    text += notes
+    said = [row for row in tradeoff.rows if row.errors is None or row.said]
+    text += [f"{describe(row.accuracy, tradeoff.kind)}: {'failed: ' * (row.errors is None)}"
+             f"{_short(row.said)}" for row in said]
+    return "\n".join(text)
+
+
+def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
+    """Return the cells of a row by their headings."""
+    numbers: dict[str, Any] = {
+        "closure": None, "position": None, "velocity": None, "acceleration": None, "error": None}
+    simulation = tradeoff.kind == "simulate"
+    spins = any(r.errors is not None and r.errors.spin for r in tradeoff.rows)
+    cells = {"  setting": "", "µs/step": "", "±": "", **dict.fromkeys(numbers, "")}
+    if spins:
+        cells["spin"] = ""
+    if simulation:
+        cells |= {"energy": "", "steps": ""}
+    if row is None or row.errors is None:
+        return cells
+    cells["  setting"] = f"{'* ' if row.on_front else '  '}{describe(row.accuracy, tradeoff.kind)}"
+    cells["µs/step"] = f"{1e6 * row.time_per_step:.3g}"
+    cells["±"] = "-" if row.spread is None else f"{100 * row.spread:.0f} %"
+    for key in numbers:
+        value = row.error if key == "error" else getattr(row.errors, key)
+        cells[key] = f"{value:.1e}"
+    if row.error < tradeoff.reference_error:  # nothing is known of the parts either
+        cells |= dict.fromkeys(("position", "velocity", "acceleration"), "-")
+        cells["error"] = f"< {tradeoff.reference_error:.1e}"
+    if spins:
+        cells["spin"] = f"{row.errors.spin:.1e}"
+    if simulation:
+        cells["energy"] = f"{row.energy_drift:.1e}"
+        cells["steps"] = str(row.solver_steps)
+    return cells
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= SAID else text[: SAID - 3] + "..."
+
+
+# ---------------------------------------------------------------- figure
+
+
+def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
+    """Draw error over time per step; see `Tradeoff.plot`."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.5), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    groups: dict[str, list[Measured]] = {}
+    for row in tradeoff.rows:
+        if row.errors is not None:
+            groups.setdefault(_group(tradeoff, row), []).append(row)
+    for k, (name, rows) in enumerate(sorted(groups.items())):
+        _draw(axes, tradeoff, name, rows, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)])
+    _draw_front(axes, tradeoff)
+    axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
+             ylabel="largest error [rad, characteristic lengths; rates by the largest]")
+    _frame(axes, tradeoff)
+    figure.suptitle(f"{tradeoff.mechanism}: {tradeoff.task}", fontsize=12)
+    if path is not None:
+        figure.savefig(path)
+    return figure
+
+
+def _group(tradeoff: Tradeoff, row: Measured) -> str:
+    """Return what a row is drawn with the others of."""
+    a = row.accuracy
+    if tradeoff.kind == "sweep":
+        return f"order {a.order}"
+    return f"{a.integrator}{', projected' * (a.formulation == 'projected')}"
+
+
+def _point(tradeoff: Tradeoff, row: Measured) -> tuple[float, float]:
+    return 1e6 * row.time_per_step, tradeoff.known_error(row)
+
+
+def _draw(axes: Axes, tradeoff: Tradeoff, name: str, rows: list[Measured], colour: str,
+          marker: str) -> None:
+    """Draw the settings of a group, with bars between the quartiles of their times."""
+    x, y = zip(*(_point(tradeoff, row) for row in rows), strict=True)
+    times = 1e6 * np.array([np.percentile(r.seconds, [25, 75]) / r.steps for r in rows])
+    bars = np.maximum(np.abs(times.T - np.array(x)), 0.0)
+    axes.errorbar(x, y, xerr=bars, fmt=marker, color=colour, markersize=5, elinewidth=0.8,
+                  label=name)
+
+
+def _draw_front(axes: Axes, tradeoff: Tradeoff) -> None:
+    points = [_point(tradeoff, row) for row in tradeoff.front]
+    if not points:
+        return
+    x, y = zip(*points, strict=True)
+    axes.step(x, y, where="post", color=INK, linewidth=1.0, zorder=1, label="Pareto front")
+    last = np.inf
+    for row, place in zip(tradeoff.front, points, strict=True):
+        if last < APART * place[1]:  # it would lie on the label before
+            continue
+        last = place[1]
+        axes.annotate(describe(row.accuracy, tradeoff.kind), place, xytext=(-5, -3),
+                      textcoords="offset points", ha="right", va="top", fontsize=7, color=INK)
+
+
+def _frame(axes: Axes, tradeoff: Tradeoff) -> None:
+    """Set limits, grid and legend."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    points = [_point(tradeoff, row) for row in tradeoff.rows if row.errors is not None]
+    if points:
+        x, y = (np.array(column) for column in zip(*points, strict=True))
+        axes.set_xlim(x.min() / 2.5, x.max() * 1.3)
+        axes.set_ylim(y.min() / 10, min(y.max() * 10, 1e3))
+        if y.min() / 10 < tradeoff.reference_error:
+            axes.axhspan(y.min() / 10, tradeoff.reference_error, color=FAINT, alpha=0.6,
+                         linewidth=0, label="the reference's own error")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_axisbelow(True)
+    axes.grid(color=FAINT, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=INK)
+    if points:
+        axes.legend(frameon=False, fontsize=8)

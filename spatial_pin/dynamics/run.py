@@ -1,0 +1,236 @@
+"""A simulation under way: from step to step, and from independent coordinates to others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.dynamics.problem import Problem, Row, System
+from spatial_pin.dynamics.simulation import Projection, Simulation, energy_drift
+from spatial_pin.dynamics.steppers import STEPPERS
+from spatial_pin.dynamics.watch import Found, Watch
+from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.joint_limits import Passing
+from spatial_pin.kinematics.motion import Event
+from spatial_pin.kinematics.state import State
+from spatial_pin.linalg import Array
+from spatial_pin.settings import Accuracy
+
+NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
+CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
+
+
+class Rows:
+    """Rows of a simulation, filled one after the other, several in one go.
+
+    Args:
+        times: (N,) when.
+    """
+
+    def __init__(self, times: Array) -> None:
+        self.times, self.asked, self.last = times, 0, -np.inf
+        self._waiting: list[tuple[Array, Array]] = []
+        self._times: list[float] = []
+        self._rows: list[Row] = []
+        self._work: list[float] = []
+
+    def until(self, end: float) -> Array:
+        """Return the times of rows not yet asked for, up to `end`."""
+        return self.times[self.asked : np.searchsorted(self.times, end, "right")]
+
+    def ask(self, system: System, times: Array, unknowns: Array) -> None:
+        """Ask for rows at times (N,) and unknowns (N, n)."""
+        if not times.size:
+            return
+        self._waiting.append((times, unknowns))
+        self.asked, self.last = self.asked + len(times), float(times[-1])
+        if self.asked - len(self._rows) >= system.rows_at_once:
+            self.fill(system)
+
+    def fill(self, system: System) -> None:
+        """Work out all rows that were asked for."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            times, unknowns = (np.concatenate(x) for x in zip(*waiting, strict=True))
+            self._rows += system.rows(times, unknowns)
+            self._times += times.tolist()
+            self._work += [system.problem.work(y) for y in unknowns]
+
+    def filled(self) -> tuple[Array, list[Row], Array]:
+        """Return the rows that are worked out: times (N,), rows, and work done until each (N,)."""
+        return np.array(self._times), self._rows, np.array(self._work)
+
+
+class Run:
+    """A simulation under way.
+
+    Args:
+        problem: what acts.
+        accuracy: integrator, tolerance or step.
+        formulate: makes the equations of motion that fit a state.
+        times: (N,) of the rows.
+        watch: what is looked for.
+
+    Attributes:
+        t: time reached [s].
+        y: unknowns there.
+    """
+
+    def __init__(
+        self, problem: Problem, accuracy: Accuracy, formulate: Callable[[Problem, State], System],
+        times: Array, watch: Watch,
+    ) -> None:
+        self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
+        self.rows, self.watch = Rows(times), watch
+        self.passed: list[Passing] = list(watch.at_start)
+        self.events = [passing.event for passing in watch.at_start]
+        self.t, self.end = 0.0, float(times[-1])
+        self.y: Array = np.empty(0)
+        self.steps, self.evaluations = 0, 0
+        self.used: list[str] = []
+        self.system: System | None = None
+        self._projections: list[Projection] = []  # of systems that were given up
+        self._largest, self._creeping = np.zeros(2), 0
+        self._failed_at = -1.0
+        self._began = time.perf_counter()
+
+    def follow(self, state: State) -> Iterator[float]:
+        """Integrate from coordinates to coordinates until the end; yields the time reached."""
+        system = self._begin(state)
+        self.y = system.unknowns(state.v, 0.0)
+        start = self.rows.until(0.0)
+        self.rows.ask(system, start, self.y[None][: len(start)])
+        while self.t < self.end:
+            solver = STEPPERS[self.accuracy.integrator](
+                system, self.t, self.y, self.end, self.accuracy)
+            before = system.evaluations
+            try:
+                for stopped in self._steps(system, solver):
+                    yield self.t
+                    if stopped:
+                        return
+            finally:
+                self.evaluations += system.evaluations - before
+                self.rows.fill(system)
+            if self.t < self.end:
+                system = self._begin_again(system, solver.status == "failed")
+
+    def _steps(self, system: System, solver: Any) -> Iterator[bool]:
+        """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed":
+                break
+            system.settle(solver)
+            self._refuse_to_creep(system, solver)
+            self.t, self.y = solver.t, solver.y
+            yield self._take(system, solver)
+            if solver.status == "running" and system.is_worn(self.t, solver.y):
+                break
+
+    def _refuse_to_creep(self, system: System, solver: Any) -> None:
+        """Refuse to creep into a singular configuration.
+
+        Raises:
+            SingularError: ever shorter steps lead to one.
+        """
+        sizes = np.array([system.pivot, solver.t - solver.t_old])
+        self._largest = np.maximum(self._largest, sizes)
+        creeps = bool(np.all(sizes < NEAR * self._largest))
+        self._creeping = self._creeping + 1 if creeps else 0
+        if self._creeping > CREEPING:
+            raise self._singular(system.state(solver.t, solver.y))
+
+    def _singular(self, state: State) -> SingularError:
+        return SingularError(
+            f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
+            f"{self.t:.9g} s: the loops lose rank, or branches cross, just ahead of {state}",
+            state=state)
+
+    def _begin(self, state: State) -> System:
+        if self.system is not None and self.system.projection is not None:
+            self._projections.append(self.system.projection)
+        self.system = system = self.formulate(self.problem, state)
+        by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
+        self.used += [by_v[v] for v in system.free]
+        return system
+
+    def _begin_again(self, system: System, failed: bool) -> System:
+        """Choose new coordinates where the old ones are worn, and change the unknowns to them."""
+        state = system.state(self.t, self.y)
+        if failed and self.t == self._failed_at:
+            raise self._singular(state)
+        if failed:
+            self._failed_at = self.t
+        if system.choice(state) == system.free and system.is_fresh_the_same:
+            if failed:
+                raise self._singular(state)
+            system.patience *= 2.0
+            return system
+        fresh = self._begin(state)
+        self.y = fresh.unknowns(state.v, self.problem.work(self.y))
+        return fresh
+
+    def _take(self, system: System, solver: Any) -> bool:
+        """Keep rows and events of the last step; return whether it is to be the last."""
+        self.steps += 1
+        found = self.watch.look(system, solver)
+        times = self.rows.until(solver.t if found.stop is None else found.stop)
+        if found.stop is not None and found.stop > self.rows.last:
+            times = np.union1d(times, [found.stop])
+        unknowns = solver.dense_output()(times).T if times.size else np.empty((0, len(solver.y)))
+        self._note_crossings(system, solver.y, unknowns)
+        self._note_limits(found, times)
+        self.rows.ask(system, times, unknowns)
+        if found.stop is not None:
+            self.events.append(Event("stopped", found.stop, self.rows.asked, found.text))
+        return found.stop is not None
+
+    def _note_crossings(self, system: System, y: Array, unknowns: Array) -> None:
+        """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
+        for value, at in system.crossings_to(y):
+            row = self.rows.asked + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
+            text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the "
+                    "one that goes straight on")
+            self.events.append(Event("branch point", value, row, text))
+
+    def _note_limits(self, found: Found, times: Array) -> None:
+        """Keep the joint limits passed in the last step, which has rows at `times`."""
+        for t, limit in found.passed:
+            row = self.rows.asked + int(np.count_nonzero(times < t))
+            self.passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
+            self.events.append(self.passed[-1].event)
+
+    def motion(self) -> Simulation:
+        """Return the rows so far."""
+        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
+        times, rows, work = self.rows.filled()
+        n = len(rows)
+        q, v, a, error, energy, efforts, angles = (
+            np.array(column) for column in (zip(*rows, strict=True) if n else [[]] * 7))
+        model = problem.model
+        q, v, a = q.reshape(n, model.nq), v.reshape(n, model.nv), a.reshape(n, model.nv)
+        return Simulation(
+            mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
+            closure_error=error, driver_speed=np.empty(0), events=self.events,
+            angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
+            energy_drift=energy_drift(problem.mechanism, q, v, energy, work),
+            efforts=dict(zip(names, efforts.reshape(n, len(names)).T, strict=True)),
+            coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
+            steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self.passed,
+            projection=self._projection(),
+        )
+
+    def _projection(self) -> Projection | None:
+        """Return what projecting has taken, if anything was projected."""
+        if self.system is None or self.system.projection is None:
+            return None
+        parts = [*self._projections, self.system.projection]
+        seconds = sum(part.seconds for part in parts)
+        return Projection(
+            sum(part.steps for part in parts), sum(part.corrections for part in parts),
+            max(part.opened for part in parts), seconds,
+            seconds / (time.perf_counter() - self._began))

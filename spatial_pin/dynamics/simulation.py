@@ -1,0 +1,76 @@
+"""A Simulation: a Motion in time, with its energies and what it took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.kinematics.joint_limits import Passing
+from spatial_pin.kinematics.motion import Motion
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+
+class Projection(NamedTuple):
+    """What it took to take the steps of a "projected" simulation back to closed loops.
+
+    Attributes:
+        steps: how many steps were projected.
+        corrections: Newton corrections of the configuration in all; velocities take one
+            solution of the same equations a step.
+        opened: the largest closure error that a step had left [-].
+        seconds: time that it took [s].
+        share: of the time of the whole simulation [-].
+    """
+
+    steps: int
+    corrections: int
+    opened: float
+    seconds: float
+    share: float
+
+
+@dataclass(eq=False)
+class Simulation(Motion):
+    """A Motion in time, with its energies.
+
+    Attributes:
+        energy: (N,) kinetic, potential and spring energy [J].
+        work: (N,) of efforts, dampers, prescribed drivers and spring laws since the start [J].
+        energy_drift: largest difference of energy and work to the energy at the start, by the
+            largest kinetic energy or change of the rest [-].
+        efforts: (N,) of every prescribed driver [N·m, N].
+        coordinates: independent coordinates that were used, in their order.
+        evaluations: how often the equations of motion were evaluated.
+        steps: how many steps were taken.
+        by_drivers: whether, besides gravity and springs as the file has them, only drivers acted;
+            False where efforts were a function.
+        joint_limits: the joint limits of the URDF that were passed, and when.
+        projection: what projecting took, with the formulation "projected"; else None.
+    """
+
+    energy: Array = field(default_factory=lambda: np.empty(0))
+    work: Array = field(default_factory=lambda: np.empty(0))
+    energy_drift: float = 0.0
+    efforts: dict[str, Array] = field(default_factory=dict)
+    coordinates: list[str] = field(default_factory=list)
+    evaluations: int = 0
+    steps: int = 0
+    by_drivers: bool = True
+    joint_limits: list[Passing] = field(default_factory=list)
+    projection: Projection | None = None
+
+
+def energy_drift(mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array) -> float:
+    """Return the largest energy that came from nowhere, by what the motion exchanges."""
+    if not len(energy):
+        return 0.0
+    data = mechanism.model.createData()
+    kinetic = np.array([pin.computeKineticEnergy(mechanism.model, data, *row)
+                        for row in zip(q, v, strict=True)])
+    size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)))
+    drift = float(np.abs(energy - work - energy[0]).max())
+    return drift / size if size > 0.0 else 0.0

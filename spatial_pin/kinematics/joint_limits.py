@@ -1,0 +1,238 @@
+"""Joint limits of the URDF, and where a motion passes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.kinematics.motion import Event, Motion
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+KIND = "joint limit"  # of events
+NOISE = 1e-11  # rate of a joint that stands still, by that of the fastest
+SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
+
+
+class JointLimit(NamedTuple):
+    """One limit of one joint coordinate.
+
+    Attributes:
+        name: of the coordinate.
+        unit: "rad" or "m".
+        q, v: where it stands in configuration and velocity.
+        value: the limit [rad or m].
+        side: +1 for an upper limit, -1 for a lower one.
+        size: 1 rad, or the characteristic length [m].
+    """
+
+    name: str
+    unit: str
+    q: int
+    v: int
+    value: float
+    side: int
+    size: float
+
+    def room(self, q: Array) -> Array:
+        """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m]."""
+        return self.side * (self.value - q[..., self.q])
+
+    def closing(self, v: Array) -> Array:
+        """Return how fast the room grows less, at v (nv,) or (N, nv) [rad/s or m/s]."""
+        return self.side * v[..., self.v]
+
+    @property
+    def words(self) -> str:
+        """What it is, for a sentence."""
+        side = "upper" if self.side > 0 else "lower"
+        return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
+
+
+class Passing(NamedTuple):
+    """A joint limit passed outwards.
+
+    Attributes:
+        limit: which one.
+        value: where [s], or the driver's value there [rad or m].
+        row: number of rows of the motion before it.
+        where: the same in words; empty where the motion begins beyond the limit.
+    """
+
+    limit: JointLimit
+    value: float
+    row: int
+    where: str
+
+    @property
+    def event(self) -> Event:
+        """The event of a motion that says so."""
+        return Event(KIND, self.value, self.row, f"{self.limit.words} passed {self.where}"
+                     if self.where else f"beyond the {self.limit.words} from the start")
+
+
+def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
+    """Return the joint limits that the URDF states, in the order of the coordinates.
+
+    Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
+    neither.
+    """
+    model, found = mechanism.model, []
+    for c in mechanism.coordinate_table.values():
+        if c.q < 0:
+            continue
+        low, high = float(model.lowerPositionLimit[c.q]), float(model.upperPositionLimit[c.q])
+        if low < high:
+            size = float(mechanism.velocity_scale[c.v])
+            found += [JointLimit(c.name, c.unit, c.q, c.v, value, side, size)
+                      for value, side in ((low, -1), (high, 1))
+                      if abs(value) < np.finfo(float).max]
+    return found
+
+
+def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passing]:
+    """Return the joint limits beyond which q (nq,) is, as passings at a value (driver or time)."""
+    return [Passing(limit, value, 0, "") for limit in joint_limits(mechanism)
+            if limit.room(q) < -SLACK * limit.size]
+
+
+def first_passing(
+    limit: JointLimit, at: Callable[[float], tuple[Array, Array]], span: tuple[float, float],
+    ends: tuple[tuple[Array, Array], tuple[Array, Array]],
+) -> float | None:
+    """Return when a limit is first passed outwards in a span of time, if it is.
+
+    A joint that turns back is looked at where it stands still; one that does so twice in the span
+    may pass unnoticed in between.
+
+    Args:
+        limit: the limit.
+        at: function of the time to (q, v).
+        span: first and last time.
+        ends: (q, v) at these.
+    """
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
+    def root(function: Callable[[float], float], last: float) -> float:
+        return float(brentq(function, span[0], last, xtol=1e-14, rtol=1e-14))
+
+    (q0, v0), (q1, v1) = ends
+    slack, last = SLACK * limit.size, span[1]
+    if limit.room(q0) < -slack:
+        return None
+    if not limit.room(q1) < -slack:
+        if not limit.closing(v0) > 0.0 > limit.closing(v1):
+            return None
+        last = root(lambda t: float(limit.closing(at(t)[1])), span[1])
+        if not limit.room(at(last)[0]) < -slack:
+            return None
+    if limit.room(q0) <= 0.0:
+        return span[0]
+    return root(lambda t: float(limit.room(at(t)[0])), last)
+
+
+def joint_limits_passed(motion: Motion) -> list[Passing]:
+    """Return where a motion passes joint limits outwards, in the order of its rows.
+
+    Between rows a coordinate is the polynomial of fifth degree through values, rates and
+    accelerations of the two rows: with a row for every degree of a crank the place is good to
+    1e-13 of the driver, for every four to 1e-10, for every ten to 1e-8. A joint that turns back
+    between two rows is looked at where it does. Rows without rates (a sweep at speed 0) are joined
+    by straight lines.
+
+    Args:
+        motion: from `sweep`, `trace` or `simulate`.
+
+    Returns:
+        The passings; their values are driver values, or times where none was swept.
+    """
+    if not len(motion):
+        return []
+    values = motion.driver if motion.driver is not None else motion.time
+    start = float(values[0]) if values is not None else 0.0
+    found = passed_at_start(motion.mechanism, motion.q[0], start)
+    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
+    for limit in joint_limits(motion.mechanism):
+        closing = limit.closing(motion.v)
+        outside = limit.room(motion.q) < -SLACK * limit.size
+        turning = (closing[:-1] > noise * limit.size) & (closing[1:] < -noise * limit.size)
+        for k in np.flatnonzero(~outside[:-1] & (outside[1:] | turning)).tolist():
+            passing = _between(motion, limit, k)
+            found += [passing] if passing is not None else []
+    return sorted(found, key=lambda passing: passing.row)
+
+
+def joint_limit_events(motion: Motion) -> list[Event]:
+    """Return the events, of kind "joint limit", of `joint_limits_passed`."""
+    return [passing.event for passing in joint_limits_passed(motion)]
+
+
+def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
+    """Return where a limit is passed between rows k and k + 1, if it is."""
+    h, rates, seconds = _step(motion, k)
+    q, v = _hermite(motion.q[k : k + 2, limit.q], rates[:, limit.v], seconds[:, limit.v], h)
+    row, moving = np.zeros(motion.q.shape[1]), np.zeros(motion.v.shape[1])
+
+    def at(x: float) -> tuple[Array, Array]:
+        row[limit.q], moving[limit.v] = q(x), v(x)
+        return row, moving
+
+    before, after = ((motion.q[k + i], rates[i]) for i in (0, 1))
+    x = first_passing(limit, at, (0.0, 1.0), (before, after))
+    if x is None:
+        return None
+    if motion.driver is None:
+        time = float(motion.time[k] + x * h) if motion.time is not None else float(k + x)
+        return Passing(limit, time, k + 1, f"at {time:.12g} s")
+    c = motion.mechanism.coordinate(motion.driver_name)
+    driver, _ = _hermite(motion.q[k : k + 2, c.q], rates[:, c.v], seconds[:, c.v], h)
+    value = float(driver(x))
+    return Passing(limit, value, k + 1,
+                   f"at {motion.driver_name} = {value:.12g} {motion.driver_unit}")
+
+
+def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
+    """Return the step from row k, and first and second derivatives (2, nv) at its ends.
+
+    They are taken by the time; where rows are no history in time by the arc length, whose step h
+    is the one that fits best q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
+    """
+    v, a = motion.v[k : k + 2], motion.a[k : k + 2]
+    if motion.time is not None:
+        return float(motion.time[k + 1] - motion.time[k]), v, a
+    size = motion.mechanism.velocity_scale
+    pace = np.sqrt(((v / size) ** 2).sum(axis=1))[:, None]
+    if not np.all(pace > 0.0):
+        return 0.0, v, a
+    t, c = v / size / pace, a / size / pace**2
+    c = c - t * np.vecdot(t, c)[:, None]
+    moved = pin.difference(motion.mechanism.model, motion.q[k], motion.q[k + 1]) / size
+    t = np.where((t @ moved)[:, None] < 0.0, -t, t)  # rows may go backwards
+    first, second = 0.5 * (t[0] + t[1]), (c[0] - c[1]) / 12.0
+    h = float(np.sqrt(moved @ moved))
+    for _ in range(4):
+        slope = first + 2.0 * h * second
+        h -= float((h * first + h * h * second - moved) @ slope / (slope @ slope))
+    return h, size * t, size * c
+
+
+def _hermite(
+    q: Array, v: Array, a: Array, h: float
+) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    """Return value and slope of the quintic through two rows, as functions of the part of the way.
+
+    Values q, rates v and accelerations a, each (2,), hold at the ends of a step of length h; 0
+    makes a straight line.
+    """
+    if h == 0.0:
+        line = np.polynomial.Polynomial([q[0], q[1] - q[0]])
+        return line, line.deriv()
+    first, second = h * v[0], 0.5 * h * h * a[0]
+    d, e, f = q[1] - q[0] - first - second, h * (v[1] - v[0]) - 2.0 * second, h * h * (a[1] - a[0])
+    quintic = np.polynomial.Polynomial([
+        q[0], first, second, 10.0 * d - 4.0 * e + 0.5 * f, 7.0 * e - 15.0 * d - f,
+        6.0 * d - 3.0 * e + 0.5 * f])
+    return quintic, quintic.deriv()

@@ -1,0 +1,72 @@
+"""Inertias of bodies lighter than 2.2e-16 kg, a nanometre machine's, which Pinocchio adds wrongly.
+
+The centre of mass of a sum of two `pin.Inertia` is divided by a mass of at least that much, in the
+parser of URDF, in `appendBodyToJoint` and in `crba`. Here masses are counted in a power of two that
+makes the lightest about one, which changes no digit of any other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import pinocchio as pin
+
+from spatial_pin.linalg import Array
+
+SAFE = 1e-3  # kg, of the lightest body, above which nothing is lost
+LARGE = 1e100  # kg, of the heaviest, below which no product of two is too large
+WIDEST = 600  # powers of two between masses that numbers have room for, with squares of lengths
+
+
+def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
+    """Set the inertia that every joint of a tree carries from those of its links."""
+    parts: list[list[pin.Inertia]] = [[] for _ in range(model.njoints)]
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name in links:
+            parts[frame.parentJoint].append(frame.placement.act(links[frame.name]))
+    for joint, inertias in enumerate(parts):
+        if inertias:
+            model.inertias[joint] = _sum(inertias)
+
+
+def _sum(inertias: Iterable[pin.Inertia]) -> pin.Inertia:
+    given = list(inertias)
+    unit = _unit(x.mass for x in given)
+    total = pin.Inertia.Zero()
+    for inertia in given:
+        total = total + _times(inertia, 1.0 / unit)
+    return _times(total, unit)
+
+
+def _unit(masses: Iterable[float]) -> float:
+    """Return a power of two [kg] that is at most, and near to, the least mass that is not zero."""
+    present = [m for m in masses if m > 0.0] or [1.0]
+    return 2.0 ** math.floor(max(math.log2(min(present)), math.log2(max(present)) - WIDEST))
+
+
+def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
+    return pin.Inertia(inertia.mass * factor, inertia.lever, inertia.inertia * factor)
+
+
+class MassMatrix:
+    """`pin.crba` for bodies of any mass.
+
+    Attributes:
+        model: the tree, its masses counted in `unit` [kg].
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.unit = model, 1.0
+        masses = [x.mass for x in model.inertias if x.mass > 0.0]
+        if masses and (min(masses) < SAFE or max(masses) > LARGE):
+            self.unit = _unit(masses)
+            self.model = model.copy()
+            for i, inertia in enumerate(model.inertias):
+                self.model.inertias[i] = _times(inertia, 1.0 / self.unit)
+        self._data = self.model.createData()
+
+    def __call__(self, q: Array) -> Array:
+        """Return the mass matrix (nv, nv) at a configuration q (nq,), overwritten by the next."""
+        mass: Array = pin.crba(self.model, self._data, q)
+        return mass if self.unit == 1.0 else mass * self.unit

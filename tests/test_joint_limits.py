@@ -1,0 +1,233 @@
+"""Joint limits of the URDF: where sweeps and simulations pass them, against closed forms."""
+
+import json
+
+import mechanisms as known
+import numpy as np
+import pytest
+from masses import heavy
+from scipy.optimize import brentq
+from scipy.special import ellipj, ellipk
+
+import spatial_pin as sp
+from spatial_pin.cli import main
+from spatial_pin.kinematics.joint_limits import (
+    joint_limit_events,
+    joint_limits,
+    joint_limits_passed,
+)
+
+G = 9.81
+DOWN = "gravity = [0.0, -9.81, 0.0]\n"
+REFERENCE = sp.Accuracy.named("reference")
+PACE = np.sqrt(1.5 * 0.4 * G / (0.02 + 1.5 * 0.4**2))  # of small swings of the rod [rad/s]
+
+
+def hanging(folder, lower, upper, second=False):
+    """A rod that hangs down at 0, with limits; with another joint, a second freedom that rests."""
+    tree = known.joint("revolute", "pin", "ground", "bob", (0, 0, 0), (0, 0, -np.pi / 2),
+                       (0, 0, 1), (lower, upper))
+    if second:
+        tree += known.sliding("far", "ground", "block", axis=(1, 0, 0))
+        tree = heavy(tree, block=(1.0,))
+    tree = heavy(tree, bob=(1.5, (0.4, 0, 0), (0.0, 0.02, 0.02)))
+    return known.load(folder, "hanging", tree, DOWN + known.driver("pin", "pin"))
+
+
+def swing(amplitude, t):
+    """A pendulum released at an amplitude [Landau I, 11]."""
+    k = np.sin(0.5 * amplitude)
+    return 2.0 * np.arcsin(k * ellipj(ellipk(k**2) - PACE * t, k**2)[0])
+
+
+QUARTER = ellipk(np.sin(0.6) ** 2) / PACE  # of the period at amplitude 1.2
+
+
+@pytest.mark.parametrize(("second", "formulation"), [
+    (False, "independent"), (True, "independent"), (False, "projected")])
+def test_a_pendulum_passes_its_limit_when_elliptic_functions_say(second, formulation, tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3, second)
+    accuracy = sp.Accuracy(tolerance=1e-15, time_tolerance=1e-13, formulation=formulation)
+    motion = sp.simulate(mech, sp.assemble(mech, {"pin": 1.2}), 9.0 * QUARTER, accuracy=accuracy)
+    first = brentq(lambda t: swing(1.2, t) + 0.7, QUARTER, 2.0 * QUARTER, xtol=1e-15)
+    want = [first + 4.0 * k * QUARTER for k in range(2)]
+    assert [p.value for p in motion.joint_limits] == pytest.approx(want, abs=1e-11)
+    assert {(p.limit.name, p.limit.value, p.limit.side) for p in motion.joint_limits} == {
+        ("pin", -0.7, -1)}
+    assert motion.events == [p.event for p in motion.joint_limits]
+    for event in motion.events:
+        assert event.kind == "joint limit"
+        assert motion.time[event.row - 1] < event.value < motion.time[event.row]
+        assert "lower limit -0.7 rad of pin passed at" in event.text
+
+
+def test_to_report_a_limit_or_to_ignore_it_leaves_the_motion_as_it_is(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    state = sp.assemble(mech, {"pin": 1.2})
+    told = sp.simulate(mech, state, 2.0)
+    ignored = sp.simulate(mech, state, 2.0, on_joint_limit="ignore")
+    assert told.events and not ignored.events and not ignored.joint_limits
+    np.testing.assert_array_equal(told.q, ignored.q)
+    with pytest.raises(ValueError, match="on_joint_limit is 'halt'; it is one of 'report'"):
+        sp.simulate(mech, state, 2.0, on_joint_limit="halt")
+
+
+def test_it_stops_at_a_limit_with_a_last_row_there(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    state = sp.assemble(mech, {"pin": 1.2})
+    motion = sp.simulate(mech, state, 2.0, on_joint_limit="stop")
+    assert [e.kind for e in motion.events] == ["joint limit", "stopped"]
+    assert "by the lower limit -0.7 rad of pin" in motion.events[1].text
+    assert motion.time[-1] == motion.events[0].value == motion.events[1].value
+    assert motion.coordinate("pin").value[-1] == pytest.approx(-0.7, abs=1e-12)
+    # what stops it first, stops it
+    earlier = sp.simulate(mech, state, 2.0, on_joint_limit="stop",
+                          stop_when=lambda t, s: s.coordinate("pin").value + 0.2)
+    assert [e.kind for e in earlier.events] == ["stopped"]
+    assert earlier.coordinate("pin").value[-1] == pytest.approx(-0.2, abs=1e-11)
+
+
+def test_a_joint_that_turns_back_just_beyond_its_limit_has_passed_it(tmp_path):
+    """Both ends of the step lie inside."""
+    amplitude, beyond = 1.2, 1e-7
+    mech = hanging(tmp_path, -amplitude + beyond, 1.3)
+    motion = sp.simulate(mech, sp.assemble(mech, {"pin": amplitude}), 3.0 * QUARTER,
+                         accuracy=REFERENCE)
+    (passing,) = motion.joint_limits
+    want = brentq(lambda t: swing(amplitude, t) + amplitude - beyond, QUARTER, 2.0 * QUARTER,
+                  xtol=1e-15)
+    assert passing.value == pytest.approx(want, abs=1e-7)  # it hardly moves there
+    short = hanging(tmp_path, -amplitude - beyond, 1.3)
+    assert not sp.simulate(short, sp.assemble(short, {"pin": amplitude}), 3.0 * QUARTER).events
+
+
+def test_a_start_beyond_a_limit_is_told_or_refused(tmp_path):
+    mech = hanging(tmp_path, -2.0, 1.0)
+    state = sp.assemble(mech, {"pin": 1.2})
+    motion = sp.simulate(mech, state, 1.0)
+    assert motion.events[0].kind == "joint limit" and motion.events[0].row == 0
+    assert motion.events[0].text == "beyond the upper limit 1 rad of pin from the start"
+    with pytest.raises(sp.SpatialPinError, match="beyond the upper limit 1 rad of pin"):
+        sp.simulate(mech, state, 1.0, on_joint_limit="stop")
+    at_rest = sp.assemble(mech, {"pin": 1.0})
+    assert sp.simulate(mech, at_rest, 1.0, on_joint_limit="stop").time[-1] == 1.0
+
+
+def test_a_joint_without_room_between_its_limits_has_none(tmp_path):
+    """URDF says 0 and 0 where nothing is stated."""
+    mech = hanging(tmp_path, 0.0, 0.0)
+    assert not joint_limits(mech)
+    assert [(x.value, x.side, x.unit) for x in joint_limits(hanging(tmp_path, -1.0, 2.0))] == [
+        (-1.0, -1, "rad"), (2.0, 1, "rad")]
+
+
+def test_the_command_line_stops_at_limits(tmp_path, capsys):
+    hanging(tmp_path, -0.7, 1.3)
+    words = ["simulate", str(tmp_path / "hanging.toml"), "--duration", "1", "--at", "pin=1.2",
+             "--on-joint-limit", "stop", "--json", str(tmp_path / "m.json")]
+    assert main(words) == 0
+    assert "stopped at" in capsys.readouterr().out
+    events = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["events"]
+    assert [event["kind"] for event in events] == ["joint limit", "stopped"]
+
+
+# ---------------------------------------------------------------- sweeps
+
+LOWER, UPPER = 0.1103, 0.209  # of the slide, which goes from 0.11 to 0.21
+
+
+@pytest.fixture
+def slider_crank():
+    """The library's, with limits of the slide."""
+    mech = sp.load("slider_crank")
+    at, model = mech.coordinate("slide").q, mech.model
+    for name, value in (("lowerPositionLimit", LOWER), ("upperPositionLimit", UPPER)):
+        limits = getattr(model, name).copy()
+        limits[at] = value
+        setattr(model, name, limits)
+    return mech
+
+
+def crank_at(x):
+    """Crank angle in (0, pi) at a place of the slide: law of cosines, crank 0.05, rod 0.16."""
+    return float(np.arccos((x * x + 0.05**2 - 0.16**2) / (2.0 * x * 0.05)))
+
+
+@pytest.mark.parametrize(("n", "limit"), [(361, 1e-13), (91, 1e-10), (37, 1e-8)])
+@pytest.mark.parametrize("way", ["forward", "backward", "faster and faster"])
+def test_a_sweep_passes_limits_where_the_triangle_says(slider_crank, n, limit, way):
+    values = np.linspace(0.0, 2.0 * np.pi, n)
+    speed = np.linspace(1.0, 3.0, n) if way == "faster and faster" else 2.0
+    motion = sp.sweep(slider_crank, "crank", values[::-1] if way == "backward" else values, speed)
+    start, *passed = joint_limits_passed(motion)
+    assert (start.limit.side, start.row, start.where) == (1, 0, "")
+    low, high = crank_at(LOWER), crank_at(UPPER)
+    want = [low, 2.0 * np.pi - high] if way != "backward" else [2.0 * np.pi - low, high]
+    assert [p.limit.value for p in passed] == [LOWER, UPPER]
+    assert [p.value for p in passed] == pytest.approx(want, abs=limit)
+    for p in passed:
+        before, after = motion.swept[p.row - 1], motion.swept[p.row]
+        assert min(before, after) <= p.value <= max(before, after)
+    assert [e.kind for e in joint_limit_events(motion)] == ["joint limit"] * 3
+    assert "upper limit 0.209 m of slide passed at crank = " in joint_limit_events(motion)[2].text
+
+
+def test_a_traced_curve_passes_limits_too(slider_crank):
+    """Its rows are no history in time; between them goes the arc length."""
+    passed = [p for p in joint_limits_passed(sp.trace(slider_crank, "crank")) if p.where]
+    assert [p.value for p in passed] == pytest.approx(
+        [crank_at(LOWER), 2.0 * np.pi - crank_at(UPPER)], abs=1e-12)
+
+
+def test_rows_without_rates_are_joined_by_straight_lines(slider_crank):
+    motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 100), 0.0)
+    (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
+    assert lower.value == pytest.approx(crank_at(LOWER), abs=2e-3)
+
+
+# ---------------------------------------------------------------- how far a driver can go
+
+
+def test_a_range_ends_at_the_first_joint_limit(slider_crank):
+    found = sp.limits(slider_crank, "crank", {"crank": 1.5}, joints=True)
+    assert (found.lower.kind, found.upper.kind) == ("upper limit of slide", "lower limit of slide")
+    assert not found.full_turn
+    assert found.lower.value == pytest.approx(crank_at(UPPER), abs=1e-12)
+    assert found.upper.value == pytest.approx(crank_at(LOWER), abs=1e-12)
+    assert "(lower limit of slide)" in str(found)
+    assert sp.limits(slider_crank, "crank", {"crank": 1.5}).full_turn
+    with pytest.raises(sp.SpatialPinError, match=r"beyond the upper limit 0\.209 m of slide"):
+        sp.limits(slider_crank, "crank", {"crank": 0.01}, joints=True)
+
+
+def test_a_range_without_a_joint_limit_in_it_is_as_without(slider_crank):
+    slide = sp.limits(slider_crank, "slide", {"crank": 1.5})
+    assert [slide.lower.kind, slide.upper.kind] == ["limit", "limit"]
+    within = sp.limits(slider_crank, "slide", {"crank": 1.5}, joints=True)
+    assert [within.lower.value, within.upper.value] == pytest.approx([LOWER, UPPER], abs=1e-12)
+    model, at = slider_crank.model, slider_crank.coordinate("slide").q
+    limits = model.upperPositionLimit.copy()
+    limits[at] = 0.21 - 1e-6  # in the last thousandth of the way to the dead centre
+    model.upperPositionLimit = limits
+    assert sp.limits(slider_crank, "slide", {"crank": 1.5}, joints=True).upper.value == (
+        pytest.approx(0.21 - 1e-6, abs=1e-12))
+    found = sp.limits(slider_crank, "crank", {"crank": 1.5}, joints=True)
+    assert found.lower.value == pytest.approx(crank_at(0.21 - 1e-6), abs=1e-10)
+    for name in ("slider_crank", "four_bar", "stewart"):  # limits out of reach, none, telescopes
+        mech = sp.load(name)
+        driver = next(iter(mech.drivers))
+        free, held = (sp.limits(mech, driver, joints=joints) for joints in (False, True))
+        assert (free == held) == (name != "stewart")
+
+
+def test_a_driver_of_many_turns_has_its_own_limits(tmp_path):
+    found = sp.limits(hanging(tmp_path, -20.0, 15.0), "pin", joints=True)
+    assert (found.lower.kind, found.upper.kind) == ("lower limit of pin", "upper limit of pin")
+    assert [found.lower.value, found.upper.value] == pytest.approx([-20.0, 15.0], abs=1e-12)
+
+
+def test_a_sweep_tells_the_joint_limits_that_it_passes(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    motion = sp.sweep(mech, "pin", np.linspace(0.0, 2.0, 101))
+    assert [(e.kind, e.row) for e in motion.events] == [("joint limit", 66)]
+    assert motion.events[0].value == pytest.approx(1.3, abs=1e-13)

@@ -1,0 +1,218 @@
+"""Forward dynamics through Pinocchio's algorithm: where it is taken, and that it is the same."""
+
+from __future__ import annotations
+
+import mechanisms as known
+import numpy as np
+import pinocchio as pin
+import pytest
+from masses import energy_rate, heavy, with_masses
+from test_closures import JOINTS, tree_with
+from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
+
+import spatial_pin as sp
+from spatial_pin.dynamics.equations import Equations, equations_of
+from spatial_pin.dynamics.forces import joint_efforts
+from spatial_pin.dynamics.native import native_models
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.linalg import null_space
+
+OVERCONSTRAINED = ["bennett", "bricard", "double_cardan", "four_bar", "hooke_joint", "peaucellier",
+                   "sarrus", "spherical_four_bar", "watt_six_bar"]
+
+
+def has_native_form(name):
+    try:
+        return bool(native_models(sp.load(name)))
+    except sp.ClosureTypeError:
+        return False
+
+
+NATIVE = [name for name in sp.list_mechanisms() if has_native_form(name)]
+
+
+def by_rows(mech, state, efforts=None, **load):
+    equations = Equations(mech)
+    equations.update(state, **load)
+    return equations.accelerations(joint_efforts(mech, efforts) + equations.given)[0]
+
+
+def by_pinocchio(mech, state):
+    """What Pinocchio's algorithm answers there: None where it is not believed."""
+    with equations_of(mech) as equations:
+        assert equations.native is not None
+        return equations.native.accelerations(state.q, state.v, np.zeros(mech.model.nv))
+
+
+def nearby(mech, rng):
+    start = sp.assemble(mech, {})
+    at = {d: start.coordinate(d).value + rng.uniform(-0.02, 0.02) for d in mech.drivers}
+    state = sp.assemble(mech, at, guess=start)
+    return sp.solve_rates(mech, state, {d: rng.uniform(-2, 2) for d in mech.drivers})
+
+
+def test_most_of_the_library_is_native():
+    assert {"rssr", "stewart", "bennett", "four_bar", *OVERCONSTRAINED} <= set(NATIVE)
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_it_is_taken_and_is_the_same(name):
+    mech, rng = sp.load(name), np.random.default_rng(8)
+    efforts = {d: float(rng.uniform(-2, 2)) for d in mech.drivers}
+    for _ in range(4):
+        state = nearby(mech, rng)
+        found = sp.forward_dynamics(mech, state, efforts)
+        want = by_rows(mech, state, efforts)
+        assert found.a == pytest.approx(want, abs=1e-12 * np.abs(want).max())
+        assert by_pinocchio(mech, state) is not None
+        assert np.array_equal(found.a, sp.forward_dynamics(mech, state, efforts).a)
+
+
+@pytest.mark.parametrize("name", OVERCONSTRAINED)
+def test_no_regularisation_is_seen(name):
+    """Every closure equation holds, and the power balances, to far below 1e-9."""
+    mech, rng = sp.load(name), np.random.default_rng(5)
+    state = nearby(mech, rng)
+    efforts = {d: 1.5 for d in mech.drivers}
+    answer = sp.forward_dynamics(mech, state, efforts)
+    evaluation = Evaluation(constraints_of(mech))
+    evaluation.update(state.q)
+    rows = slice(0, evaluation.constraints.n_rows)
+    gamma = evaluation.bias(state.q, state.v)[rows]
+    change = evaluation.jacobian[rows] @ (answer.a / mech.velocity_scale)
+    size = max(np.abs(gamma).max(), np.abs(answer.a).max())
+    assert change + gamma == pytest.approx(np.zeros(len(gamma)), abs=1e-12 * size)
+    power = sum(1.5 * state.coordinate(d).rate for d in mech.drivers)
+    assert energy_rate(answer.state) == pytest.approx(power, abs=1e-12 * size + 1e-12 * power)
+
+
+def test_a_law_and_a_spring_act_there_too(tmp_path):
+    toml = ('[[springs]]\nname = "s"\nframes = ["tip", "ground"]\nstiffness = 300.0\n'
+            "free_length = 0.1\n")
+    mech = heavy_four_bar(tmp_path, toml)
+    state = moving(mech)
+    for laws in (None, {"s": lambda x, rate: 40 * x**2 + rate}):
+        found = sp.forward_dynamics(mech, state, laws=laws).a
+        want = by_rows(mech, state, laws=laws)
+        assert found == pytest.approx(want, abs=1e-12 * np.abs(want).max())
+
+
+# ---------------------------------------------------------------- where it is not believed
+
+
+@pytest.mark.parametrize("what", ["place", "pace"])
+def test_open_loops_are_left_to_the_rows(what, tmp_path):
+    mech = sp.load("four_bar")
+    state = moving(mech)
+    sp.forward_dynamics(mech, state)
+    q, v = state.q.copy(), state.v.copy()
+    (q if what == "place" else v)[1] += 1e-6
+    other = sp.State(mech, q, v, closure_error=1e-6)
+    assert by_pinocchio(mech, other) is None
+    if what == "pace":
+        assert sp.forward_dynamics(mech, other).a == pytest.approx(by_rows(mech, state), rel=1e-4)
+
+
+@pytest.mark.parametrize(("near", "taken"), [(0.1, True), (1e-2, True), (1e-4, False),
+                                             (1e-7, False), (1e-9, False)])
+@pytest.mark.parametrize("n", [1, 3])
+def test_near_the_flat_configuration(n, near, taken, tmp_path):
+    """Against the one rod that the ladder falls as; round-off grows as the rank is lost."""
+    mech = ladder(tmp_path, n)
+    sp.forward_dynamics(mech, leaning(mech, 0.7, 1.3)[0])
+    state, sense = leaning(mech, np.pi / 2 - near, 1.3)
+    want = sense * ((n + 1) / 2 + n) * G / ((n + 1) / 3 + n) * np.cos(near)
+    error = 1e-12 if near > 1e-3 else 3e-14 / near
+    assert sp.forward_dynamics(mech, state).a == pytest.approx(want, abs=error)
+    assert (by_pinocchio(mech, state) is not None) == taken
+
+
+def test_a_singular_configuration_after_a_regular_one_is_refused(tmp_path):
+    mech = ladder(tmp_path, 2)
+    for _ in range(2):
+        sp.forward_dynamics(mech, leaning(mech, 0.7, 1.3)[0])
+        with pytest.raises(sp.SingularError, match="lose 2 independent"):
+            sp.forward_dynamics(mech, leaning(mech, np.pi / 2, 1.3)[0])
+
+
+def test_a_crank_without_inertia_in_a_loop(tmp_path):
+    """The tree's mass matrix is singular, the mechanism is not."""
+    mech = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.35, 0.25)
+    mech = with_masses(mech, tmp_path, rocker=(1.0, (0.1, 0, 0), (1e-2,) * 3))
+    state = nearby(mech, np.random.default_rng(2))
+    driver = next(iter(mech.drivers), None) or mech.coordinates[0]
+    found = sp.forward_dynamics(mech, state, {driver: 0.3})
+    assert found.a == pytest.approx(by_rows(mech, state, {driver: 0.3}), rel=1e-13)
+    assert by_pinocchio(mech, state) is None
+    assert energy_rate(found.state) == pytest.approx(0.3 * state.coordinate(driver).rate, abs=1e-12)
+
+
+def test_very_light_and_very_heavy_links(tmp_path):
+    """Masses from a microgram to a tonne in one loop."""
+    links = {"crank": (1e-9, (0.05, 0, 0), (1e-13,) * 3), "coupler": (1e3, (0.1, 0, 0), (9.0,) * 3),
+             "rocker": (1e-3, (0.1, 0, 0), (1e-6,) * 3)}
+    mech = with_masses(known.bare_four_bar(tmp_path, 0.3, 0.1, 0.35, 0.25), tmp_path, **links)
+    state = nearby(mech, np.random.default_rng(2))
+    answer = sp.forward_dynamics(mech, state)
+    size = np.abs(answer.a).max()
+    assert answer.a == pytest.approx(by_rows(mech, state), abs=1e-9 * size)
+    assert energy_rate(answer.state) == pytest.approx(0.0, abs=1e-9 * size)
+
+
+def test_what_pinocchio_cannot_express_goes_by_rows():
+    with pytest.raises(sp.ClosureTypeError, match="points and welds"):
+        native_models(sp.load("geared_five_bar"))
+
+
+def test_pendulum_without_closures_is_no_case_for_it(tmp_path):
+    tree = heavy(known.turning("pin", "ground", "bob"), bob=(1.0, (0.1, 0, 0), (1e-2,) * 3))
+    mech = known.load(tmp_path, "bob", tree, known.driver("pin", "pin"))
+    sp.forward_dynamics(mech, sp.assemble(mech, {}))
+    with equations_of(mech) as equations:
+        assert equations.asked and equations.native is None
+
+
+def test_rows_too_many_and_a_resolved_spin(tmp_path):
+    """Both together: the ball joint has a point on a line besides."""
+    mech = sp.load("rssr")
+    toml = mech.path.read_text(encoding="utf-8")
+    assert "[passive" in toml
+    for file in (mech.tree, mech.tree.parent / "parts.xacro"):
+        (tmp_path / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+    closures = toml.index("[[closures]]")
+    again = '[[closures]]\nname = "again"\ntype = "point_on_line"\n' + next(
+        line for line in toml[closures:].splitlines() if line.startswith("frames")) + "\n"
+    path = tmp_path / "rssr.toml"
+    path.write_text(toml[:closures] + again + toml[closures:], encoding="utf-8")
+    doubled = sp.load(path)
+    for _ in range(2):
+        assert sp.forward_dynamics(doubled, moving(doubled)).a == pytest.approx(
+            sp.forward_dynamics(mech, moving(mech)).a, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["spherical", "revolute", "weld"])
+@pytest.mark.parametrize("joint", JOINTS)
+def test_every_joint_of_the_tree(joint, kind, tmp_path):
+    """A tree of one kind of joints, closed where it happens to be, moving as it then may."""
+    mech, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, 3)
+    q = pin.integrate(mech.model, mech.neutral, rng.uniform(-0.7, 0.7, mech.model.nv))
+    at = sp.State(mech, q, closure_error=1.0)
+    place = at.placement("right").actInv(at.placement("at_leaf"))  # where the closure is closed
+    path = tmp_path / f"{mech.name}.urdf"
+    head, mount, rest = path.read_text(encoding="utf-8").partition('name="at_right_mount"')
+    old = rest[rest.index("<origin"):rest.index("/>", rest.index("<origin")) + 2]
+    new = (f'<origin xyz="{known.words(place.translation)}" '
+           f'rpy="{known.words(pin.rpy.matrixToRpy(place.rotation))}"/>')
+    path.write_text(head + mount + rest.replace(old, new, 1), encoding="utf-8")
+    links = dict.fromkeys(("trunk", "left", "leaf", "right"),
+                          (1.0, (0.01, 0.02, 0.03), (0.02, 0.03, 0.04)))
+    mech = with_masses(sp.load(tmp_path / f"{mech.name}.toml"), tmp_path, **links)
+    freedoms = null_space(sp.closure_jacobian(mech, q) * mech.velocity_scale)
+    v = mech.velocity_scale * (rng.uniform(-2, 2, len(freedoms)) @ freedoms)
+    state = sp.State(mech, q, v, closure_error=0.0)
+    want = by_rows(mech, state)
+    error = 1e-11 * max(np.abs(want).max(), G)  # some of these are structures, which rest
+    assert sp.forward_dynamics(mech, state).a == pytest.approx(want, abs=error)
+    found = by_pinocchio(mech, state)
+    assert found is not None
+    assert found == pytest.approx(want, abs=error)
