@@ -27,9 +27,10 @@ from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import FrameMotion, Motion
 from spatial_pin.kinematics.rates import solve_rates
-from spatial_pin.kinematics.sensitivity import sensitivity, tolerance
+from spatial_pin.kinematics.sensitivity import sensitivity
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.kinematics.tolerance import tolerance
 from spatial_pin.kinematics.transmission import transmission
 from spatial_pin.mechanism import laws
 from spatial_pin.mechanism.files import list_mechanisms, load

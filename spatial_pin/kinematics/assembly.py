@@ -265,7 +265,7 @@ def _starts(
         yield pin.integrate(model, fixed, rng.uniform(-1.0, 1.0, model.nv) * reach)
 
 
-def _periodic(mechanism: Mechanism) -> list[Coordinate]:
+def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn."""
     coupled = {mechanism.coordinate(j).name for c in mechanism.closures if c.type == COUPLING
                for j in c.joints}
@@ -283,7 +283,7 @@ def nearest_turn(
     q = q.copy()
     turn = 2.0 * np.pi
     lower, upper = mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
-    for c in _periodic(mechanism):
+    for c in periodic(mechanism):
         if c.name in held:
             q[c.q] = held[c.name]
             continue
