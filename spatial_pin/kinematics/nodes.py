@@ -17,7 +17,7 @@ from spatial_pin.linalg import Array, StackedLU
 
 FEWEST = 4  # nodes that make a curve
 SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
-ROUGH = 1e-8  # closure residual of steps
+ROUGH = 1e-6  # closure residual of steps
 OFF = 1e-4  # closure residual of an interpolated point that is no longer a small correction
 CORRECTIONS = 3
 SPIN_PASSES = 6
