@@ -40,7 +40,7 @@ class Accuracy:
             lengths, and these per second], absolute and relative.
         step: fixed step of "RK4" and "Gauss", longest step of the others [s].
 
-    Many values of a sweep are taken together, up to ten times faster, with order 3 to tolerance only.
+    Many values of a sweep are taken together, many times faster, with order 3 to tolerance only.
     """
 
     order: int = 3
