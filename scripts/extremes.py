@@ -141,16 +141,16 @@ def slider_crank_with_a_guess_of_another_size() -> float:
 
 
 def plane_four_bar(
-    masses: Iterable[float] = (1.0, 1.0, 1.0), size: float = 1.0, lean: float = 0.0
+    masses: Iterable[float] = (1.0, 1.0, 1.0), size: float = 1.0, lean: float = 0.0,
+    away: float = 0.0,
 ) -> sp.Mechanism:
     ground, crank, coupler, rocker = (x * size for x in FOUR_BAR)
     first, second, third = (rod(m, (x, 0, 0)) if m else "" for m, x in zip(
         masses, (crank, coupler, rocker), strict=True))
-    tree = joint("continuous", "a", "ground", "crank", mass=first)
+    tree = joint("continuous", "a", "ground", "crank", (away, 0, 0), mass=first)
     tree += joint("continuous", "b", "crank", "coupler", (crank, 0, 0), rpy=(lean, 0, 0),
                   mass=second)
-    tree += joint("continuous", "c", "ground", "rocker", (ground, 0, 0),
-                  mass=third)
+    tree += joint("continuous", "c", "ground", "rocker", (away + ground, 0, 0), mass=third)
     tree += point("end", "coupler", (coupler, 0, 0)) + point("eye", "rocker", (rocker, 0, 0))
     return made("four_bar", tree, closure("pin", "revolute", "end", "eye") + DRIVEN + GUESS,
                 (0.0, -GRAVITY, 0.0))
