@@ -31,6 +31,7 @@ import spatial_pin as sp
 from spatial_pin.dynamics.equations import equations_of
 from spatial_pin.dynamics.native import NativeDynamics, native_models
 from spatial_pin.linalg import independent_rows
+from spatial_pin.mechanism.inertia import MassMatrix
 
 # joints of a pair about and along z, and their coordinates among (3 angles, 3 lengths)
 PARTS = {"prismatic": (pin.JointModelPZ,), "cylindrical": (pin.JointModelRZ, pin.JointModelPZ),
@@ -55,7 +56,8 @@ def compare(mechanism: sp.Mechanism, state: sp.State, repeats: int) -> dict[str,
         return None
     if not models:
         return None
-    native = NativeDynamics(mechanism, models, len(independent_rows(scaled)))
+    native = NativeDynamics(mechanism, MassMatrix(mechanism.model), models,
+                            len(independent_rows(scaled)))
     none = np.zeros(mechanism.model.nv)
 
     def taking(which: NativeDynamics | None) -> Callable[[], Any]:
