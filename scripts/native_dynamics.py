@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -25,9 +24,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads on
 
 import numpy as np
 import pinocchio as pin
-from bench_dynamics import ladder
 
 import spatial_pin as sp
+from spatial_pin.accuracy.models import ladder
 from spatial_pin.dynamics.equations import equations_of
 from spatial_pin.dynamics.native import NativeDynamics, native_models
 from spatial_pin.linalg import independent_rows
@@ -154,10 +153,10 @@ def compare_halves(name: str, repeats: int) -> dict[str, Any]:
             **{f"{way}_us": 1e6 * min(t) for way, t in times.items()}}
 
 
-def leaning(windows: int, folder: Path) -> tuple[sp.Mechanism, sp.State]:
-    mechanism, angle = ladder(windows, folder), 0.5
+def leaning(windows: int) -> tuple[sp.Mechanism, sp.State]:
+    mechanism, angle = ladder(windows), 0.5
     guess = ({f"pin_{i}": -angle for i in range(windows + 1)}
-             | {f"top_{i}": angle for i in range(windows)})
+             | {f"knee_{i}": angle for i in range(windows)})
     state = sp.assemble(mechanism, {"pin_0": -angle}, guess)
     return mechanism, sp.solve_rates(mechanism, state, {"pin_0": -1.0})
 
@@ -171,23 +170,22 @@ def main() -> None:
     options = parser.parse_args()
     found = []
     print(f"{'':22s} freedoms  rows |     bare  checked   public | by our rows   differ   [us]")
-    with tempfile.TemporaryDirectory() as folder:
-        cases = [*sp.list_mechanisms(), *options.loops]
-        for case in cases:
-            if isinstance(case, int):
-                mechanism, state = leaning(case, Path(folder))
-            else:
-                mechanism = sp.load(case)
-                state = sp.solve_rates(mechanism, sp.assemble(mechanism, {}),
-                                       dict.fromkeys(mechanism.drivers, 0.7))
-            row = compare(mechanism, state, options.repeats)
-            if row is None:
-                continue
-            found.append(row)
-            name = f"{case} windows" if isinstance(case, int) else case
-            print(f"{name:22s} {row['freedoms']:8d} {row['rows']:5d} | {row['bare_us']:8.1f} "
-                  f"{row['checked_us']:8.1f} {row['public_us']:8.1f} | {row['rows_us']:11.1f} "
-                  f"{row['difference']:8.0e}")
+    cases = [*sp.list_mechanisms(), *options.loops]
+    for case in cases:
+        if isinstance(case, int):
+            mechanism, state = leaning(case)
+        else:
+            mechanism = sp.load(case)
+            state = sp.solve_rates(mechanism, sp.assemble(mechanism, {}),
+                                   dict.fromkeys(mechanism.drivers, 0.7))
+        row = compare(mechanism, state, options.repeats)
+        if row is None:
+            continue
+        found.append(row)
+        name = f"{case} windows" if isinstance(case, int) else case
+        print(f"{name:22s} {row['freedoms']:8d} {row['rows']:5d} | {row['bare_us']:8.1f} "
+              f"{row['checked_us']:8.1f} {row['public_us']:8.1f} | {row['rows_us']:11.1f} "
+              f"{row['difference']:8.0e}")
     print("\ncut bodies in two halves, without any check; by our rows the public call      [us]")
     for name in ("oldham", "swash_plate"):
         row = compare_halves(name, options.repeats)

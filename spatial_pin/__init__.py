@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from spatial_pin.accuracy.reduce import Reduced, reduce
 from spatial_pin.accuracy.tradeoff import Tradeoff, tradeoff
 from spatial_pin.dynamics.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
@@ -26,9 +27,10 @@ from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import FrameMotion, Motion
 from spatial_pin.kinematics.rates import solve_rates
-from spatial_pin.kinematics.sensitivity import sensitivity, tolerance
+from spatial_pin.kinematics.sensitivity import sensitivity
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.kinematics.tolerance import tolerance
 from spatial_pin.kinematics.transmission import transmission
 from spatial_pin.mechanism import laws
 from spatial_pin.mechanism.files import list_mechanisms, load
@@ -51,6 +53,7 @@ __all__ = [
     "MechanismFileError",
     "Mobility",
     "Motion",
+    "Reduced",
     "Simulation",
     "SingularError",
     "SpatialPinError",
@@ -77,6 +80,7 @@ __all__ = [
     "mobility",
     "movie",
     "plot",
+    "reduce",
     "report",
     "screenshot",
     "sensitivity",

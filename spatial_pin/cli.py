@@ -85,6 +85,9 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("sweep", _sweep, "follow one branch from one driver value to another")
     _sweep_arguments(sub)
+    sub.add_argument("--only", action="append", default=[], metavar="NAME",
+                     help="sweep the smallest model that yields this coordinate, link or frame, "
+                          "and say what it leaves out")
     _result_options(sub)
 
     sub = command("simulate", _simulate, "let it move under gravity, springs and efforts")
@@ -338,7 +341,26 @@ def _sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[st
 
 
 def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    return sp.sweep(mechanism, progress=True, **_sweep_task(options, mechanism))
+    task = _sweep_task(options, mechanism)
+    if getattr(options, "only", None):
+        mechanism, task["guess"] = _reduced(options, mechanism)
+    return sp.sweep(mechanism, progress=True, **task)
+
+
+def _reduced(
+    options: argparse.Namespace, mechanism: sp.Mechanism
+) -> tuple[sp.Reduced, sp.State]:
+    """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
+    state = sp.assemble(mechanism, {options.driver: options.first}, _guess(options))
+    driven = mechanism.driven_coordinate(options.driver).name
+    others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
+              if d.joint != driven and d.joint not in options.only and d.name not in options.only}
+    is_driver = driven in (d.joint for d in mechanism.drivers.values())
+    found = sp.reduce(mechanism, [*options.only, *[driven] * (not is_driver)], lock=others,
+                      guess=state)
+    if options.json != "-":
+        print(found)
+    return found, found.state(state)
 
 
 def _sweep(options: argparse.Namespace) -> None:

@@ -136,7 +136,8 @@ def test_the_spin_of_the_reference_is_that_of_a_body_without_spin():
     assert 1e-6 < gap == pytest.approx(reference.judge(motion).spin, rel=0.5)
 
 
-def test_what_is_below_round_off_is_equally_exact():
+def test_what_is_below_round_off_is_equally_exact(monkeypatch):
+    monkeypatch.setattr("spatial_pin.accuracy.tradeoff.ROUND_OFF", 1e-13)
     found = tradeoff(sp.load("four_bar"), {"values": TURN[1:]}, settings=[
         sp.Accuracy(order=1, tolerance=1e-15), sp.Accuracy(order=2, tolerance=1e-15)], repeats=2)
     assert len(found.front) == 1

@@ -10,8 +10,8 @@ the shortest that bear the same loads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +35,7 @@ from spatial_pin.linalg import (
     independent_rows,
 )
 from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Mechanism
 
 DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
@@ -360,15 +361,6 @@ def _made_for(mechanism: Mechanism) -> Equations:
     return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
 
 
-@contextmanager
-def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
+def equations_of(mechanism: Mechanism) -> AbstractContextManager[Equations]:
     """Lend the equations of a mechanism, made once for each thread that asks at the same time."""
-    idle: list[Equations] = mechanism.memo.setdefault("equations", [])
-    try:
-        equations = idle.pop()
-    except IndexError:
-        equations = _made_for(mechanism)
-    try:
-        yield equations
-    finally:
-        idle.append(equations)
+    return lent(mechanism, "equations", lambda: _made_for(mechanism))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.errors import AssemblyError
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -79,16 +79,17 @@ def assemble(
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
+    guess = mechanism.start(held) if guess is None else guess
     start = _read_guess(mechanism, guess)
     named = {name: value for name, value in start.named.items() if name not in held}
-    search = _Search(mechanism, held, named, limits, accuracy)
-    if isinstance(guess, State):
-        search.evaluation.turns[:] = guess.angles
-    for k, q in enumerate(_starts(mechanism, start.q, held, named)):
-        search.attempt(q)
-        if search.done(k):
-            break
-    return search.result()
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.turns[:] = guess.angles if isinstance(guess, State) else 0.0
+        search = _Search(evaluation, held, named, limits, accuracy)
+        for k, q in enumerate(_starts(mechanism, start.q, held, named)):
+            search.attempt(q)
+            if search.done(k):
+                break
+        return search.result()
 
 
 class _Search:
@@ -96,15 +97,15 @@ class _Search:
 
     def __init__(
         self,
-        mechanism: Mechanism,
+        evaluation: Evaluation,
         held: Mapping[str, float],
         named: Mapping[str, float],
         limits: bool,
         accuracy: Accuracy,
     ) -> None:
-        self.mechanism, self.held, self.named = mechanism, held, named
+        self.mechanism = mechanism = evaluation.mechanism
+        self.evaluation, self.held, self.named = evaluation, held, named
         self.limits, self.tolerance = limits, accuracy.tolerance
-        self.evaluation = Evaluation(constraints_of(mechanism))
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         self.free[[mechanism.coordinate_table[name].v for name in held]] = False
         self.first = self.free.copy()
@@ -264,7 +265,7 @@ def _starts(
         yield pin.integrate(model, fixed, rng.uniform(-1.0, 1.0, model.nv) * reach)
 
 
-def _periodic(mechanism: Mechanism) -> list[Coordinate]:
+def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn."""
     coupled = {mechanism.coordinate(j).name for c in mechanism.closures if c.type == COUPLING
                for j in c.joints}
@@ -282,7 +283,7 @@ def nearest_turn(
     q = q.copy()
     turn = 2.0 * np.pi
     lower, upper = mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
-    for c in _periodic(mechanism):
+    for c in periodic(mechanism):
         if c.name in held:
             q[c.q] = held[c.name]
             continue

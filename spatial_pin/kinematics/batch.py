@@ -6,14 +6,16 @@ arrays with the configurations along the last axis (`kinematics.flat`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from copy import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kinematics.branch import Branch
 from spatial_pin.kinematics.constraints import Constraints
-from spatial_pin.kinematics.flat import cross, dot, flat_tree_of
+from spatial_pin.kinematics.flat import FlatJoint, cross, dot, flat_tree_of
+from spatial_pin.kinematics.varying import Varying, times
 from spatial_pin.linalg import Array, StackedLU
 
 
@@ -40,8 +42,6 @@ class Placed(NamedTuple):
 
     def take(self, which: NDArray[np.intp]) -> Placed:
         """Return some of the configurations."""
-        if len(which) == self.q.shape[1]:
-            return self
         return Placed(*(part[..., which] for part in self))
 
     def put(self, which: NDArray[np.intp], some: Placed) -> None:
@@ -55,6 +55,9 @@ class Batch:
 
     Attributes:
         tree: the tree without its loops.
+        coefficients: (3 r, 4 bodies) of the vectors A, B, X of the r product rows on placements.
+        constants: (r, 1) of the product rows; or (r, m), as the coefficients may be `Varying`.
+        bodies: joints of the split model that carry the bodies.
     """
 
     def __init__(self, constraints: Constraints) -> None:
@@ -64,9 +67,25 @@ class Batch:
         self._n = n = len(c.constants)
         c_abx = c.c_abx.reshape(3 * n, self.mechanism.model.njoints, 4)
         bodies = np.flatnonzero(c_abx.any(axis=(0, 2)))
-        self._bodies = self.tree.carrier[bodies]
-        self._c_abx = np.ascontiguousarray(c_abx[:, bodies]).reshape(3 * n, 4 * len(bodies))
+        self.bodies = self.tree.carrier[bodies]
+        self._use(np.ascontiguousarray(c_abx[:, bodies]).reshape(3 * n, 4 * len(bodies)),
+                  c.constants[:, None])
         self._spin_at = [self.tree.carrier[joint] for joint, _ in c.spins]
+
+    def _use(self, coefficients: Any, constants: Array) -> None:
+        self.coefficients, self.constants, n = coefficients, constants, 2 * self._n
+        varies = isinstance(coefficients, Varying)
+        self._c_ab = coefficients.until(n) if varies else coefficients[:n]
+
+    def of_other_dimensions(
+        self, joints: list[FlatJoint], coefficients: Any, constants: Array
+    ) -> Batch:
+        """Return the same equations with other constants, for each configuration its own."""
+        other = copy(self)
+        other.tree = copy(self.tree)
+        other.tree.joints = joints
+        other._use(coefficients, constants)
+        return other
 
     def place(self, q: Array, near: Array) -> Placed:
         """Evaluate the rows at q (nq, m).
@@ -79,7 +98,7 @@ class Batch:
         g = self.tree.place(q)
         a, b, x = self._vectors(g).reshape(3, n, 5, q.shape[1])
         values = dot(a, b)
-        values -= c.constants[:, None]
+        values -= self.constants
         residual = values[: c.n_products]
         angles = np.empty((c.n_angles, q.shape[1]))
         if c.screws or c.couplings:
@@ -95,7 +114,8 @@ class Batch:
         return Placed(q, g, a, b, x, values, residual, angles)
 
     def _vectors(self, g: Array) -> Array:
-        return np.dot(self._c_abx, g[self._bodies].reshape(self._c_abx.shape[1], 5 * g.shape[3]))
+        flat = 4 * len(self.bodies), 5, g.shape[3]
+        return times(self.coefficients, g[self.bodies].reshape(flat))
 
     def _products(self, p: Placed) -> Array:
         """Return (r, nv, m) derivatives of the product rows."""
@@ -140,21 +160,19 @@ class Batch:
         """
         c, n = self.constraints, self._n
         first, second = self.tree.rates(p.g, v)
-        bodies = self._bodies
+        bodies = self.bodies
         g, w, alpha = p.g[bodies], first[bodies, 0, None], second[bodies, 0, None]
         g1, g2 = np.empty_like(g), np.empty_like(g)
         g1[:, :3] = cross(w, g[:, :3])
         g2[:, :3] = cross(w, g1[:, :3]) + cross(alpha, g[:, :3])
         g1[:, 3], g2[:, 3] = first[bodies, 1], second[bodies, 1]
         shape = 2, n, 5, p.q.shape[1]
-        ab = self._c_abx[: 2 * n]
-        flat = ab.shape[1], 5 * p.q.shape[1]
-        a1, b1 = np.dot(ab, g1.reshape(flat)).reshape(shape)
-        a2, b2 = np.dot(ab, g2.reshape(flat)).reshape(shape)
+        flat = 4 * len(bodies), 5, p.q.shape[1]
+        a1, b1 = times(self._c_ab, g1.reshape(flat)).reshape(shape)
+        a2, b2 = times(self._c_ab, g2.reshape(flat)).reshape(shape)
         bias = dot(a2, p.b) + 2.0 * dot(a1, b1) + dot(p.a, b2)
-        for k, (at, (_, axis)) in enumerate(zip(self._spin_at, c.spins, strict=True)):
-            line = np.dot(axis, p.g[at, :3].reshape(3, -1)).reshape(5, -1)
-            bias[c.passive_at + k] = dot(line, second[at, 0])
+        for k, at in enumerate(self._spin_at, start=c.passive_at):
+            bias[k] = dot(p.b[k], second[at, 0])
         if c.screws or c.couplings:
             bias = self._finish_bias(p, bias, dot(a1, p.b) + dot(p.a, b1))
         return bias, first, second
@@ -180,12 +198,12 @@ class BranchBatch(Batch):
         """Return the factored systems of rows, spins and drivers at configurations."""
         return StackedLU(self.branch.system.stack(self.jacobian(p)))
 
-    def correction(self, p: Placed) -> Array:
-        """Return Newton's joint displacements (nv, m) that close the loops, drivers held."""
+    def correction(self, p: Placed, lu: StackedLU) -> Array:
+        """Return the joint displacements (nv, m) that close the loops, drivers held."""
         system = self.branch.system
         rhs = np.zeros((len(system.matrix), p.q.shape[1]))
         rhs[system.closure_rows] = -p.residual[system.rows]
-        return self.branch.scale[:, None] * self.factor(p).solve(rhs)
+        return self.branch.scale[:, None] * lu.solve(rhs)
 
     def spinning(self, lu: StackedLU, spins: Array) -> Array:
         """Return joint displacements (nv, m) that spin the passive freedoms by (n_passive, m)."""

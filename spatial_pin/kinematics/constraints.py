@@ -22,6 +22,7 @@ about a line fixed in it.
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ import pinocchio as pin
 from spatial_pin.kinematics.views import accelerations, joint_jacobian, placements, twists
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
+from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.rows import Row
@@ -239,6 +241,11 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
         mechanism.memo["constraints"] = Constraints(mechanism)
     found: Constraints = mechanism.memo["constraints"]
     return found
+
+
+def evaluation_of(mechanism: Mechanism) -> AbstractContextManager[Evaluation]:
+    """Lend an `Evaluation` of a mechanism, screws counting turns from wherever they were."""
+    return lent(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism)))
 
 
 # columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.kinematics.split import split_of
+from spatial_pin.kinematics.varying import times
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -32,14 +33,17 @@ def cross(x: Array, y: Array) -> Array:
     return np.concatenate([first, first[..., :2, :]], axis=-2)
 
 
-class _Joint(NamedTuple):
+class FlatJoint(NamedTuple):
     """A joint of one kind: "turn", "slide", "screw", "ball" or "free".
+
+    What it is made of may be `Varying`, as configurations of different dimensions have it.
 
     Attributes:
         at, parent: joints of the split model.
         q, v: its first places in configuration and velocity.
         turned: (9, 3) parts of its rotation that are constant, times cosine and times sine, each
-            three columns in the parent's axes; of a ball the first three are the placement.
+            three columns in the parent's axes; (3, 3) the placement alone if it does not turn
+            about an axis.
         offset: (3,) origin in the parent's axes [m].
         axis: (3,) in its own axes.
         pitch: slide per radian [m/rad].
@@ -50,10 +54,10 @@ class _Joint(NamedTuple):
     parent: int
     q: int
     v: int
-    turned: Array
-    offset: Array
-    axis: Array
-    pitch: float
+    turned: Any
+    offset: Any
+    axis: Any
+    pitch: Any
 
 
 class FlatTree:
@@ -69,48 +73,45 @@ class FlatTree:
         model, self.carrier = split_of(mechanism)
         self.n_joints, self.nv, self.nq = model.njoints, model.nv, model.nq
         self.joints = [_joint(model, i) for i in range(1, model.njoints)]
+        self._moved = np.repeat(np.arange(model.njoints), model.nvs)  # joint of each freedom
 
     def place(self, q: Array) -> Array:
         """Return G (njoints, 4, 5, m): columns of R, then p, at the configurations q (nq, m)."""
         m = q.shape[1]
         g = np.zeros((self.n_joints, 4, 5, m))
-        g[0, [0, 0, 1, 1, 2], [0, 3, 1, 4, 2]] = 1.0
+        for axis, row in ((0, 0), (0, 3), (1, 1), (1, 4), (2, 2)):
+            g[0, axis, row] = 1.0
         for j in self.joints:
             parent, own = g[j.parent], g[j.at]
-            axes = parent[:3].reshape(3, -1)
-            own[3] = parent[3] + np.dot(j.offset, axes).reshape(5, m)
+            own[3] = parent[3] + times(j.offset, parent[:3])
+            parts = times(j.turned, parent[:3])
             if j.kind in ("ball", "free"):
-                _place_ball(j, q, np.dot(j.turned[:3], axes).reshape(3, 5, m), own)
+                _place_ball(j, q, parts, own)
                 continue
-            parts = np.dot(j.turned, axes).reshape(3, 3, 5, m)
             if j.kind == "slide":
-                own[:3] = parts[0]
+                own[:3] = parts
             else:
-                np.multiply(parts[1], np.cos(q[j.q]), out=own[:3])
-                own[:3] += np.multiply(parts[2], np.sin(q[j.q]), out=parts[2])
-                own[:3] += parts[0]
+                np.multiply(parts[3:6], np.cos(q[j.q]), out=own[:3])
+                own[:3] += np.multiply(parts[6:], np.sin(q[j.q]), out=parts[6:])
+                own[:3] += parts[:3]
             if j.kind != "turn":
-                own[3] += np.dot(j.axis, own[:3].reshape(3, -1)).reshape(5, m) * (j.pitch * q[j.q])
+                own[3] += times(j.axis, own[:3]) * (j.pitch * q[j.q])
         return g
 
     def columns(self, g: Array) -> Array:
         """Return the world joint Jacobian (6, nv, m), linear first, at the world origin."""
-        m = g.shape[3]
-        out = np.zeros((6, self.nv, m))
+        turns, slides = np.zeros((2, self.nv, 5, g.shape[3]))
         for j in self.joints:
             axes = _axes(j, g[j.at])
-            if j.kind == "free":
-                out[:3, j.v : j.v + 3] = axes[:, :3].swapaxes(0, 1)
-            if j.kind == "slide":
-                out[:3, j.v] = axes[0, :3]
-                continue
-            at = j.v + 3 * (j.kind == "free")
-            turns = slice(at, at + len(axes))
-            out[3:, turns] = axes[:, :3].swapaxes(0, 1)
-            out[:3, turns] = cross(g[j.at, 3], axes)[:, :3].swapaxes(0, 1)
-            if j.kind == "screw":
-                out[:3, j.v] += j.pitch * axes[0, :3]
-        return out
+            if j.kind != "slide":
+                at = j.v + 3 * (j.kind == "free")
+                turns[at : at + len(axes)] = axes
+            if j.kind in ("slide", "screw"):
+                slides[j.v] = j.pitch * axes[0]
+            elif j.kind == "free":
+                slides[j.v : j.v + 3] = axes
+        slides += cross(g[self._moved, 3], turns)
+        return np.concatenate([slides[:, :3], turns[:, :3]], axis=1).swapaxes(0, 1)
 
     def rates(self, g: Array, v: Array) -> tuple[Array, Array]:
         """Return rates at zero joint acceleration.
@@ -185,6 +186,25 @@ class FlatTree:
                 p = q[j.q + 3 * (j.kind == "free") :][:4]
                 p /= np.sqrt(np.einsum("im,im->m", p, p))
 
+    def displace(self, q: Array, step: Array) -> Array:
+        """Return q (nq, m) moved by joint displacements (nv, m), exactly as `pin.integrate`."""
+        moved = np.empty_like(q)
+        for j in self.joints:
+            if j.kind not in ("ball", "free"):
+                moved[j.q] = q[j.q] + step[j.v]
+                continue
+            free = 3 * (j.kind == "free")
+            p, w = q[j.q + free : j.q + free + 4], step[j.v + free : j.v + free + 3]
+            half = 0.5 * np.sqrt((w * w).sum(axis=0))
+            moved[j.q + free : j.q + free + 4] = (
+                np.cos(half) * p + _times(p, 0.5 * np.sinc(half / np.pi) * w))
+            if free:
+                u = step[j.v : j.v + 3]
+                moved[j.q : j.q + 3] = q[j.q : j.q + 3] + np.einsum(
+                    "jim,jm->im", _rotation(p), _slid(u, w, half))
+        self.normalize(moved)
+        return moved
+
     def integrate(self, q: Array, step: Array) -> Array:
         """Return q (nq, m) moved by small joint displacements (nv, m), to second order in turns."""
         first, second = self.entry_rates(q, step, np.zeros_like(step))
@@ -193,20 +213,18 @@ class FlatTree:
         return moved
 
 
-def _joint(model: pin.Model, i: int) -> _Joint:
+def _joint(model: pin.Model, i: int) -> FlatJoint:
     joint = model.joints[i]
     joint = joint.extract() if hasattr(joint, "extract") else joint
     placement, name = model.jointPlacements[i], joint.shortname()
     kind, axis, pitch = _kind(joint, name)
-    turned = np.zeros((9, 3))
     along = np.outer(axis, axis)
     rotation = placement.rotation
+    turned = rotation.T.copy()
     if kind in ("turn", "screw"):
         parts = along, np.eye(3) - along, pin.skew(axis)
-        turned[:] = np.vstack([(rotation @ part).T for part in parts])
-    else:
-        turned[:3] = rotation.T
-    return _Joint(kind, i, int(model.parents[i]), model.idx_qs[i], model.idx_vs[i], turned,
+        turned = np.vstack([(rotation @ part).T for part in parts])
+    return FlatJoint(kind, i, int(model.parents[i]), model.idx_qs[i], model.idx_vs[i], turned,
                   placement.translation.copy(), axis, pitch)
 
 
@@ -226,14 +244,14 @@ def _kind(joint: Any, name: str) -> tuple[str, Array, float]:
     raise NotImplementedError(f"no flat form of joint {name}")
 
 
-def _axes(j: _Joint, own: Array) -> Array:
+def _axes(j: FlatJoint, own: Array) -> Array:
     """Return the axes (k, 5, m) of a joint's freedoms; those of a free joint serve twice."""
     if j.kind in ("ball", "free"):
         return own[:3]
-    return np.dot(j.axis, own[:3].reshape(3, -1)).reshape(1, 5, -1)
+    return times(j.axis, own[:3])[None]
 
 
-def _place_ball(j: _Joint, q: Array, axes: Array, own: Array) -> None:
+def _place_ball(j: FlatJoint, q: Array, axes: Array, own: Array) -> None:
     free = 3 * (j.kind == "free")
     rotation = _rotation(q[j.q + free : j.q + free + 4])
     np.einsum("kxm,jkm->jxm", axes, rotation, out=own[:3])
@@ -250,6 +268,17 @@ def _rotation(p: Array) -> Array:
     return np.array([[1.0 - yy - zz, xy + wz, xz - wy],
                      [xy - wz, 1.0 - xx - zz, yz + wx],
                      [xz + wy, yz - wx, 1.0 - xx - yy]])
+
+
+def _slid(u: Array, w: Array, half: Array) -> Array:
+    """Return the slide of a screw motion with twist (u, w), both (3, m), and half its angle."""
+    b = 0.5 * np.sinc(half / np.pi) ** 2  # (1 - cos t) / t²
+    t = 2.0 * np.where(half < 0.1, 1.0, half)
+    s = 4.0 * half * half
+    series = (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))) / 6.0
+    c = np.where(half < 0.1, series, (t - np.sin(t)) / t**3)
+    once = np.cross(w, u, axis=0)
+    return u + b * once + c * np.cross(w, once, axis=0)
 
 
 def _times(p: Array, w: Array) -> Array:

@@ -32,7 +32,11 @@ class NodeCurve:
 
     def __init__(self, s0: float, h: float, y: Array, first: Array, second: Array) -> None:
         self.s0, self.h, self.n = s0, h, y.shape[1]
-        self._y = np.array([y, h * first, h * h * second])
+        scaled = np.array([y, h * first, h * h * second])
+        stencils = np.lib.stride_tricks.sliding_window_view(scaled, 4, axis=2)
+        # (stencils, k, 12): gathered row by row
+        self._stencils = np.ascontiguousarray(stencils.transpose(2, 1, 0, 3)).reshape(
+            self.n - 3, len(y), 12)
 
     def reaches(self, s: float) -> bool:
         """Whether a value lies between the first and the last node."""
@@ -43,17 +47,17 @@ class NodeCurve:
         x = (s - self.s0) / self.h
         left = np.clip(np.floor(x), 1, self.n - 3).astype(np.intp)
         d = (x - left) - STENCIL[:, None]
-        lagrange = np.array([d[1] * d[2] * d[3], d[0] * d[2] * d[3], d[0] * d[1] * d[3],
-                             d[0] * d[1] * d[2]])
+        first, last = d[0] * d[1], d[2] * d[3]
+        lagrange = np.array([d[1] * last, d[0] * last, first * d[3], first * d[2]])
         lagrange /= _GAPS.prod(axis=1)[:, None]
         weights = np.empty((3, *d.shape))
         g1, g2 = -3.0 * _S1[:, None], (1.5 * _S2 + 4.5 * _S1**2)[:, None]
         weights[0] = 1.0 + (g1 + g2 * d) * d
         weights[1] = (1.0 + g1 * d) * d
         weights[2] = 0.5 * d * d
-        weights *= lagrange**3
-        nodes = self._y[:, :, left + np.array([[-1], [0], [1], [2]])]
-        return np.einsum("aim,akim->km", weights, nodes)
+        weights *= lagrange * lagrange * lagrange
+        stencils = self._stencils.take(left - 1, axis=0)
+        return np.ascontiguousarray((stencils @ weights.reshape(12, -1).T[:, :, None])[:, :, 0].T)
 
 
 def integrals(h: float, first: Array, second: Array) -> Array:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.kinematics.constraints import Constraints, Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Constraints, Evaluation, evaluation_of
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import finite_array
+from spatial_pin.mechanism.configuration import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 
@@ -28,11 +28,13 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
     Raises:
         ValueError: q has another shape, or is not finite.
     """
-    evaluation = Evaluation(constraints_of(mechanism))
-    x = q.q if isinstance(q, State) else q
-    evaluation.update(finite_array(x, (mechanism.model.nq,), "q"))
-    rows = evaluation.jacobian[: evaluation.constraints.n_rows]
-    return rows / mechanism.velocity_scale
+    needed(mechanism)
+    x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.turns[:] = 0.0
+        evaluation.update(x)
+        rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+        return rows / mechanism.velocity_scale
 
 
 def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
@@ -47,10 +49,11 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
     """
     frame = mechanism.frame_id(name)
     state = of_mechanism(mechanism, state)
-    rates = square_system(state, ()).driver_rates()
-    data = state.data
-    pin.computeJointJacobians(mechanism.model, data, state.q)
-    return pin.getFrameJacobian(mechanism.model, data, frame, WORLD_AXES) @ rates
+    with square_system(state, ()) as system:
+        data = system.evaluation.data  # where the joints' Jacobians are known
+        pin.updateFramePlacement(mechanism.model, data, frame)
+        own = pin.getFrameJacobian(mechanism.model, data, frame, WORLD_AXES)
+        return own @ system.driver_rates()
 
 
 def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
@@ -73,17 +76,18 @@ def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
     """
     frame = mechanism.frame_id(name)
     state = of_mechanism(mechanism, state)
-    system = square_system(state, ())
-    moving = _Moving(mechanism, state, frame)
-    still = np.zeros(len(system.driven))
-    columns = []
-    for w in system.driver_rates().T:
-        turned = _bracket(mechanism, state.v, w)
-        polar = [system.acceleration(state.q, state.v + sign * w, still) for sign in (1.0, -1.0)]
-        system.evaluation.update(state.q)
-        skew = _row_brackets(system.evaluation, turned, state.v, w)
-        rate = 0.25 * (polar[0] - polar[1]) + 0.5 * system.rates_of(skew, turned[system.drive_at])
-        columns.append(moving.rate(w, turned) + moving.jacobian @ rate)
+    with square_system(state, ()) as system:
+        moving = _Moving(mechanism, state, frame)
+        still = np.zeros(len(system.driven))
+        columns = []
+        for w in system.driver_rates().T:
+            turned = _bracket(mechanism, state.v, w)
+            polar = [system.acceleration(state.q, v, still) for v in (state.v + w, state.v - w)]
+            system.evaluation.update(state.q)
+            skew = _row_brackets(system.evaluation, turned, state.v, w)
+            spread = system.rates_of(skew, turned[system.drive_at])
+            rate = 0.25 * (polar[0] - polar[1]) + 0.5 * spread
+            columns.append(moving.rate(w, turned) + moving.jacobian @ rate)
     return np.array(columns).reshape(-1, 6).T
 
 
@@ -163,14 +167,14 @@ def influence(mechanism: Mechanism, state: State) -> Influence:
         SingularError: the drivers do not determine the velocities there.
     """
     state = of_mechanism(mechanism, state)
-    system = square_system(state, ())
-    first = system.driver_rates()
-    n = first.shape[1]
-    still = np.zeros(n)
-    second = np.empty((len(first), n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            plus, minus = (system.acceleration(state.q, first[:, i] + sign * first[:, j], still)
-                           for sign in (1.0, -1.0))
-            second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
+    with square_system(state, ()) as system:
+        first = system.driver_rates()
+        n = first.shape[1]
+        still = np.zeros(n)
+        second = np.empty((len(first), n, n))
+        for i in range(n):
+            for j in range(i + 1):
+                plus, minus = (system.acceleration(state.q, first[:, i] + sign * first[:, j], still)
+                               for sign in (1.0, -1.0))
+                second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
     return Influence(first, second)

@@ -100,10 +100,10 @@ def solve_jerks(
     jerks = jerks or {}
     j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
             for name, x in jerks.items()}
-    system = square_system(state, jerks)
-    drive = np.array([j_of.get(c.name, 0.0) for c in system.driven])
     bodies, columns = _body_jerks(mechanism, state)
-    j = system.rates_of(_row_jerks(system.evaluation, state, bodies), drive)
+    with square_system(state, jerks) as system:
+        drive = np.array([j_of.get(c.name, 0.0) for c in system.driven])
+        j = system.rates_of(_row_jerks(system.evaluation, state, bodies), drive)
     return Jerks(state, j, bodies + columns @ j)
 
 

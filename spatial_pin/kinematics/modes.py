@@ -209,10 +209,10 @@ class _Search:
         if self._is_singular():
             return "singular"
         try:
-            system = square_system(state, self.held)
+            with square_system(state, self.held) as system:
+                return "" if len(system.passive) else {1: "+", -1: "-"}[system.pivots()[0]]
         except SingularError:
             return ""
-        return "" if len(system.passive) else {1: "+", -1: "-"}[system.pivots()[0]]
 
     def _order(self, state: State) -> list[float]:
         fixed = [c for c in self.mechanism.coordinate_table.values()

@@ -19,6 +19,7 @@ MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
 # and its rates to round-off over s squared: below this nothing is left of them.
 SINGULAR_PIVOT = 1e-7
+CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
 
 
 def close(
@@ -109,7 +110,9 @@ class SquareSystem:
         selected_pivot: smallest over largest pivot where the rows were selected.
     """
 
-    def __init__(self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array) -> None:
+    def __init__(
+        self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array | None = None
+    ) -> None:
         self.evaluation = evaluation
         self.driven = tuple(driven)
         self.scale = evaluation.mechanism.velocity_scale
@@ -119,7 +122,9 @@ class SquareSystem:
             row[coordinate.v] = 1.0
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.matrix = np.zeros((nv, nv))
-        self.select(q)
+        self._whole = False
+        if q is not None:
+            self.select(q)
 
     def select(self, q: Array) -> None:
         """Choose the independent rows at q.
@@ -154,6 +159,17 @@ class SquareSystem:
         evaluation.update(q)
         self.factor()
         self.selected_pivot = self.pivots()[1]
+
+    def move(self, q: Array) -> None:
+        """Go to q, with the rows chosen before if that is a choice that any q would make.
+
+        Raises:
+            SingularError: as `select`.
+        """
+        self.evaluation.update(q)
+        if self._whole and self.factor() and self.pivots()[1] > CLEAR:
+            return
+        self.select(q)
 
     @property
     def has_redundant_rows(self) -> bool:

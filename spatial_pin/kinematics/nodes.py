@@ -18,7 +18,7 @@ from spatial_pin.mechanism.configuration import blur
 
 FEWEST = 4  # nodes that make a curve
 SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
-ROUGH = 1e-8  # closure residual of steps
+ROUGH = 1e-6  # closure residual of steps
 OFF = 1e-4  # closure residual of an interpolated point that is no longer a small correction
 CORRECTIONS = 3
 SPIN_PASSES = 6
@@ -141,18 +141,20 @@ def _placed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> tuple[Plac
     batch.tree.normalize(q)
     branch.hold(q, values)
     placed = batch.place(q, near)
-    off = 0.0
-    for _ in range(CORRECTIONS):
-        residual = np.abs(placed.residual).max(axis=0, initial=0.0)
-        off = off or float(residual.max())
-        open_points = np.flatnonzero((residual > 0.1 * tolerance(branch)) & (residual < OFF))
-        if not open_points.size:
-            break
-        some = placed.take(open_points)
-        q = batch.tree.integrate(some.q, np.nan_to_num(batch.correction(some)))
-        branch.hold(q, values[open_points])
-        placed.put(open_points, batch.place(q, near[:, open_points]))
-    return placed, off
+    residual = np.abs(placed.residual).max(axis=0, initial=0.0)
+    enough = 0.1 * tolerance(branch)
+    opened = np.flatnonzero((residual > enough) & (residual < OFF))
+    if opened.size:
+        some = placed.take(opened)
+        lu = batch.factor(some)  # good for all corrections: points move little
+        for _ in range(CORRECTIONS):
+            q = batch.tree.integrate(some.q, np.nan_to_num(batch.correction(some, lu)))
+            branch.hold(q, values[opened])
+            some = batch.place(q, near[:, opened])
+            if np.abs(some.residual).max() <= enough:
+                break
+        placed.put(opened, some)
+    return placed, float(residual.max())
 
 
 def _evaluated(batch: BranchBatch, placed: Placed, off: float) -> Points:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.mechanism.configuration import finite_number
+from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 ROUNDINGS = 8.0  # of a closure row, in eps
@@ -27,26 +29,32 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     return list(dict.fromkeys(chosen))
 
 
-def square_system(state: State, names: Iterable[str]) -> SquareSystem:
-    """Return the factored square system of a closed state with `names` prescribed.
+@contextmanager
+def square_system(state: State, names: Iterable[str]) -> Iterator[SquareSystem]:
+    """Lend the factored square system of a closed state with `names` prescribed.
 
     Raises:
         SingularError: the rates are not determined there.
     """
     mechanism = state.mechanism
-    evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
-    try:
-        system = SquareSystem(evaluation, driven_coordinates(mechanism, names), state.q)
-    except SingularError as error:
-        raise SingularError(str(error), state=state) from None
-    _, pivot = system.pivots()
-    if pivot < SINGULAR_PIVOT:
-        raise SingularError(
-            f"mechanism {mechanism.name!r}: singular configuration, {state}: smallest pivot "
-            f"{pivot:.1e} of the largest; the rates have no reliable digit there", state=state,
-        )
-    return system
+    driven = driven_coordinates(mechanism, names)
+
+    def made() -> SquareSystem:
+        return SquareSystem(Evaluation(constraints_of(mechanism)), driven)
+
+    with lent(mechanism, ("system", tuple(c.v for c in driven)), made) as system:
+        system.evaluation.turns[:] = state.angles
+        try:
+            system.move(state.q)
+        except SingularError as error:
+            raise SingularError(str(error), state=state) from None
+        _, pivot = system.pivots()
+        if pivot < SINGULAR_PIVOT:
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: singular configuration, {state}: smallest pivot "
+                f"{pivot:.1e} of the largest; the rates have no reliable digit there", state=state,
+            )
+        yield system
 
 
 def solve_rates(
@@ -80,17 +88,18 @@ def solve_rates(
             for k, x in speeds.items()}
     a_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"acceleration of {k!r}")
             for k, x in accelerations.items()}
-    system = square_system(state, [*speeds, *accelerations])
-    drive_v = np.array([v_of.get(c.name, 0.0) for c in system.driven])
-    drive_a = np.array([a_of.get(c.name, 0.0) for c in system.driven])
-    rates = system.driver_rates()
-    with np.errstate(over="ignore", invalid="ignore"):
-        v = rates @ drive_v
-        a = system.acceleration(state.q, v, drive_a)
-    check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
-    check_rates(system, v, state)
+    with square_system(state, [*speeds, *accelerations]) as system:
+        drive_v = np.array([v_of.get(c.name, 0.0) for c in system.driven])
+        drive_a = np.array([a_of.get(c.name, 0.0) for c in system.driven])
+        rates = system.driver_rates()
+        with np.errstate(over="ignore", invalid="ignore"):
+            v = rates @ drive_v
+            a = system.acceleration(state.q, v, drive_a)
+        check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
+        check_rates(system, v, state)
+        lost = round_off(system, rates)
     return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
-                 rate_error=round_off(system, rates))
+                 rate_error=lost)
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:

@@ -24,10 +24,11 @@ from spatial_pin.linalg import Array
 
 REST = 8  # rows step by step after a failure
 CHUNK = 512  # rows that are computed together: their arrays fit a processor's cache
+TRIES = 3  # each with half the length, before rows are followed step by step
 LONGEST = 24  # steps that make a curve
-FIRST_STEP = 0.3  # rad, characteristic lengths, that a joint moves in the first steps
-LONGEST_STEP = 0.6  # the same in any step
-OFF = 1e-7  # closure residual between steps that their length is chosen for: one correction
+FIRST_STEP = 0.4  # rad, characteristic lengths, that a joint moves in the first steps
+LONGEST_STEP = 0.7  # the same in any step
+OFF = 3e-6  # closure residual between steps that their length is chosen for: one correction
 CLOSED = 1e-15  # the same for divided steps: none
 MANY = 3.0  # rows by steps after a division above which steps are divided
 # costs [µs] of a row step by step, of a long step, of a row together with others, of all else
@@ -76,7 +77,7 @@ class Runner:
         self.rest = 0
         self._failures = 0
         self._length: float | None = None
-        self._parts = 6
+        self._parts = 8
         sense = np.sign(np.diff(values))
         self._turns = np.flatnonzero(np.diff(sense)) + 1  # rows after which another sense begins
 
@@ -104,7 +105,7 @@ class Runner:
         The branch stands at, or before, the row before k; afterwards at the last row that is good,
         or behind it.
         """
-        branch, values = self.branch, self.values
+        branch, values, tries = self.branch, self.values, TRIES
         while k < end:
             left = float(values[end - 1]) - branch.s
             length = min(self._length or abs(left), self._reach(LONGEST_STEP))
@@ -112,6 +113,9 @@ class Runner:
             h = left / n
             skeleton = nodes.steps(self.batch, h, min(n, LONGEST))
             if skeleton is None:
+                self._length, tries = 0.5 * abs(h), tries - 1
+                if tries:
+                    continue
                 break
             until = self._until(skeleton, n, k, end)
             curve, self._off = skeleton, 0.0
@@ -129,6 +133,7 @@ class Runner:
             self._stand(curve, k if k < until else None)
             if k < until or abs(curve.end - skeleton.end) > 0.5 * abs(curve.h):
                 break
+            tries = TRIES
             self._adapt(abs(h), skeleton.n == min(n, LONGEST))
         else:
             return

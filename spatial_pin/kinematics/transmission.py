@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError, UnknownNameError
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.rates import driven_coordinates, square_system
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
@@ -64,9 +64,9 @@ def transmission(
     state = of_mechanism(mechanism, state)
     input_ = _input(mechanism, driver)
     angle, at = transmission_angle(mechanism, state, output, input_.name, at)
-    system = square_system(state, [input_.name])
-    column = [c.name for c in system.driven].index(input_.name)
-    ratio = float(system.driver_rates()[mechanism.driven_coordinate(output).v, column])
+    with square_system(state, [input_.name]) as system:
+        column = [c.name for c in system.driven].index(input_.name)
+        ratio = float(system.driver_rates()[mechanism.driven_coordinate(output).v, column])
     advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
     return Transmission(ratio, advantage, angle, at)
 
@@ -81,11 +81,11 @@ def transmission_angle(
         raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
     joint = _own_joint(mechanism, coordinate)
     at, point = _moved_at(mechanism, joint, at)
-    evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
-    evaluation.update(state.q)
-    own, allowed = _velocities(evaluation, joint, coordinate, [c.v for c in driven])
-    place = evaluation.data.oMi[joint].act(point)
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.turns[:] = state.angles
+        evaluation.update(state.q)
+        own, allowed = _velocities(evaluation, joint, coordinate, [c.v for c in driven])
+        place = evaluation.data.oMi[joint].act(point)
     return _angle(own, allowed, place / mechanism.characteristic_length), at
 
 

@@ -117,11 +117,12 @@ def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
 
 
 def coordinate_rates(
-    mechanism: Mechanism, name: str, q: Array, v: Array, a: Array
+    mechanism: Mechanism, name: str, q: Array, v: Array, a: Array, *, continued: bool = True
 ) -> CoordinateRates:
     """Return value, rate and acceleration of a coordinate over rows q (N, nq), v, a (N, nv).
 
-    Rotation vectors are continued from row to row, past pi and past whole turns.
+    Rotation vectors are continued from row to row, past pi and past whole turns; rows that have
+    nothing to do with each other (not `continued`) get vectors of length up to pi.
     """
     c = mechanism.coordinate(name)
     if c.q >= 0:
@@ -134,7 +135,7 @@ def coordinate_rates(
                                      v[:, iv : iv + 6], a[:, iv : iv + 6])
     k = c.place % 3
     w = slice(iv + 3, iv + 6) if n == 7 else slice(iv, iv + 3)
-    phi = continued_rotation_vectors(quaternions)
+    phi = (continued_rotation_vectors if continued else rotation_vectors)(quaternions)
     rate, acceleration = rotation_vector_rates(phi, v[:, w], a[:, w])
     return CoordinateRates(phi[:, k], rate[:, k], acceleration[:, k])
 
@@ -150,11 +151,17 @@ def _floating_translation(
     return CoordinateRates(x[:, k].copy(), rate[:, k], acceleration[:, k])
 
 
-def continued_rotation_vectors(quaternions: Array) -> Array:
-    """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
+def rotation_vectors(quaternions: Array) -> Array:
+    """Return rotation vectors (N, 3), of length up to pi, of quaternions (N, 4)."""
     from scipy.spatial.transform import Rotation
 
-    phi = Rotation.from_quat(quaternions.copy()).as_rotvec()
+    phi: Array = Rotation.from_quat(quaternions.copy()).as_rotvec()
+    return phi
+
+
+def continued_rotation_vectors(quaternions: Array) -> Array:
+    """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
+    phi = rotation_vectors(quaternions)
     for i in range(1, len(phi)):
         angle = float(np.linalg.norm(phi[i]))
         before = phi[i - 1]

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import tomllib
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.urdf import PAIR_OF_URDF_TYPE
 
 
 def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
@@ -32,6 +38,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     if source is not None and source.suffix == ".toml":
         content = tomllib.loads(source.read_text(encoding="utf-8"))
         sources.add((source.parent / content["tree"]).resolve())
+    elif mechanism.path is None:  # made by another mechanism, not by a file
+        content = content_of(mechanism)
     for target in (path, toml):
         if target.resolve() in sources:
             raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
@@ -44,6 +52,80 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return [path, toml]
+
+
+def content_of(mechanism: Mechanism) -> dict[str, Any]:
+    """Return what a mechanism file says of a mechanism, as `tomllib` would read it."""
+    kinds = {joint.get("name", ""): joint.get("type", "")
+             for joint in ET.fromstring(mechanism.urdf).findall("joint")}
+    content: dict[str, Any] = {
+        "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
+        "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
+        "joints": {}, "closures": [_closure(c) for c in mechanism.closures],
+        "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
+        "springs": [_spring(s) for s in mechanism.springs],
+        "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
+        "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
+    }
+    for i, pair in enumerate(mechanism.pairs, start=1):
+        kind = kinds[mechanism.model.names[i]]
+        if pair != PAIR_OF_URDF_TYPE.get(kind, kind):
+            content["joints"][mechanism.model.names[i]] = _joint(mechanism, i)
+    return {key: value for key, value in content.items() if value}
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value, dtype=float).tolist()
+
+
+def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    pair = PAIRS[mechanism.pairs[i - 1]]
+    axis, axis2, lead = tree_axes(mechanism, i)
+    table: dict[str, Any] = {"type": mechanism.pairs[i - 1]}
+    table.update({"axis": axis.tolist()} if pair.uses_axis else {})
+    table.update({"axis2": axis2.tolist()} if pair.uses_axis2 else {})
+    table.update({"lead": lead} if pair.uses_lead else {})
+    return table
+
+
+def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:
+    """Return axis and second axis (3,), each zero where there is none, and lead of tree joint i."""
+    joint, none = mechanism.model.joints[i].extract(), np.zeros(3)
+    kind = mechanism.pairs[i - 1]
+    if kind == "universal":
+        return joint.axis1.copy(), joint.axis2.copy(), 0.0
+    if kind in ("spherical", "floating"):
+        return none, none, 0.0
+    if kind == "screw":
+        return joint.axis.copy(), none, 2.0 * np.pi * joint.pitch
+    if kind in ("cylindrical", "planar"):  # their turn, about the pair's axis
+        joint = joint.joints[0 if kind == "cylindrical" else 2].extract()
+    column = np.array(joint.createData().S).reshape(6, -1)[:, 0]
+    return (column[:3] if kind == "prismatic" else column[3:]), none, 0.0
+
+
+def _closure(closure: Closure) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": closure.name, "type": closure.type}
+    if closure.type == COUPLING:
+        return {**table, "joints": list(closure.joints), "ratio": closure.ratio,
+                "offset": closure.offset}
+    pair, geometry = closure.pair, closure.geometry
+    assert geometry is not None
+    table["frames"] = list(closure.frames)
+    table.update({"axis": geometry.axes1[:, 2].tolist()} if pair.uses_axis else {})
+    table.update({"axis2": geometry.axes2[:, 2].tolist()} if pair.uses_axis2 else {})
+    table.update({"length": geometry.length} if pair.uses_length else {})
+    table.update({"lead": geometry.lead} if pair.uses_lead else {})
+    table.update({} if closure.equations is None else {"equations": list(closure.equations)})
+    return table
+
+
+def _spring(spring: Spring) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": spring.name, "stiffness": spring.stiffness,
+                             "damping": spring.damping}
+    if spring.joint is not None:
+        return {**table, "joint": spring.joint, "free_angle": spring.free_angle}
+    return {**table, "frames": list(spring.frames), "free_length": spring.free_length}
 
 
 def _toml(content: dict[str, Any], prefix: str = "") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -30,7 +31,14 @@ from spatial_pin.mechanism.pairs import (
     PairGeometry,
     axes_from_z,
 )
-from spatial_pin.mechanism.urdf import JointRefinement, Tree, read_text, read_tree
+from spatial_pin.mechanism.urdf import (
+    JointRefinement,
+    Tree,
+    expand,
+    read_text,
+    read_tree,
+    tree_of,
+)
 
 _REQUIRED: Any = object()
 
@@ -100,12 +108,35 @@ def _load_toml(path: Path, parameters: Mapping[str, float]) -> Mechanism:
     except tomllib.TOMLDecodeError as error:
         raise MechanismFileError(f"{path}: not valid TOML: {error}") from error
     top = _Table(content, str(path))
-    name = top.text("name")
-    refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
+    top.text("name")
     file = path.parent / top.text("tree")
     if not file.is_file():
         top.fail("tree", f"is {top.text('tree')!r}: no such file {file}")
-    tree = read_tree(file, parameters, refinements)
+    return _of_table(top, file, expand(file, parameters), path, parameters)
+
+
+def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
+    """Return the mechanism of plain URDF text and what a mechanism file says beside it.
+
+    Args:
+        urdf: the open tree; mesh files are named by absolute paths.
+        content: as `tomllib` reads a mechanism file.
+        name: stands for the file in errors.
+
+    Raises:
+        MechanismFileError: as `load`.
+    """
+    made = _of_table(_Table(dict(content), name), Path(name), urdf, Path(name), {})
+    return replace(made, path=None, tree=None)
+
+
+def _of_table(
+    top: _Table, file: Path, urdf: str, path: Path, parameters: Mapping[str, float]
+) -> Mechanism:
+    """Return the mechanism of the expanded URDF of `file` and the table of the file `path`."""
+    name, _ = top.text("name"), top.text("tree")
+    refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
+    tree = tree_of(urdf, file, refinements)
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")
     parts = {
@@ -176,6 +207,8 @@ def _closure(table: _Table) -> Closure:
     else:
         closure = Closure(name, kind, frames=table.two_names("frames"),
                           geometry=_geometry(table, PAIRS[kind]))
+        if "equations" in table:
+            closure = replace(closure, equations=table.places("equations", closure.n_rows))
     table.close()
     return closure
 
@@ -297,6 +330,16 @@ class _Table:
                 and all(isinstance(x, str) for x in value)):
             self.fail(key, f"must be a list of two names, not {value!r}")
         return value[0], value[1]
+
+    def places(self, key: str, count: int) -> tuple[int, ...]:
+        """Some of the numbers 0 to count - 1, ascending."""
+        value = self.get(key)
+        valid = isinstance(value, list) and value and all(
+            isinstance(x, int) and not isinstance(x, bool) and 0 <= x < count for x in value)
+        if not valid or sorted(set(value)) != value:
+            self.fail(key, f"must be a list of some of the numbers 0 to {count - 1}, ascending, "
+                           f"not {value!r}")
+        return tuple(value)
 
     def closed_text(self, key: str) -> str:
         """The one key of a table that has no other."""

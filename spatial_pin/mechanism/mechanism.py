@@ -50,6 +50,8 @@ class Closure:
         frames: names of the two frames it joins (empty for a coupling).
         geometry: the pair's axes, length and lead (None for a coupling).
         joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
+        equations: which of the pair's equations are asked for, None for all; the others must
+            hold of themselves (planar loops).
     """
 
     name: str
@@ -59,6 +61,7 @@ class Closure:
     joints: tuple[str, ...] = ()
     ratio: float = 1.0
     offset: float = 0.0
+    equations: tuple[int, ...] | None = None
 
     @property
     def pair(self) -> Pair:
@@ -70,7 +73,8 @@ class Closure:
         """Its scalar equations on the relative placement (none for a coupling)."""
         if self.geometry is None or self.pair.rows is None:
             return ()
-        return self.pair.rows(self.geometry)
+        rows = self.pair.rows(self.geometry)
+        return rows if self.equations is None else tuple(rows[k] for k in self.equations)
 
     @property
     def n_rows(self) -> int:
@@ -152,7 +156,7 @@ class Mechanism:
     path: Path | None = None
     tree: Path | None = None
     urdf: str = ""
-    memo: dict[str, Any] = field(default_factory=dict, repr=False)
+    memo: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but the memo."""
@@ -266,6 +270,14 @@ class Mechanism:
         frame = self.model.frames[self.frame_id(name)]
         return int(frame.parentJoint), frame.placement
 
+    def start(self, values: Mapping[str, float]) -> Array | None:
+        """Return where to assemble when nobody says, (nq,); None for the guess of the file.
+
+        Args:
+            values: coordinates to be held [rad, m].
+        """
+        return None
+
     # ------------------------------------------------------------ numbers
 
     @cached_property
@@ -311,7 +323,8 @@ class Mechanism:
         """
         models = []
         for closure in self.closures:
-            native = None if closure.type == COUPLING else closure.pair.native
+            whole = closure.type != COUPLING and closure.equations is None
+            native = closure.pair.native if whole else None
             if native is None:
                 raise ClosureTypeError(
                     f"mechanism {self.name!r}: closure {closure.name!r} is {closure.type}; "

@@ -185,8 +185,15 @@ def read_tree(
     Raises:
         MechanismFileError: the file cannot be read, is not a tree, or has impossible numbers.
     """
-    refinements = refinements or {}
-    urdf = expand(path, parameters or {})
+    return tree_of(expand(path, parameters or {}), path, refinements or {})
+
+
+def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -> Tree:
+    """Build the open tree of plain URDF text; `path` is where it comes from.
+
+    Raises:
+        MechanismFileError: it is not a tree, or has impossible numbers.
+    """
     robot = _parse(urdf, path)
     check_structure(robot, path)
     inertias = check_links(robot, path)

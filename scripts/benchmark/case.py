@@ -1,0 +1,101 @@
+"""Cases: what is timed, and what is judged afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+Errors = Mapping[str, float | None]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the table.
+
+    1. `setup()` builds what a user builds once, and is not timed.
+    2. `run(tool)` does the work, and is timed. It starts from the same rough guess each time.
+    3. `judge(tool, result)` compares the result with the truth, and is not timed.
+
+    Attributes:
+        task: a key of TASKS.
+        tool: who does it.
+        how: by which call, with which settings.
+        setup: returns what `run` takes.
+        run: returns what `judge` takes.
+        judge: returns the largest error of each thing the task asks for; None for what the tool
+            does not give.
+        count: how many values one run solves; times are given by it.
+        size: of the problem, where the task comes in sizes: values of a sweep, loops of a ladder.
+        slow: leave it out of a quick run.
+    """
+
+    task: str
+    tool: str
+    how: str
+    setup: Callable[[], Any]
+    run: Callable[[Any], Any]
+    judge: Callable[[Any, Any], Errors]
+    count: int = 1
+    size: int = 0
+    slow: bool = False
+
+    @property
+    def key(self) -> str:
+        """Return what names the row in saved results."""
+        return " / ".join((self.task, str(self.size), self.tool, self.how))
+
+
+class Absent(NamedTuple):
+    """A row that is not there, and why, in words."""
+
+    task: str
+    tool: str
+    why: str
+
+
+class Task(NamedTuple):
+    """A heading of the table.
+
+    Attributes:
+        title: what is done; the size is put for {}.
+        unit: in which times are shown, µs, ms or s.
+        errors: names of the errors, as the columns come.
+        note: what the errors are.
+    """
+
+    title: str
+    unit: str
+    errors: tuple[str, ...]
+    note: str
+
+
+RSSR = ("closure", "ψ", "ψ'", "ψ''", "ω", "α")
+RSSR_NOTE = "closure [m]; rocker [rad, rad/s, rad/s²] and coupler's spin against the closed form"
+
+TASKS: dict[str, Task] = {
+    "sweep": Task("RSSR four-bar, one turn in {} values, a value", "µs", RSSR, RSSR_NOTE),
+    "rspc": Task("RSPC four-bar, one turn in {} values, a value", "µs",
+                 ("closure", "q", "q'", "q''"), "all coordinates against the closed form"),
+    "stewart": Task("Gough platform, one leg moved through {} values, a value", "µs",
+                    ("closure", "x", "x'", "x''"),
+                    "platform's centre [m, m/s, m/s²] against Newton on the six leg lengths"),
+    "reduced": Task("RSSR, the rocker alone asked for, {} values, a value", "µs", RSSR[1:4],
+                    "rocker [rad, rad/s, rad/s²] against the closed form"),
+    "rates": Task("velocities and accelerations of one closed RSSR", "µs", RSSR[2:],
+                  "rocker and coupler against the closed form"),
+    "jacobian": Task("Jacobian of the RSSR's coupler with respect to its crank", "µs", ("ω",),
+                     "angular part against the closed form [rad/rad]"),
+    "mobility": Task("mobility of a Bricard mechanism, one loop", "µs", ("count",),
+                     "distance from the true count, 1"),
+    "assembly": Task("RSSR closed from its rough guess", "µs", ("closure", "ψ"),
+                     "closure [m], rocker against the closed form [rad]"),
+    "start": Task("a fresh process: import, load the RSSR", "s", (), ""),
+    "forward": Task("forward dynamics of a ladder of {} four-bar loops", "µs", ("acceleration",),
+                    "of the first rod [rad/s²] against the closed form"),
+    "a02": Task("IFToMM A02, one loop, 10 s under gravity", "ms", ("angle", "closure"),
+                "rod's angle at the end [rad] by elliptic functions, closure [m]"),
+    "a04": Task("IFToMM A04, overconstrained Bricard cube, 10 s under gravity", "ms",
+                ("position", "closure"), "of corner P3 at the end [m], closure [m]"),
+}
+FACTORS = {"µs": 1e6, "ms": 1e3, "s": 1.0}

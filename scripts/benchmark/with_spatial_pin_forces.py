@@ -1,0 +1,85 @@
+"""This library, through its public interface: dynamics."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+
+import spatial_pin as sp
+from benchmark import cube, ladder
+from benchmark.case import Case
+from spatial_pin.accuracy import models
+from spatial_pin.accuracy.cases import CASES as PUBLISHED
+
+NAME = "spatial_pin"
+SIZES = (1, 20, 50, 200, 500)  # the peers have those of `ladder`
+
+
+# Forward dynamics
+
+
+def setup_forward(n: int) -> SimpleNamespace:
+    """Every rod turned by the same angle; the mechanism's Data would not fit for 500 loops."""
+    mechanism = models.ladder(n)
+    q, v = np.zeros(mechanism.model.nq), np.zeros(mechanism.model.nv)
+    for name in mechanism.coordinates:
+        place = mechanism.coordinate(name)
+        sign = -1.0 if name.startswith("pin_") else 1.0
+        q[place.q], v[place.v] = sign * ladder.ANGLE, sign * ladder.RATE
+    state = sp.State(mechanism, q, v, closure_error=0.0)
+    return SimpleNamespace(mechanism=mechanism, state=state, loops=n)
+
+
+def run_forward(tool: SimpleNamespace) -> float:
+    answer = sp.forward_dynamics(tool.mechanism, tool.state)
+    return float(-answer.a[tool.mechanism.coordinate("pin_0").v])
+
+
+def judge_forward(tool: SimpleNamespace, found: float) -> dict[str, float | None]:
+    return ladder.judge_acceleration(tool.loops, found)
+
+
+# Simulation
+
+
+def setup_simulation(name: str, accuracy: sp.Accuracy) -> SimpleNamespace:
+    case = PUBLISHED[name]
+    mechanism = case.build()
+    return SimpleNamespace(mechanism=mechanism, state=case.begin(mechanism), accuracy=accuracy,
+                           duration=case.duration)
+
+
+def run_simulation(tool: SimpleNamespace) -> sp.Simulation:
+    return sp.simulate(tool.mechanism, tool.state, tool.duration, accuracy=tool.accuracy)
+
+
+def judge_a02(_: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
+    angle = -motion.coordinate("pin_0").value[-1]
+    gap = motion.frame("end_0").position - motion.frame("top_1").position
+    closure = np.linalg.norm(gap, axis=1)
+    return ladder.judge_end(float(angle), float(closure.max()))
+
+
+def judge_a04(_: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
+    closure = np.linalg.norm(motion.frame("last").position - cube.POST, axis=1)
+    return cube.judge(motion.frame("p3").position[-1], float(closure.max()))
+
+
+SETTINGS = {
+    "draft": sp.Accuracy.named("draft"),
+    "engineering": sp.Accuracy.named("engineering"),
+    "reference": sp.Accuracy.named("reference"),
+    "DOP853 at 1e-9": sp.Accuracy(time_tolerance=1e-9),
+    "RK4, 10 ms": sp.Accuracy(integrator="RK4", step=0.01),
+}
+
+CASES = (
+    *(Case("forward", NAME, "forward_dynamics, reactions too", partial(setup_forward, n),
+           run_forward, judge_forward, size=n) for n in SIZES),
+    *(Case(task, NAME, f"simulate, {name}", partial(setup_simulation, entry, accuracy),
+           run_simulation, judge)
+      for task, entry, judge in (("a02", "ladder_1", judge_a02), ("a04", "bricard", judge_a04))
+      for name, accuracy in SETTINGS.items()),
+)

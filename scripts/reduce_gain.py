@@ -1,0 +1,190 @@
+"""What `sp.reduce` gains: time a row of a sweep of the full and of the reduced model.
+
+    python scripts/reduce_gain.py [--rows 361 3600] [--repeats 15]
+
+Full and reduced sweeps are timed in turn, medians of their time a row in microseconds, assembly
+included (the reduced model remembers where it has assembled); the
+largest difference of the outputs (position, rate, acceleration) comes from
+`verify`. For the RSSR two loops written by hand for its one distance equation stand beside:
+Pinocchio for the two joints with the equation by NumPy-free arithmetic, and plain `math` with the
+joints' positions written out. Both follow the branch with a third-order predictor, correct to
+1e-13 and give rates and accelerations at every row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+import spatial_pin as sp
+
+LEGS = {f"leg_{k}": f"slide_{k}" for k in range(2, 7)}
+CASES = {  # title: mechanism, outputs, what is locked, driver, first and last value
+    "RSSR: rocker": ("rssr", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
+    "RSPC: guide": ("rspc", ["guide.slide"], [], "crank", 0.0, 2 * np.pi),
+    "RSPC: slide": ("rspc", ["slide"], [], "crank", 0.0, 2 * np.pi),
+    "Stewart, one leg moves: platform": ("stewart", ["platform"], list(LEGS), "leg_1", 0.385, 0.41),
+    "Stewart, all legs free: platform": ("stewart", ["platform"], [], "leg_1", 0.385, 0.41),
+    "Delta: platform": ("delta", ["platform"], [], "arm_1", -0.2, 0.2),
+    "four-bar: rocker": ("four_bar", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
+    "Watt six-bar: first rocker": ("watt_six_bar", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
+    "Peaucellier: inner pin": ("peaucellier", ["upper_inner_pin"], [], "crank", -0.5, 0.5),
+}
+
+
+def medians(jobs: Sequence[Callable[[], object]], rows: int, repeats: int) -> list[float]:
+    """Return the median time a row of each job [µs], the jobs taken in turn."""
+    times: list[list[float]] = [[] for _ in jobs]
+    for _ in range(repeats + 1):
+        for job, spent in zip(jobs, times, strict=True):
+            start = time.perf_counter()
+            job()
+            spent.append(1e6 * (time.perf_counter() - start) / rows)
+    return [statistics.median(spent[1:]) for spent in times]
+
+
+# ---------------------------------------------------------------- by hand
+
+
+def follow(equation: Callable[..., tuple[float, ...]], values: np.ndarray, y: float) -> np.ndarray:
+    """Follow f(x, y) = 0 through x; rows of y, y', y''.
+
+    `equation(x, y)` returns f, fx, fy; with third argument True also fxx, fxy, fyy.
+    """
+    out = np.empty((len(values), 3))
+    x, dy, ddy, before = float(values[0]), 0.0, 0.0, 0.0
+    for k, value in enumerate(values.tolist()):
+        h = value - x
+        x = value
+        y += h * (dy + 0.5 * h * (ddy + ((ddy - before) / 3.0 if k > 1 else 0.0)))
+        for _ in range(8):
+            f, fx, fy = equation(x, y)
+            y -= f / fy
+            if abs(f) < 1e-13:
+                break
+        _, fx, fy, fxx, fxy, fyy = equation(x, y, True)
+        before = ddy
+        dy = -fx / fy
+        ddy = -(fxx + dy * (2.0 * fxy + dy * fyy)) / fy
+        out[k] = y, dy, ddy
+    return out
+
+
+def rssr_by_math(a: float, b: float, c: float, d: float) -> Callable[..., tuple[float, ...]]:
+    """(|AB|² - b²)/2b for A = (-a cos x, 0, a sin x), B = (-d - c cos y, c sin y, 0)."""
+    sin, cos = math.sin, math.cos
+    constant = 0.5 * (a * a + c * c + d * d - b * b) / b
+    ad, ac, cd = a * d / b, a * c / b, c * d / b
+
+    def equation(x: float, y: float, second: bool = False) -> tuple[float, ...]:
+        sx, cx, sy, cy = sin(x), cos(x), sin(y), cos(y)
+        f = constant - ad * cx + cd * cy - ac * cx * cy
+        fx, fy = ad * sx + ac * sx * cy, -cd * sy + ac * cx * sy
+        if not second:
+            return f, fx, fy
+        return f, fx, fy, ad * cx + ac * cx * cy, -ac * sx * sy, -cd * cy + ac * cx * cy
+
+    return equation
+
+
+def rssr_by_pinocchio(mechanism: sp.Mechanism) -> Callable[..., tuple[float, ...]]:
+    """The same from Pinocchio's placements and Jacobians of the two joints."""
+    model, (closure,) = mechanism.model, mechanism.closures
+    (i, a), (j, b) = ((k, m.translation) for k, m in map(mechanism.frame_on_joint, closure.frames))
+    length = closure.geometry.length
+    data, q = model.createData(), np.zeros(2)
+    first, second = data.oMi[i], data.oMi[j]
+    jx, jy = (int(model.idx_vs[k]) for k in (i, j))
+    columns, kinematics = data.J, pin.computeJointJacobians
+    a, b = a.copy(), b.copy()
+
+    def cross(u, v):
+        (x, y, z), (s, t, w) = u, v
+        return y * w - z * t, z * s - x * w, x * t - y * s
+
+    def dot(u, v):
+        return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+    def equation(x: float, y: float, more: bool = False) -> tuple[float, ...]:
+        q[jx], q[jy] = x, y
+        kinematics(model, data, q)
+        p, r = first.act(a).tolist(), second.act(b).tolist()
+        (ux, uy), (vx, vy) = columns[3:, (jx, jy)].T.tolist(), columns[:3, (jx, jy)].T.tolist()
+        d = [s - t for s, t in zip(r, p, strict=True)]
+        dp = [s + t for s, t in zip(vx, cross(ux, p), strict=True)]
+        dr = [s + t for s, t in zip(vy, cross(uy, r), strict=True)]
+        f, fx, fy = (dot(d, d) - length * length) / (2.0 * length), -dot(d, dp), dot(d, dr)
+        if not more:
+            return f, fx / length, fy / length
+        fxx = dot(dp, dp) - dot(d, cross(ux, dp))
+        fyy = dot(dr, dr) + dot(d, cross(uy, dr))
+        return (f, fx / length, fy / length, fxx / length, -dot(dp, dr) / length, fyy / length)
+
+    return equation
+
+
+def by_hand(rows: int, repeats: int) -> None:
+    full = sp.load("rssr")
+    reduced = sp.reduce(full, "rocker_pin")
+    values = np.linspace(0.0, 2.0 * np.pi, rows)
+    start = sp.assemble(full, {"crank": 0.0}).coordinate("rocker_pin").value
+    plain = rssr_by_math(*(full.dimensions[k] for k in "abcd"))
+    pinned = rssr_by_pinocchio(reduced)
+    expected = sp.sweep(full, "crank", values).coordinate("rocker_pin")
+    for name, equation in (("plain math", plain), ("Pinocchio", pinned)):
+        found = follow(equation, values, start)
+        worst = max(float(np.abs(x - y).max()) for x, y in zip(found.T, expected, strict=True))
+        print(f"  hand loop, {name}: differs from the full model by {worst:.1e}")
+    jobs = [lambda: sp.sweep(reduced, "crank", values), lambda: follow(pinned, values, start),
+            lambda: follow(plain, values, start), lambda: sp.sweep(full, "crank", values)]
+    own, pinocchio, math_only, whole = medians(jobs, rows, repeats)
+    print(f"  {rows} rows: reduced sweep {own:.1f} µs a row, Pinocchio by hand {pinocchio:.1f} "
+          f"(ratio {own / pinocchio:.2f}), math by hand {math_only:.1f} (ratio "
+          f"{own / math_only:.2f}), full sweep {whole:.1f}")
+
+
+def compare(
+    title: str, name: str, outputs: list[str], lock: list[str], driver: str, first: float,
+    last: float, counts: Sequence[int], repeats: int,
+) -> None:
+    full = sp.load(name)
+    start = time.perf_counter()
+    reduced = sp.reduce(full, outputs, lock=lock)
+    seconds = time.perf_counter() - start
+    worst = reduced.verify(driver, np.linspace(first, last, 361)).worst
+    sizes = [(len(m.coordinates), sp.closure_jacobian(m, m.neutral).shape[0])
+             for m in (full, reduced)]
+    print(f"{title}: coordinates {sizes[0][0]} -> {sizes[1][0]}, equations {sizes[0][1]} -> "
+          f"{sizes[1][1]}; difference {worst:.1e}; reduced in {1e3 * seconds:.0f} ms")
+    hold = {LEGS[n]: reduced.welds[LEGS[n]] for n in lock}
+
+    def sweep(mechanism: sp.Mechanism, held: dict[str, float], rows: int) -> sp.Motion:
+        return sp.sweep(mechanism, driver, np.linspace(first, last, rows), hold=held)
+
+    for rows in counts:
+        a, b = medians([partial(sweep, full, hold, rows), partial(sweep, reduced, {}, rows)],
+                       rows, repeats)
+        print(f"  {rows} rows: full {a:.1f}, reduced {b:.1f} µs a row, {a / b:.2f} times")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--rows", type=int, nargs="+", default=[361, 3600])
+    parser.add_argument("--repeats", type=int, default=15)
+    options = parser.parse_args()
+    for title, case in CASES.items():
+        compare(title, *case, options.rows, options.repeats)
+    print("RSSR by hand:")
+    for rows in options.rows:
+        by_hand(rows, options.repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,331 @@
+"""A reduced mechanism in the making: what moves, what closes, what is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.accuracy.reduction_files import Tree, relation_table
+from spatial_pin.accuracy.reduction_influence import Asked, Influence, Kept
+from spatial_pin.accuracy.reduction_links import (
+    Bodies,
+    Pin,
+    Place,
+    Relation,
+    Surroundings,
+    relation,
+)
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.linalg import Array, null_space
+from spatial_pin.mechanism.export import content_of
+from spatial_pin.mechanism.files import from_text
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
+from spatial_pin.mechanism.pairs import COUPLING
+
+OPEN_CONFIGURATIONS = 4
+ZERO = 1e-12  # derivative of a row that is none
+SLENDER = 1e-9  # distance of a centre of mass from the line between two balls [of its length]
+
+Omitted = tuple[str, str, str]
+
+
+class Model:
+    """The parts of a reduced mechanism.
+
+    Args:
+        mechanism: the full mechanism.
+        q: (nq,) closed configuration in which joints are welded.
+        kept: what the outputs depend on.
+        influence: what that was found with.
+        asked: the outputs.
+        dynamics: keep inertias and springs.
+        lump: replace massive rods too.
+    """
+
+    def __init__(self, mechanism: Mechanism, q: Array, kept: Kept, influence: Influence,
+                 asked: Asked, *, dynamics: bool, lump: bool) -> None:
+        self.full, self.q, self.kept, self.influence = mechanism, q, kept, influence
+        self.asked, self.dynamics, self.lump = asked, dynamics, lump
+        self.moving, self.welded = set(kept.moving), set(kept.welded)
+        self.bodies = Bodies(mechanism, q, kept.welded)
+        self.closures: list[Closure] = [mechanism.closures[k] for k in kept.closures
+                                        if not self._is_locked(mechanism.closures[k])]
+        self.relations: list[tuple[str, Relation]] = []
+        self.masses: list[tuple[str, Place, float]] = []
+        self.tables: dict[str, dict[str, Any]] = {}
+        self.notes: list[Omitted] = []
+        self._around = Surroundings(mechanism, list(self._open()))
+
+    def _is_locked(self, closure: Closure) -> bool:
+        return closure.type == COUPLING and not {
+            self.full.joint_id(self.full.coordinate(n).joint) for n in closure.joints
+        } & self.moving
+
+    def _open(self) -> Iterator[Array]:
+        """Yield random configurations of what moves, loops open."""
+        model, scale = self.full.model, self.full.velocity_scale
+        free = np.zeros(model.nv)
+        for i in self.moving:
+            free[self.influence.columns[i]] = 1.0
+        rng = np.random.default_rng(11)
+        for _ in range(OPEN_CONFIGURATIONS):
+            yield pin.integrate(model, self.q, rng.uniform(-2.0, 2.0, model.nv) * scale * free)
+
+    # ------------------------------------------------------------ links of two pairs
+
+    def replace_links(self) -> None:
+        """Replace links that nothing is asked of by the equations that they stand for."""
+        found = True
+        while found:
+            found = any(self._replace(i) for i in sorted(self.moving, reverse=True))
+
+    def _replace(self, i: int) -> bool:
+        name = self.full.model.names[i]
+        if i not in self.moving or i in self.influence.needed or not self._is_end(i):
+            return False
+        ends = [c for c in self.closures if c.type == COUPLING and any(
+            self.full.coordinate(j).joint == name for j in c.joints)]
+        own = [c for c in self.closures
+               if c.frames and i in (self.bodies.frame(f)[0] for f in c.frames)]
+        is_free = self.full.pairs[i - 1] == "floating"
+        if ends or len(own) != (2 if is_free else 1) or any(c.equations for c in own):
+            return False
+        pins = [self.bodies.closing_pin(c, i) for c in own]
+        if not is_free:
+            pins.insert(0, self.bodies.tree_pin(i))
+        if pins[0].body == pins[1].body or not self._may_go(i, pins):
+            return False
+        made = relation(pins[0], pins[1], self._around)
+        if made is None:
+            return False
+        self._record(i, name, pins, own, made)
+        gone = {j for j in (*self.moving, *self.welded)
+                if i in [int(k) for k in self.full.model.supports[j]]}
+        self.moving -= gone
+        self.welded -= gone
+        self.closures = [c for c in self.closures if c not in own]
+        return True
+
+    def _is_end(self, i: int) -> bool:
+        """Whether nothing that moves, or is asked for, hangs on the body of joint i."""
+        supports = self.full.model.supports
+        hung = [j for j in self.moving if j != i and i in [int(k) for k in supports[j]]]
+        asked = [f for f in self.asked.frames if self.bodies.of(
+            self.full.frame_on_joint(f)[0])[0] == i]
+        related = [r for _, r in self.relations if i in (p.body for p in r.places)]
+        springs = [f for s in self.full.springs for f in s.frames
+                   if self.dynamics and self.bodies.frame(f)[0] == i]
+        return not (hung or asked or related or springs)
+
+    def _may_go(self, i: int, pins: list[Pin]) -> bool:
+        """Whether the body of joint i is massless, or its mass does not matter or is lumped."""
+        if not self.dynamics:
+            return True
+        mass = self._inertia(i)
+        model = self.full.model
+        v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+        if np.any(model.damping[v]) or np.any(model.armature[v]):
+            return False
+        if mass.mass == 0.0 and not np.any(mass.inertia):
+            return True
+        balls = all(p.kind in ("spherical", "universal") for p in pins)
+        return self.lump and balls and self._lumped(i, pins, mass)
+
+    def _inertia(self, i: int) -> pin.Inertia:
+        """Return the inertia of the rigid body that joint i moves, in its axes."""
+        total = pin.Inertia.Zero()
+        for j in (i, *self.welded):
+            mover, on = self.bodies.of(j)
+            if mover == i:
+                total += on.act(self.full.model.inertias[j])
+        return total
+
+    def _lumped(self, i: int, pins: list[Pin], body: pin.Inertia) -> bool:
+        a, b = pins[0].own_centre, pins[1].own_centre
+        d = b - a
+        length = float(np.linalg.norm(d))
+        if length == 0.0:
+            return False
+        part = float((body.lever - a) @ d) / length**2
+        if not 0.0 <= part <= 1.0:
+            return False
+        n = d / length
+        aside = float(np.linalg.norm(body.lever - a - part * d))
+        spin = float(n @ body.inertia @ n)
+        across = 0.5 * (float(np.trace(body.inertia)) - spin)
+        lumped = body.mass * part * (1.0 - part) * length**2
+        for place, mass in zip(pins, ((1.0 - part) * body.mass, part * body.mass), strict=True):
+            if mass > 0.0 and place.body:
+                self.masses.append((f"{self._link(i)}_mass", Place(place.body, place.centre), mass))
+        self.notes.append((
+            "inertia", self._link(i),
+            f"{body.mass:.6g} kg lumped at its two balls; inertia across the rod becomes "
+            f"{lumped:.4g} instead of {across:.4g} kg·m², about it 0 instead of {spin:.4g}"
+            + f", and the centre of mass moves {aside:.3g} m to the line" * (
+                aside > SLENDER * length)))
+        return True
+
+    def _link(self, i: int) -> str:
+        return next(name for name in self.full.links if self.full.frame_on_joint(name)[0] == i)
+
+    def _record(self, i: int, joint: str, pins: list[Pin], own: list[Closure],
+                made: list[Relation]) -> None:
+        link = self._link(i)
+        taken = {c.name for c in self.closures} | {n for n, _ in self.relations}
+        for k, one in enumerate(made):
+            name = link if not k else f"{link}_{one.type}"
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            self.relations.append((name, one))
+        said = " and ".join(
+            f"{r.type} {r.length:.9g} m" if r.length else r.type.replace("_", " ") for r in made)
+        between = f"{pins[0].kind} and {pins[1].kind}"
+        closed = " and ".join(repr(c.name) for c in own)
+        self.notes.append(("link", link, f"its pairs ({between}; joint {joint!r}, closure {closed})"
+                                         f" stand for one relation: {said}"))
+
+    # ------------------------------------------------------------ equations
+
+    def drop_equations(self) -> None:
+        """Leave out equations whose derivative is zero wherever the joints are put."""
+        made = self.mechanism(frozenset())
+        evaluation = Evaluation(constraints_of(made))
+        jacobians = []
+        for q in _random(made):
+            evaluation.update(q)
+            jacobians.append(evaluation.jacobian[: evaluation.constraints.n_rows].copy())
+        stacked = np.hstack(jacobians) if jacobians else np.zeros((0, 0))
+        labels = evaluation.constraints.labels
+        for closure in made.closures:
+            if closure.type == COUPLING or closure.equations is not None:
+                continue
+            rows = [r for r, label in enumerate(labels) if label.closure == closure.name]
+            self._drop_equations(made, closure, stacked[rows])
+
+    def _drop_equations(self, made: Mechanism, closure: Closure, slopes: Array) -> None:
+        """Leave out equations of one closure, its axes turned so that as many as can be go."""
+        turn = _turned(closure, slopes)
+        if turn is not None:
+            self.tables[closure.name] = {"turn": turn}
+            made = self.mechanism(frozenset())
+            closure = next(c for c in made.closures if c.name == closure.name)
+            evaluation = Evaluation(constraints_of(made))
+            found = []
+            for q in _random(made):
+                evaluation.update(q)
+                rows = [r for r, x in enumerate(evaluation.constraints.labels)
+                        if x.closure == closure.name]
+                found.append(evaluation.jacobian[rows].copy())
+            slopes = np.hstack(found)
+        needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > ZERO).tolist())
+        if len(needed) == len(slopes):
+            self.tables.pop(closure.name, None)
+            return
+        self.tables.setdefault(closure.name, {})["equations"] = list(needed)
+        gone = len(slopes) - len(needed)
+        self.notes.append((
+            "equations", closure.name,
+            f"{gone} of {len(slopes)} hold wherever its joints stand"
+            + "; nothing is left of it" * (not needed)))
+
+    # ------------------------------------------------------------ the mechanism
+
+    def mechanism(self, locked: frozenset[int]) -> Mechanism:
+        """Return the mechanism as it stands."""
+        full = self.full
+        content = content_of(full)
+        links = {f for c in self.closures for f in c.frames}
+        links |= {name for name in self.asked.frames if name in full.links}
+        fixed = {f.name for f in full.model.frames if f.type == pin.FrameType.FIXED_JOINT}
+        links |= {self._child(name) for name in self.asked.frames if name in fixed}
+        if self.dynamics:
+            links |= {f for s in full.springs for f in s.frames}
+        weighed = None if self.dynamics else frozenset(self.asked.frames)
+        tree = Tree(full, self.q, frozenset(self.moving), frozenset(self.welded), links, weighed)
+        content["passive"] = dict(self._passives(tree))
+        closures = [dict(table) for table in content.get("closures", ())
+                    if table["name"] in {c.name for c in self.closures}]
+        for table in closures:
+            self._turn(table, tree)
+        for name, made in self.relations:
+            frames = [tree.add(f"{name}_{k}", place) for k, place in enumerate(made.places, 1)]
+            closures.append(dict(relation_table(name, made, frames)))
+        for name, place, mass in self.masses:
+            tree.add(name, place, mass)
+        for table in closures:
+            table.update({k: v for k, v in self.tables.get(table["name"], {}).items()
+                          if k != "turn"})
+        content["closures"] = [t for t in closures if t.get("equations") != []]
+        names = {full.model.names[i] for i in self.moving}
+        content["joints"] = {k: v for k, v in content.get("joints", {}).items() if k in names}
+        content["drivers"] = {k: v for k, v in content.get("drivers", {}).items()
+                              if full.coordinate(v["joint"]).joint in names}
+        if not self.dynamics:
+            content["springs"] = []
+        content["guess"] = {}
+        return from_text(tree.text(), content, f"{full.name} (reduced)")
+
+    def _child(self, fixed_joint: str) -> str:
+        joint, placement = self.full.frame_on_joint(fixed_joint)
+        return next(n for n in self.full.links if self.full.frame_on_joint(n)[0] == joint
+                    and self.full.frame_on_joint(n)[1] == placement)
+
+    def _turn(self, table: dict[str, Any], tree: Tree) -> None:
+        """Put frames under a closure whose axes are turned."""
+        turn = self.tables.get(table["name"], {}).get("turn")
+        if turn is None:
+            return
+        closure = next(c for c in self.closures if c.name == table["name"])
+        assert closure.geometry is not None
+        frames = []
+        for k, (name, axes) in enumerate(zip(
+                closure.frames, (closure.geometry.axes1, closure.geometry.axes2), strict=True), 1):
+            body, placement = self.bodies.frame(name)
+            rotation = placement.rotation @ axes @ turn
+            frames.append(tree.add(f"{closure.name}_{k}", Place(
+                body, placement.translation, rotation[:, 2], rotation[:, 0])))
+        table["frames"] = frames
+        table.update({"axis": [0.0, 0.0, 1.0]} if "axis" in table else {})
+
+    def _passives(self, tree: Tree) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yield the passive freedoms of what is kept, their axes between frames that exist."""
+        for passive in self.full.passives:
+            joint = self.full.frame_on_joint(passive.body)[0]
+            if self.bodies.of(joint)[0] not in self.moving:
+                continue
+            tree.links.add(passive.body)
+            axis = [tree.add(f"{passive.name}_{k}", Place(
+                joint, point_on_body(self.full, joint, name)))
+                for k, name in enumerate(passive.axis, 1)]
+            yield passive.name, {"body": passive.body, "axis": axis}
+
+
+def _random(mechanism: Mechanism) -> Iterator[Array]:
+    """Yield random configurations with all loops open."""
+    model, scale = mechanism.model, mechanism.velocity_scale
+    rng = np.random.default_rng(13)
+    for _ in range(OPEN_CONFIGURATIONS):
+        yield pin.integrate(model, mechanism.neutral, rng.uniform(-2.0, 2.0, model.nv) * scale)
+
+
+def _turned(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:
+    """Return the turn of a closure's axes that brings one into the normal of its loop's plane."""
+    count = {"prismatic": 2, "cylindrical": 2, "weld": 3, "spherical": 3}.get(closure.type)
+    if count is None or np.abs(slopes[:count]).max(axis=1).min() <= ZERO:
+        return None
+    normals = null_space(slopes[:count].T, 1e-11)
+    if len(normals) != 1:
+        return None
+    n = np.zeros(3)
+    n[:count] = normals[0]
+    if count == 2:  # z is the pair's own axis
+        return np.column_stack([n, np.cross([0.0, 0.0, 1.0], n), [0.0, 0.0, 1.0]])
+    x = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(n, x), n])
+

@@ -1,0 +1,237 @@
+"""Spread of outputs when dimensions scatter: linear propagation and Monte Carlo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.fitted import FittedGeometry, fit
+from spatial_pin.kinematics.sample_outputs import is_possible, output, points_of
+from spatial_pin.kinematics.samples import Solver
+from spatial_pin.kinematics.sensitivity import Drive, sensitivities, varied
+from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import finite_number
+from spatial_pin.mechanism.files import load
+from spatial_pin.mechanism.mechanism import Mechanism
+
+CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
+LOADS = 0.25  # mechanisms to learn a geometry from, at most, by samples
+
+@dataclass(frozen=True, eq=False)
+class Tolerance:
+    """Spread of outputs when dimensions scatter independently and normally.
+
+    Attributes:
+        nominal: the outputs at the nominal dimensions.
+        linear: standard deviations by linear propagation.
+        sampled: standard deviations of the samples; None without samples.
+        mean: mean of the samples; None without.
+        samples: (n,) or (n, 3) values by output.
+        failed: samples in which the mechanism could not be closed.
+    """
+
+    nominal: dict[str, Any]
+    linear: dict[str, Any]
+    sampled: dict[str, Any] | None
+    mean: dict[str, Any] | None
+    samples: dict[str, Array]
+    failed: int
+
+    def __str__(self) -> str:
+        lines = []
+        for name, value in self.nominal.items():
+            line = f"{name} = {value} ± {self.linear[name]} (linear)"
+            if self.sampled is not None:
+                line += f", ± {self.sampled[name]} ({len(self.samples[name])} samples)"
+            lines.append(line)
+        if self.failed:
+            lines.append(f"{self.failed} samples cannot be closed")
+        return "\n".join(lines)
+
+
+def tolerance(
+    mechanism: Mechanism,
+    outputs: str | Iterable[str],
+    deviations: Mapping[str, float],
+    state: State | None = None,
+    *,
+    samples: int = 0,
+    executor: Executor | None = None,
+    seed: int = 0,
+    progress: bool = False,
+) -> Tolerance:
+    """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
+
+    Where it pays, samples are solved together. A few dozen mechanisms (at most a quarter of the
+    number of samples) are loaded at the ends of the range of each dimension and between, and the
+    places and directions that the file computes are fitted by polynomials in the dimensions.
+    These must give the places and directions of other samples, the farthest among them, to 4e-15.
+    Then all samples take together the steps that `assemble` takes from the state. A sample is
+    loaded and assembled by itself where the steps do not shrink fast, move a joint by more than
+    0.25 rad or characteristic lengths, or end at a determinant of another sign than the state's,
+    or of less than a fiftieth; so it is on the state's branch, as it always was. All samples are
+    solved one by one if they are few for the number of dimensions, if the file's formulas are not
+    smooth (an `if` or `max` that changes over among the samples), if the state is all but
+    singular, and for jerks, transmission angles and limits. Results agree to round-off. A change
+    of formula that concerns hardly any sample can be missed.
+
+    Args:
+        mechanism: a mechanism with a xacro tree.
+        outputs: names as for `sensitivity`.
+        deviations: standard deviation by dimension [m, rad].
+        state: a closed state; its driver values, speeds and accelerations are kept; default the
+            assembled guess.
+        samples: number of Monte Carlo samples, 0 for none.
+        executor: where to solve them (any `concurrent.futures` executor, a Dask client's too);
+            default in this process.
+        seed: of the samples.
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Raises:
+        UnknownNameError: no such dimension or output.
+        ValueError: a deviation is negative or not finite.
+    """
+    state = state or assemble(mechanism)
+    names = [outputs] if isinstance(outputs, str) else list(outputs)
+    spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
+    if any(x < 0.0 for x in spread.values()):
+        raise ValueError("a standard deviation is negative")
+    found = sensitivities(mechanism, state, names, spread)
+    nominal = {one.output: one.value for one in found}
+    linear = {one.output: _propagated(one.derivatives, spread) for one in found}
+    if not samples:
+        return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0)
+    drawn = _drawn(mechanism, spread, samples, seed)
+    values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
+                                executor, progress)
+    good = {name: x[is_closed] for name, x in values.items()}
+    return Tolerance(
+        nominal, linear,
+        {name: x.std(axis=0, ddof=1)[()] for name, x in good.items()},
+        {name: x.mean(axis=0)[()] for name, x in good.items()},
+        good, int(np.count_nonzero(~is_closed)),
+    )
+
+
+def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> Any:
+    parts = [(np.asarray(derivatives[name]) * x) ** 2 for name, x in spread.items()]
+    return np.sqrt(sum(parts))[()]
+
+
+def _drawn(
+    mechanism: Mechanism, spread: Mapping[str, float], samples: int, seed: int
+) -> Array:
+    """Return the dimensions (samples, k) in the order of `spread`."""
+    nominal = np.array([mechanism.dimensions[name] for name in spread])
+    normal = np.random.default_rng(seed).normal(size=(samples, len(nominal)))
+    return nominal + np.array(list(spread.values())) * normal
+
+
+def _solved(
+    mechanism: Mechanism, state: State, nominal: Mapping[str, Any], spread: Mapping[str, float],
+    drawn: Array, executor: Executor | None, progress: bool,
+) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+    """Return (N, ...) values by output, and which samples (N,) could be closed."""
+    names, drive = list(nominal), Drive.of(mechanism, state)
+    values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
+    is_closed = np.zeros(len(drawn), dtype=bool)
+    bar = tqdm(total=len(drawn), desc=f"{mechanism.name}: samples", delay=1.0, leave=False,
+               disable=None if progress else True)
+    together = _Together.of(mechanism, state, drive, names, list(spread), drawn)
+    if together:
+        for begin in range(0, len(drawn), CHUNK):
+            some = slice(begin, begin + CHUNK)
+            is_closed[some], found = together.solve(drawn[some])
+            for name, x in found.items():
+                values[name][some] = x
+            bar.update(int(np.count_nonzero(is_closed[some])))
+    rest = np.flatnonzero(~is_closed)
+    jobs = [(str(mechanism.path),
+             {**mechanism.parameters, **dict(zip(spread, drawn[k].tolist(), strict=True))},
+             (np.array(state.q), np.array(state.angles)), drive, names) for k in rest]
+    futures = [executor.submit(_sample, job) for job in jobs] if executor else []
+    rows = (future.result() for future in futures) if executor else map(_sample, jobs)
+    for k, row in zip(rest, rows, strict=True):
+        bar.update()
+        if row is not None:
+            is_closed[k] = True
+            for name, x in zip(names, row, strict=True):
+                values[name][k] = x
+    bar.close()
+    return values, is_closed
+
+
+def _sample(
+    job: tuple[str, dict[str, float], tuple[Array, Array], Drive, list[str]]
+) -> list[Any] | None:
+    """Solve one sample; None when it cannot be closed. Runs in any process."""
+    path, parameters, (q, angles), drive, names = job
+    try:
+        mechanism = load(path, **parameters)
+        near = State(mechanism, q, closure_error=np.nan, angles=angles)
+        return drive.evaluate(mechanism, near, names)
+    except SpatialPinError:
+        return None
+
+
+class _Together(NamedTuple):
+    """Solves samples together.
+
+    Attributes:
+        solver: of the mechanism.
+        geometry: by dimensions, which vary by `reach` (k,) at most from `nominal` (k,).
+        varies: which of the dimensions (k,) vary.
+        points: whose motion the outputs tell.
+        names: of the outputs.
+    """
+
+    solver: Solver
+    geometry: FittedGeometry
+    nominal: Array
+    reach: Array
+    varies: NDArray[np.bool_]
+    points: list[str]
+    names: Sequence[str]
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, state: State, drive: Drive, outputs: list[str],
+        dimensions: list[str], drawn: Array,
+    ) -> _Together | None:
+        """Return a solver for samples, None where it does not pay or cannot be."""
+        nominal = np.array([mechanism.dimensions[name] for name in dimensions])
+        reach = np.abs(drawn - nominal).max(axis=0)
+        varies = reach > 0.0
+        if not varies.any() or not is_possible(mechanism, outputs):
+            return None
+        points = points_of(mechanism, outputs)
+        try:
+            solver = Solver(state, drive.speeds, drive.accelerations)
+        except SpatialPinError:  # each sample will tell
+            return None
+        names = [name for name, x in zip(dimensions, varies, strict=True) if x]
+        centre, half = nominal[varies], reach[varies]
+
+        def at(x: Array) -> Mechanism:
+            return varied(mechanism, dict(zip(names, (centre + half * x).tolist(), strict=True)))
+
+        geometry = fit(mechanism, at, (drawn[:, varies] - centre) / half, points,
+                       int(LOADS * len(drawn))) if solver.is_regular else None
+        if geometry is None:
+            return None
+        return cls(solver, geometry, centre, half, varies, points, outputs)
+
+    def solve(self, drawn: Array) -> tuple[NDArray[np.bool_], dict[str, Array]]:
+        """Return which samples (m,) are good, and the outputs of all, (m, ...)."""
+        geometry = self.geometry(((drawn[:, self.varies] - self.nominal) / self.reach).T)
+        moving, good = self.solver.solve(geometry, len(drawn))
+        return good, {name: output(moving, geometry, self.points, name) for name in self.names}

@@ -1,0 +1,152 @@
+"""The benchmark script: one small task from end to end, and the references it judges by."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spatial_pin.accuracy.cases import CASES
+
+SCRIPTS = Path(__file__).parent.parent / "scripts"
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """The script as a module."""
+    before = list(sys.path)
+    spec = importlib.util.spec_from_file_location("bench", SCRIPTS / "bench.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+    sys.path[:] = before
+
+
+def report_of(bench, capsys, *arguments):
+    bench.main(arguments)
+    return capsys.readouterr().out
+
+
+def test_a_task_is_measured_judged_saved_and_compared(bench, capsys, tmp_path):
+    saved = tmp_path / "old.json"
+    out = report_of(bench, capsys, "--tasks", "jacobian,mobility", "--quick", "--json", str(saved))
+    assert "spatial_pin: jacobian" in out and "Pinocchio has no analysis" in out
+    old = json.loads(saved.read_text())
+    assert {"spatial_pin", "pin", "numpy"} <= old["versions"].keys()
+    assert {"cpu", "cores", "python"} <= old["machine"].keys()
+    rows = {row["task"]: row for row in old["rows"].values() if row["tool"] == "spatial_pin"}
+    assert len(rows["jacobian"]["seconds"]) > 1
+    assert rows["jacobian"]["least"] == min(rows["jacobian"]["seconds"]) > 0.0
+    assert 0.0 <= rows["jacobian"]["errors"]["ω"] < 1e-13
+    assert rows["mobility"]["errors"]["count"] == 0.0
+    for row in old["rows"].values():  # as if the machine had been a thousand times faster
+        row["seconds"] = [t / 1000.0 for t in row["seconds"]]
+        row["least"], row["median"] = min(row["seconds"]), row["median"] / 1000.0
+    saved.write_text(json.dumps(old))
+    out = report_of(bench, capsys, "--tasks", "jacobian", "--quick", "--compare", str(saved))
+    changed = [line for line in out.splitlines() if "SLOWER" in line]
+    assert len(changed) == 2 and all("jacobian" in line for line in changed)
+    assert any("mobility" in line and "gone" in line for line in out.splitlines())
+
+
+def test_only_what_lies_beyond_the_spread_is_marked(bench):
+    calm = [1.0, 1.02, 1.04, 1.06]
+    assert bench.report.moved(calm, [1.03, 1.05, 1.07, 1.09]) == ""
+    assert bench.report.moved(calm, [1.2, 1.22, 1.24, 1.26]).strip() == "SLOWER"
+    assert bench.report.moved([1.2, 1.22, 1.24, 1.26], calm).strip() == "faster"
+    assert bench.report.moved([1.0, 1.5, 2.0, 2.5], [1.0, 1.9, 2.2, 3.0]) == ""
+    assert "ψ 1e-12 -> 5e-10" in bench.report.worse({"ψ": 1e-12}, {"ψ": 5e-10})
+    assert bench.report.worse({"ψ": 1e-16, "ω": None}, {"ψ": 5e-15, "ω": 1.0}) == ""
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--tasks", "sweeps"], "no such task: sweeps"),
+    (["--repeats", "0"], "must be positive"),
+])
+def test_a_wrong_command_line_is_told(bench, capsys, arguments, words):
+    with pytest.raises(SystemExit):
+        bench.main(arguments)
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", "no JSON", None])
+def test_an_old_file_that_is_none_is_told(bench, tmp_path, text):
+    path = tmp_path / "old.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(SystemExit, match=r"old\.json"):
+        bench.main(["--tasks", "jacobian", "--quick", "--compare", str(path)])
+
+
+def test_a_case_that_fails_is_told_and_the_others_go_on(bench):
+    class Worker(bench.workers.Worker):
+        def __init__(self):
+            super().__init__(())
+            case = sys.modules["benchmark.case"].Case
+
+            def broken(_):
+                raise RuntimeError("out of reach\nand more")
+
+            for how, run in (("good", lambda x: x + 1), ("bad", broken)):
+                one = case("jacobian", "someone", how, lambda: 1, run, lambda _, x: {"ω": x - 2})
+                self.cases[one.key] = one
+
+    cases, absent = bench.measure.rows_of([Worker()])
+    rows, failed = bench.measure.measure(cases, bench.measure.QUICK, lambda _: None)
+    assert absent == [] and [row["how"] for row in rows.values()] == ["good"]
+    assert failed == [["jacobian", "someone", "bad: RuntimeError: out of reach"]]
+
+
+def test_a_worker_in_another_process_answers_and_dies_in_words(bench):
+    remote = bench.workers.Remote(Path(sys.executable), ["with_scipy"])
+    try:
+        key = "reduced / 360 / by hand / the distance equation, tuned"
+        assert remote.rows()["cases"][key]["count"] == 360
+        with pytest.raises(bench.workers.Failed, match="KeyError"):
+            remote.run(key)
+        remote.setup(key)
+        assert remote.run(key, 2) > 0.0
+        assert remote.judge(key)["ψ"] < 1e-11
+        remote._process.kill()
+        remote._process.wait()
+        with pytest.raises(bench.workers.Failed, match="its process ended"):
+            remote.run(key)
+        assert bench.measure.run(remote, key, 1, "cpu") > 0.0  # in a new process
+    finally:
+        remote.close()
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 10, 20, 40])
+def test_the_ladder_ends_where_the_published_case_does(bench, n):
+    ladder = sys.modules["benchmark.ladder"]
+    angles = CASES[f"ladder_{n}"].answers["angles"].values
+    assert ladder.angle(n, 10.0) == pytest.approx(angles[0], abs=1e-13)
+
+
+def test_the_cube_ends_where_the_published_case_does(bench):
+    cube = sys.modules["benchmark.cube"]
+    assert tuple(cube.P3) == CASES["bricard"].answers["position"].values
+
+
+def test_the_closed_forms_agree_with_their_derivatives(bench):
+    rssr, rspc = sys.modules["benchmark.rssr"], sys.modules["benchmark.rspc"]
+    assert rssr.check_closed_form(rssr.Problem(), every=90) < 1e-15
+    phi, h, w = rspc.angles(7), 1e-5, 2.0
+    _, rate, acceleration = rspc.exact(phi, w).transpose(1, 0, 2)
+    ahead, behind = (rspc.exact(phi + s * w * h, w).transpose(1, 0, 2) for s in (1, -1))
+    np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), rate, atol=1e-9)
+    np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), acceleration, atol=1e-8)
+
+
+def test_the_platform_solved_by_hand_has_the_legs_it_is_given(bench):
+    stewart = sys.modules["benchmark.stewart"]
+    values = stewart.lengths(40)
+    x, v, a = stewart.solve(values, stewart.SPEED).transpose(1, 2, 0)
+    h = 1e-5 / stewart.SPEED
+    ahead, behind = (stewart.solve(values + s * 1e-5, stewart.SPEED).transpose(1, 2, 0)
+                     for s in (1, -1))
+    np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), v, atol=1e-9)
+    np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), a, atol=1e-8)
+    assert np.ptp(x[:, 2]) > 0.005
