@@ -141,16 +141,16 @@ def slider_crank_with_a_guess_of_another_size() -> float:
 
 
 def plane_four_bar(
-    masses: Iterable[float] = (1.0, 1.0, 1.0), size: float = 1.0, lean: float = 0.0
+    masses: Iterable[float] = (1.0, 1.0, 1.0), size: float = 1.0, lean: float = 0.0,
+    away: float = 0.0,
 ) -> sp.Mechanism:
     ground, crank, coupler, rocker = (x * size for x in FOUR_BAR)
     first, second, third = (rod(m, (x, 0, 0)) if m else "" for m, x in zip(
         masses, (crank, coupler, rocker), strict=True))
-    tree = joint("continuous", "a", "ground", "crank", mass=first)
+    tree = joint("continuous", "a", "ground", "crank", (away, 0, 0), mass=first)
     tree += joint("continuous", "b", "crank", "coupler", (crank, 0, 0), rpy=(lean, 0, 0),
                   mass=second)
-    tree += joint("continuous", "c", "ground", "rocker", (ground, 0, 0),
-                  mass=third)
+    tree += joint("continuous", "c", "ground", "rocker", (away + ground, 0, 0), mass=third)
     tree += point("end", "coupler", (coupler, 0, 0)) + point("eye", "rocker", (rocker, 0, 0))
     return made("four_bar", tree, closure("pin", "revolute", "end", "eye") + DRIVEN + GUESS,
                 (0.0, -GRAVITY, 0.0))
@@ -177,7 +177,17 @@ def too_fast() -> float:
     mech = sp.load("rssr")
     state = sp.assemble(mech, {"crank": 1.0})
     return refused(ValueError, "larger than numbers", [
-        partial(sp.solve_rates, mech, state, {"crank": speed}) for speed in (1e155, 1e308)])
+        partial(call, speed) for speed in (1e155, 1e308) for call in (
+            lambda x: sp.solve_rates(mech, state, {"crank": x}),
+            lambda x: sp.sweep(mech, "crank", [0.0, 0.1], speed=x))])
+
+
+def too_slow_for_a_time() -> float:
+    mech = sp.load("rssr")
+    motion = sp.sweep(mech, "crank", [0.0, 0.1], speed=1e-310)
+    assert motion.time is None and np.isfinite(motion.v).all()
+    want = forms.rates(forms.rssr, 0.1, 1.0, 0.0).rate.coordinates["rocker_pin"]
+    return far(motion.coordinate("rocker_pin").rate[1] / 1e-310, want)
 
 
 def far_angles() -> float:
@@ -206,7 +216,7 @@ def no_numbers() -> float:
     mech = sp.load("rssr")
     state = sp.assemble(mech)
     return refused(ValueError, "", [
-        partial(call, bad) for bad in (math.nan, math.inf, -math.inf) for call in (
+        partial(call, bad) for bad in (math.nan, math.inf, -math.inf, 10**400) for call in (
             lambda x: sp.assemble(mech, {"crank": x}), lambda x: sp.load("rssr", a=x),
             lambda x: sp.assemble(mech, guess={"crank_pin": x}),
             lambda x: sp.solve_rates(mech, state, {"crank": x}),
@@ -470,9 +480,9 @@ def after_many_turns() -> float:
     start = sp.assemble(mech, {"crank": 0.0}).q
     for turns in (1e3, 1e4, 1e5, 1e6):
         q = start + 2.0 * math.pi * turns * np.array([1.0, -1.0, 0.0])
-        motion = sp.sweep(mech, "crank", q[0] + np.linspace(0.0, 6.2, 63), guess=q)
+        motion = sp.sweep(mech, "crank", q[0] + np.linspace(0.0, 6.2, 1001), guess=q)
         assert motion.q[-1, 1] < -6.0 * turns
-        for row in (9, 31, 62):
+        for row in (9, 310, 620, 1000):
             want = forms.four_bar(mpf(motion.driver[row])).coordinates["rocker_pin"]
             gap = far(motion.coordinate("rocker_pin").value[row], want)
             worst = max(worst, gap, float(motion.closure_error[row]))
@@ -629,12 +639,14 @@ EXTREMES = (
             refusal=sp.MechanismFileError),
     Extreme("speed", "RSSR at 1e-9 to 1e6 and 1e150 rad/s: rates by the crank's", any_speed, 1e-13),
     Extreme("speed", "RSSR at 1e155, 1e308 rad/s", too_fast, None, refusal=ValueError),
+    Extreme("speed", "RSSR at 1e-310 rad/s: its rate by the crank's", too_slow_for_a_time, 1e-12,
+            "no time"),
     Extreme("angle", "crank a million turns on, at 1e9 and ±1e15 rad", far_angles, 1e-13),
     Extreme("denormals", "RSSR swept in steps of 5e-324 to 1e-300 rad: rates", denormal_steps,
             1e-12),
     Extreme("steps", "one step of 1e5, 1e300 rad", one_giant_step, None, refusal=sp.SingularError),
-    Extreme("no numbers", "NaN, ±inf for values, speeds, efforts, dimensions, guesses", no_numbers,
-            None, refusal=ValueError),
+    Extreme("no numbers", "NaN, ±inf, 10**400 for values, speeds, efforts, dimensions, guesses",
+            no_numbers, None, refusal=ValueError),
     Extreme("dead centre", "assembled 1e-6 to 1e-12 rad before it: position",
             partial(near_a_dead_centre, True), 1e-9),
     Extreme("dead centre", "assembled 1e-6 to 1e-12 rad before it: rates",

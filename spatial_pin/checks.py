@@ -13,16 +13,32 @@ if TYPE_CHECKING:
 UNIT_TOLERANCE = 1e-9  # how far the length of a unit vector may be from 1
 
 
+def as_array(values: Any, what: str) -> Array:
+    """Return `values` as float64 of the shape they have.
+
+    Raises:
+        ValueError: they are no numbers, or integers too large for one.
+    """
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{what} must be finite numbers, not {_beginning(values)}") from None
+
+
+def _beginning(values: Any) -> str:
+    try:
+        return str(values)[:60]
+    except ValueError:  # Python does not write integers of thousands of digits
+        return "integers of thousands of digits"
+
+
 def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     """Return `values` as float64 of that shape.
 
     Raises:
         ValueError: NaN, infinite, or another shape.
     """
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{what} must be finite numbers, not {str(values)[:60]}") from None
+    array = as_array(values, what)
     if array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}; {shape} is needed")
     if not np.all(np.isfinite(array)):
@@ -36,7 +52,7 @@ def finite_points(values: Any, dimension: int, what: str) -> Array:
     Raises:
         ValueError: NaN, infinite, or another shape.
     """
-    array = np.asarray(values, dtype=np.float64)
+    array = as_array(values, what)
     several = (len(array), dimension) if array.ndim == 2 else (dimension,)
     return finite_array(array, several, what)
 

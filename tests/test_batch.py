@@ -194,18 +194,42 @@ def test_rows_together_are_rows_one_by_one(name, values, monkeypatch):
     assert [e.kind for e in together.events] == [e.kind for e in one_by_one.events]
 
 
-@pytest.mark.parametrize("name", FULL_TURN)
-def test_most_rows_are_taken_together(name, monkeypatch):
-    taken, follow = [], run.Runner.follow
+@pytest.fixture
+def taken(monkeypatch) -> list[int]:
+    """How many rows were taken together, each time."""
+    numbers, follow = [], run.Runner.follow
 
     def counted(self, k, end):
         for first, rows in follow(self, k, end):
-            taken.append(len(rows.q))
+            numbers.append(len(rows.q))
             yield first, rows
 
     monkeypatch.setattr(run.Runner, "follow", counted)
+    return numbers
+
+
+@pytest.mark.parametrize("name", FULL_TURN)
+def test_most_rows_are_taken_together(name, taken):
     mechanism = sp.load(name)
     sp.sweep(mechanism, next(iter(mechanism.drivers)), TURN)
+    assert sum(taken) == len(TURN) - 1
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e6])
+def test_those_of_small_and_large_mechanisms_too(size, taken):
+    mechanism = sp.load("rssr", a=0.102 * size, b=0.381 * size, c=0.254 * size, d=0.314 * size)
+    assert sp.sweep(mechanism, "crank", TURN).closure_error.max() < 1e-13
+    assert sum(taken) == len(TURN) - 1
+
+
+@pytest.mark.parametrize("turns", [1e3, 1e5, 1e6])
+def test_and_those_after_many_turns(turns, taken):
+    """As well as angles are known that count them."""
+    mechanism = sp.load("four_bar")
+    start = sp.assemble(mechanism, {"crank": 0.0}).q
+    q = start + 2.0 * np.pi * turns * np.array([1.0, -1.0, 0.0])
+    motion = sp.sweep(mechanism, "crank", q[0] + TURN, guess=q)
+    assert motion.closure_error.max() < 1e-15 * turns
     assert sum(taken) == len(TURN) - 1
 
 

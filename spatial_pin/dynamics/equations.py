@@ -253,7 +253,7 @@ class Equations:
             if system.pivot < SINGULAR or coordinates.error < self.error:
                 a = self._by_freedoms(coordinates, work, gamma[system.rows])
                 return a, mass @ a - work
-        return a, (multipliers @ scaled[system.rows]) / self.scale
+        return a, system.forces(multipliers)
 
     def _chosen(self, mass: Array, scaled: Array) -> SaddlePoint:
         """Return the equations for the independent rows of here, kept for the next time.

@@ -31,7 +31,7 @@ class Dynamics:
     Attributes:
         a: (nv,) joint accelerations.
         error: estimated round-off of `a`, by its size: large where a heavy body hangs on links
-            too light to push it.
+            too light to push it; 0 where `a` was given.
     """
 
     def __init__(

@@ -99,6 +99,7 @@ class NativeDynamics:
         self._by_scale = 1.0 / mechanism.velocity_scale
         self._open = self._errors()
         self.settings = pin.ProximalSettings(0.0, PROXIMAL * self._largest(mechanism), STEPS)
+        self._rounding = EPS * (ROUNDINGS + self._distance(mechanism))
         self.expect(rank)
 
     def _largest(self, mechanism: Mechanism) -> float:
@@ -108,6 +109,17 @@ class NativeDynamics:
                                self.datas, pin.ProximalSettings(0.0, PROXIMAL, 1))
         pivots = np.abs(self._factors.D[: self._n])
         return float(pivots.max()) if np.all(np.isfinite(pivots)) else 1.0
+
+    def _distance(self, mechanism: Mechanism) -> float:
+        """Return how far bodies are from the world's origin, at neutral, by their gyration radius.
+
+        Pinocchio adds their inertias up there.
+        """
+        pin.computeSubtreeMasses(self.model, self.data)
+        carried = np.repeat(self.data.mass.tolist(), self.model.nvs)
+        own = self._inertias * mechanism.velocity_scale**2
+        has = (own > 0.0) & (carried > 0.0)
+        return self._size * float(np.sqrt((carried[has] / own[has]).max(initial=0.0)))
 
     def expect(self, rank: int) -> None:
         """Take note of the rank of the closure rows."""
@@ -147,7 +159,7 @@ class NativeDynamics:
             return False
         inertias = self._inertias.tolist()
         grown = max(map(truediv, inertias, masses)) * largest / min(sound)
-        self.error = ROUNDINGS * EPS * grown
+        self.error = self._rounding * grown
         return self.error < DOUBTFUL
 
     def _is_closed(self, v: Array) -> bool:

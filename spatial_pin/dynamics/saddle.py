@@ -101,6 +101,12 @@ class SaddlePoint:
         self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
         return (unit * x[:nv].T).T, (x[nv:].T / -size).T
 
+    def forces(self, multipliers: Array) -> Array:
+        """Return the generalised forces (nv,) of multipliers (rows,) at the last `solve`."""
+        force: Array = (multipliers * self._size) @ self._jacobian
+        force /= self._unit
+        return force
+
     def holds(self, a: Array, scaled: Array, gamma: Array) -> bool:
         """Whether the rows that were left out hold as well for accelerations (nv,)."""
         if not self._some_left_out:

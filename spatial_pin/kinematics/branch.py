@@ -224,7 +224,7 @@ class Branch:
             spun = [spin.error(h) for spin in self.spins]
             if k == fixed or (fixed is None and error <= tolerance * tolerance):
                 return q
-            if k and size <= ROUND_OFF and error <= CLOSED:  # no closer than this
+            if k and size <= ROUND_OFF and error <= self._closed(q):  # no closer than this
                 return q
             if not system.factor():
                 return None
@@ -234,10 +234,14 @@ class Branch:
                 return None
             if k and not size <= CONTRACTION * last:
                 # round-off, not divergence, ends the contraction of a closed loop
-                return q if error <= max(CLOSED, blur(self.mechanism, q) ** 2) else None
+                return q if error <= self._closed(q) else None
             last = max(size, 1e-13)
             q = pin.integrate(self.model, q, self.scale * correction)
         return None
+
+    def _closed(self, q: Array) -> float:
+        """Return the square of the closure residual that round-off may leave."""
+        return max(CLOSED, blur(self.mechanism, q) ** 2)
 
     def reselect(self) -> None:
         """Choose the independent rows anew at the present point."""

@@ -14,6 +14,7 @@ from spatial_pin.kinematics.branch import Branch
 from spatial_pin.kinematics.flat import WRAPPED, cross, dot
 from spatial_pin.kinematics.interpolation import NodeCurve, integrals
 from spatial_pin.linalg import Array, StackedLU
+from spatial_pin.mechanism.configuration import blur
 
 FEWEST = 4  # nodes that make a curve
 SINGULAR = 1e-4  # fraction of the largest determinant below which arc length has the better view
@@ -172,7 +173,7 @@ def _evaluated(batch: BranchBatch, placed: Placed, off: float) -> Points:
 
 def tolerance(branch: Branch) -> float:
     """Return the closure residual of closed points: no finer than round-off allows."""
-    return max(branch.tolerance, 1e-14)
+    return max(branch.tolerance, 1e-14, blur(branch.mechanism, branch.q))
 
 
 def _spun(batch: BranchBatch, h: float, points: Points) -> Array:

@@ -95,13 +95,21 @@ def solve_rates(
         with np.errstate(over="ignore", invalid="ignore"):
             v = rates @ drive_v
             a = system.acceleration(state.q, v, drive_a)
-        if not np.isfinite(v).all() or not np.isfinite(a).all():
-            raise ValueError(f"speeds {dict(speeds)} and accelerations {dict(accelerations)} make "
-                             "joint rates larger than numbers can be")
+        check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
         check_rates(system, v, state)
         lost = round_off(system, rates)
     return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
                  rate_error=lost)
+
+
+def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
+    """Refuse joint rates that have overflowed.
+
+    Raises:
+        ValueError: they have, under `what`.
+    """
+    if not np.isfinite(v).all() or not np.isfinite(a).all():
+        raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
 def round_off(system: SquareSystem, rates: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from spatial_pin.checks import as_array, finite_array
 from spatial_pin.errors import AssemblyError, LimitError, SingularError
 from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
@@ -16,15 +17,15 @@ from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.branch import TIGHT, Branch, Stopped
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.rates import ROUNDINGS, check_finite, driven_coordinates
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import finite_array, needed
+from spatial_pin.mechanism.configuration import needed
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
-EPS = float(np.finfo(float).eps)
+ROUND_OFF = ROUNDINGS * float(np.finfo(float).eps)
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
@@ -100,13 +101,14 @@ def sweep(
         LimitError: a later value cannot be reached; has the limit and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
-        UnknownNameError, ValueError: names that do not exist, values that are not finite.
+        UnknownNameError: a name does not exist.
+        ValueError: values or speeds are not finite, or make rates that are not.
     """
     accuracy = accuracy or Accuracy.named("engineering")
     needed(mechanism)
     _check_choice("on_limit", on_limit, ("raise", "stop"))
     _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
-    values = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    values = np.atleast_1d(as_array(values, "values"))
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
     values = finite_array(values, (max(values.size, 1),), "values")
@@ -148,7 +150,7 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 
 def _rows(value: Any, values: Array, what: str) -> Array:
     """Return one number, or one for every row, as (N,)."""
-    numbers = np.asarray(value, dtype=np.float64)
+    numbers = as_array(value, what)
     return finite_array(np.full(values.shape, numbers) if numbers.ndim == 0 else numbers,
                         values.shape, what)
 
@@ -223,14 +225,18 @@ def _motion(
     t, c = record.t[:n], record.c[:n]
     residual = record.residual[:n]
     error = np.abs(residual).max(axis=1) if residual.shape[1] else np.zeros(n)
+    with np.errstate(over="ignore", invalid="ignore"):
+        v = t * speeds[:, None]
+        a = c * (speeds * speeds)[:, None] + t * accels[:, None]
+    check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
         mechanism=branch.mechanism,
         driver=values.copy(),
         driver_name=driver,
         time=_time(values, speeds, accels),
         q=record.q[:n],
-        v=t * speeds[:, None],
-        a=c * (speeds * speeds)[:, None] + t * accels[:, None],
+        v=v,
+        a=a,
         closure_error=error,
         driver_speed=speeds.copy(),
         angles=record.angles[:n],
@@ -250,7 +256,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     worst, value = float(pace[row]), float(motion.swept[row])
     text = (f"near a limit position at {motion.driver_name} = {value:.12g} {unit}: joints move up "
             f"to {worst:.1e} times as fast as the driver; positions are good to about "
-            f"{EPS * worst:.0e}, rates to {EPS * worst**2:.0e} of their size")
+            f"{ROUND_OFF * worst:.0e}, rates to {ROUND_OFF * worst**2:.0e} of their size")
     return [Event("near limit", value, row, text)]
 
 
@@ -270,8 +276,9 @@ def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
     """(value - first)/speed where that rises from row to row at constant speed, else None."""
     if np.any(accels != 0.0) or np.any(speeds != speeds[0]) or speeds[0] == 0.0:
         return None
-    time = (values - values[0]) / speeds[0]
-    return time if np.all(np.diff(time) > 0.0) else None
+    with np.errstate(over="ignore", invalid="ignore"):
+        time = (values - values[0]) / speeds[0]
+        return time if np.isfinite(time).all() and np.all(np.diff(time) > 0.0) else None
 
 
 def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:

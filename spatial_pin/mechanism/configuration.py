@@ -47,9 +47,13 @@ def blur(mechanism: Mechanism, q: Array) -> float:
 
     An angle that counts a million turns is known to 1e-9 rad.
     """
-    at = [(c.q, c.v) for c in mechanism.coordinate_table.values() if c.q >= 0]
-    return max((4.0 * EPS * abs(float(q[i] / mechanism.velocity_scale[j])) for i, j in at),
-               default=0.0)
+    if "blur" not in mechanism.memo:
+        at = [(c.q, c.v) for c in mechanism.coordinate_table.values() if c.q >= 0]
+        q_at, v_at = (np.array(x, dtype=np.intp) for x in zip(*at, strict=True)) if at else (
+            np.empty(0, dtype=np.intp),) * 2
+        mechanism.memo["blur"] = q_at, 4.0 * EPS / mechanism.velocity_scale[v_at]
+    places, each = mechanism.memo["blur"]
+    return float(np.abs(q[places] * each).max(initial=0.0))
 
 
 def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:

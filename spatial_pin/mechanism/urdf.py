@@ -91,8 +91,9 @@ def expand(path: Path, parameters: Mapping[str, float]) -> str:
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
-        if isinstance(value, float | np.floating) and not math.isfinite(value):
-            raise ValueError(f"parameter {name!r} is {value}; a finite number is needed")
+        if isinstance(value, int | float | np.number) and not _is_number(value):
+            text = f"{value}" if isinstance(value, float | np.floating) else "too large"
+            raise ValueError(f"parameter {name!r} is {text}; a finite number is needed")
     import xacro
 
     mappings = {name: _xacro_text(value) for name, value in parameters.items()}
@@ -135,10 +136,10 @@ def dimensions(path: Path, parameters: Mapping[str, float]) -> dict[str, float]:
     return {name: float(text) for name, text in texts.items() if _is_number(text)}
 
 
-def _is_number(text: str) -> bool:
+def _is_number(value: str | float) -> bool:
     try:
-        return math.isfinite(float(text))
-    except ValueError:
+        return math.isfinite(float(value))
+    except (ValueError, OverflowError):
         return False
 
 
