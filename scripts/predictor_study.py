@@ -27,11 +27,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import bench
 import numpy as np
+from benchmark.report import machine
+from benchmark.rssr import Problem
+from benchmark.tools import OWN
+from benchmark.workers import Worker
 from numpy.typing import NDArray
 
 import spatial_pin as sp
+from spatial_pin.kinematics import run
 from spatial_pin.kinematics.branch import Branch
 from spatial_pin.kinematics.newton import SquareSystem
 
@@ -42,9 +46,8 @@ ORDERS = (0, 1, 2, 3)
 CORRECTIONS = (0, 1, 2, None)
 DEGREES = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 SHOWN = 1.0  # step of the work-precision diagram [degrees]
-UNEQUAL = 1e-6  # part of a step by which steps differ, so that they are not taken for equal ones
 LEAST_TIMED, MOST_TIMED = 72, 120  # steps in one measurement: several turns, or part of one
-MOST_EQUAL = 360  # the same for equal steps
+MOST_TOGETHER = 360  # the same for rows together
 QUARTILE = 25  # percentile of the repeats that is reported
 ERRORS = ("position", "velocity", "acceleration", "closure")
 
@@ -120,13 +123,13 @@ class Setting:
         order: of the Taylor predictor.
         corrections: Newton corrections a step, None for as many as the tolerance takes.
         degrees: step of the crank.
-        equal: exactly equal steps, which `sp.sweep` takes together where it can.
+        together: many rows at a time, as `sp.sweep` takes them; else one by one.
     """
 
     order: int
     corrections: int | None
     degrees: float
-    equal: bool = False
+    together: bool = False
 
     @property
     def steps(self) -> int:
@@ -136,10 +139,7 @@ class Setting:
     @property
     def values(self) -> Array:
         """(steps + 1,) crank angles of one turn [rad]."""
-        turns = np.arange(self.steps + 1.0)
-        if not self.equal:
-            turns[1:-1:2] += UNEQUAL
-        return turns * (2.0 * np.pi / self.steps)
+        return np.arange(self.steps + 1.0) * (2.0 * np.pi / self.steps)
 
     @property
     def accuracy(self) -> sp.Accuracy:
@@ -149,7 +149,7 @@ class Setting:
     @property
     def timed(self) -> int:
         """Steps in a sweep that is timed: the turn or the first part of it."""
-        return min(self.steps, MOST_EQUAL if self.equal else MOST_TIMED)
+        return min(self.steps, MOST_TOGETHER if self.together else MOST_TIMED)
 
     @property
     def loops(self) -> int:
@@ -158,9 +158,18 @@ class Setting:
 
     def run(self, mechanism: sp.Mechanism) -> None:
         """Do what is timed."""
-        values, accuracy = self.values[: self.timed + 1], self.accuracy
         for _ in range(self.loops):
-            sp.sweep(mechanism, "crank", values, accuracy=accuracy)
+            self.sweep(mechanism, self.values[: self.timed + 1])
+
+    def sweep(self, mechanism: sp.Mechanism, values: Array) -> sp.Motion:
+        """Return the motion through some values."""
+        possible = run.is_possible
+        if not self.together:
+            run.is_possible = lambda _: False
+        try:
+            return sp.sweep(mechanism, "crank", values, accuracy=self.accuracy)
+        finally:
+            run.is_possible = possible
 
 
 def time_in_turns(jobs: list[Job], repeats: int) -> Array:
@@ -203,15 +212,15 @@ def judge(setting: Setting, mechanism: sp.Mechanism) -> dict[str, Any]:
     the library takes together pass by both.
     """
     with counted(Branch, "step") as taken, counted(SquareSystem, "correction") as solves:
-        motion = sp.sweep(mechanism, "crank", setting.values, accuracy=setting.accuracy)
+        motion = setting.sweep(mechanism, setting.values)
     found = np.array([motion.coordinate(name) for name in COORDINATES]).swapaxes(0, 1)
     scale = np.array([1.0, mechanism.characteristic_length, mechanism.characteristic_length])
     gap = np.abs(found - Rspc().exact(setting.values)) / scale[:, None]
     errors = [*gap.max(axis=(1, 2)).tolist(), float(motion.closure_error.max())]
     return {
         **asdict(setting), **dict(zip(ERRORS, errors, strict=True)), "steps": setting.steps,
-        "taken": None if setting.equal else taken[0],
-        "solves": None if setting.equal else solves[0] / setting.steps,
+        "taken": None if setting.together else taken[0],
+        "solves": None if setting.together else solves[0] / setting.steps,
     }
 
 
@@ -222,7 +231,7 @@ def predictor_settings() -> list[Setting]:
     """
     settings = [Setting(order, corrections, degrees) for order in ORDERS
                 for corrections in CORRECTIONS if order or corrections != 0 for degrees in DEGREES]
-    return settings + [Setting(3, None, degrees, equal=True) for degrees in DEGREES]
+    return settings + [Setting(3, None, degrees, together=True) for degrees in DEGREES]
 
 
 def predictor_jobs(mechanism: sp.Mechanism) -> list[Job]:
@@ -281,7 +290,7 @@ def point(name: str, on: str, at: str) -> str:
     return link(name) + joint(f"{name}_mount", "fixed", on, name, at)
 
 
-def cuts(problem: bench.Problem) -> list[Cut]:
+def cuts(problem: Problem) -> list[Cut]:
     """Return the descriptions, the one with the fewest unknowns first."""
     a, b, c, d = problem.a, problem.b, problem.c, problem.d
     crank = link("ground", "crank") + joint(
@@ -368,7 +377,7 @@ ball_b = [0, 0, 2.12]
 """
 
 
-def rocker_tip(problem: bench.Problem) -> Array:
+def rocker_tip(problem: Problem) -> Array:
     """Return (3, N, 3): position, velocity and acceleration of B from the closed form."""
     exact = problem.exact()
     psi, rate, acceleration = exact.angle, exact.rate, exact.acceleration
@@ -384,21 +393,20 @@ def rocker_tip(problem: bench.Problem) -> Array:
 def load_cuts() -> dict[str, sp.Mechanism]:
     """Return the mechanisms by title."""
     with tempfile.TemporaryDirectory() as folder:
-        return {cut.title: cut.load(Path(folder)) for cut in cuts(bench.Problem())}
+        return {cut.title: cut.load(Path(folder)) for cut in cuts(Problem())}
 
 
 def cut_jobs(mechanisms: dict[str, sp.Mechanism]) -> list[Job]:
-    """Return what is timed for each description: one row, equal steps, unequal steps."""
-    equal = bench.Problem().phi
-    unequal = equal.copy()
-    unequal[1::2] += UNEQUAL * equal[1]
-    return [partial(sp.sweep, mechanism, "crank", values) for mechanism in mechanisms.values()
-            for values in (equal[:1], equal, unequal)]
+    """Return what is timed for each description: one row, rows together, and one by one."""
+    phi, one_by_one = Problem().phi, sp.Accuracy(order=2)
+    return [partial(sp.sweep, mechanism, "crank", values, accuracy=accuracy)
+            for mechanism in mechanisms.values()
+            for values, accuracy in ((phi[:1], None), (phi, None), (phi, one_by_one))]
 
 
 def cut_rows(mechanisms: dict[str, sp.Mechanism], seconds: Array) -> list[dict[str, Any]]:
     """Return one row per description: size, largest errors of B [m, per unit crank speed], time."""
-    problem, rows = bench.Problem(speed=1.0), []
+    problem, rows = Problem(speed=1.0), []
     exact = rocker_tip(problem)
     seconds = seconds.reshape(len(mechanisms), 3)
     micro = 1e6 * (seconds[:, 1:] - seconds[:, :1]) / (len(problem.phi) - 1)
@@ -424,8 +432,8 @@ def cut_rows(mechanisms: dict[str, sp.Mechanism], seconds: Array) -> list[dict[s
 
 def title_of(row: dict[str, Any]) -> str:
     """Return what the table calls the corrections of a row."""
-    if row["equal"]:
-        return "to 1e-13, equal steps"
+    if row["together"]:
+        return "to 1e-13, rows together"
     return {None: "to 1e-13", 1: "1 correction"}.get(
         row["corrections"], f"{row['corrections']} corrections"
     )
@@ -450,11 +458,11 @@ def digest(rows: list[dict[str, Any]]) -> str:
     for order in ORDERS:
         some = {row["corrections"]: f"{row['position']:.0e}, {row['microseconds']:.0f} µs"
                 for row in rows if row["order"] == order and row["degrees"] == SHOWN
-                and not row["equal"]}
+                and not row["together"]}
         cells = " | ".join(some.get(corrections, "") for corrections in CORRECTIONS)
         lines.append(f"| {order} | {cells} |")
-    default = next(row for row in rows if row["equal"] and row["degrees"] == SHOWN)
-    lines.append(f"| 3, equal steps | | | | {default['position']:.0e}, "
+    default = next(row for row in rows if row["together"] and row["degrees"] == SHOWN)
+    lines.append(f"| 3, rows together | | | | {default['position']:.0e}, "
                  f"{default['microseconds']:.0f} µs |")
     return "\n".join(lines)
 
@@ -471,8 +479,8 @@ def print_report(report: dict[str, Any]) -> None:
     print(f"\nNewton corrections a step\n{table(report['predictor'], 'solves', '.2f')}")
     print(f"\nµs a step\n{table(report['predictor'], 'microseconds', '.1f')}")
     print(f"\nposition error and time per step at {SHOWN:g}°\n{digest(report['predictor'])}")
-    print(f"\nRSSR, one turn in {bench.STEPS} steps; largest errors of the rocker's end (m, per "
-          "unit crank speed); µs a step, equal steps and one by one")
+    print(f"\nRSSR, one turn in {Problem().steps} steps; largest errors of the rocker's end "
+          "(m, per unit crank speed); µs a step, rows together and one by one (order 2)")
     print(f"{'':<26}unknowns  equations " + "".join(f"{key:>13}" for key in ERRORS)
           + "      µs  one by one")
     for row in report["cuts"]:
@@ -508,7 +516,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     handles += [Line2D([], [], marker="*", markersize=12, color=COLOURS[3], linestyle="")]
     labels = [f"order {order}" for order in ORDERS]
     labels += ["no correction", "1 correction", "2 corrections", "to tolerance",
-               "default, equal steps"]
+               "default, rows together"]
     figure.legend(handles, labels, loc="outside lower center", ncols=9, frameon=False,
                   columnspacing=1.2, handletextpad=0.4)
     figure.savefig(path, dpi=100)
@@ -537,7 +545,7 @@ def draw_work(axes: Any, rows: list[dict[str, Any]]) -> None:
         axes.loglog([r["position"] for r in fixed], [r["microseconds"] for r in fixed],
                     color=COLOURS[order], lw=1.3)
         for row in some:
-            marker, size = ("*", 14) if row["equal"] else (MARKERS[row["corrections"]], 6)
+            marker, size = ("*", 14) if row["together"] else (MARKERS[row["corrections"]], 6)
             axes.loglog(row["position"], row["microseconds"], color=COLOURS[order], marker=marker,
                         markersize=size, mfc="white" if marker == "D" else None)
     axes.set(xlabel="largest position error of a turn", ylabel="time per step [µs]",
@@ -554,7 +562,7 @@ def draw_cuts(axes: Any, rows: list[dict[str, Any]]) -> None:
     """Draw time by description of the same linkage."""
     place = np.arange(len(rows))[::-1]
     for key, shift, colour, label in (("microseconds singly", 0.2, "0.6", "step by step"),
-                                      ("microseconds", -0.2, COLOURS[2], "equal steps (default)")):
+                                      ("microseconds", -0.2, COLOURS[2], "together (default)")):
         times = [row[key] for row in rows]
         bars = axes.barh(place + shift, times, 0.38, color=colour)
         axes.bar_label(bars, [f"{times[0]:.0f}  {label}", *(f"{x:.0f}" for x in times[1:])],
@@ -584,8 +592,8 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="draw into this file")
     options = parser.parse_args()
     report = {
-        "machine": bench.machine(),
-        "versions": bench.versions(),
+        "machine": machine(),
+        "versions": {"spatial_pin": sp.__version__, **Worker(()).versions(OWN.versions)},
         "repeats": options.repeats,
         "check": Rspc().check(),
         **study(options.repeats),
