@@ -1,11 +1,13 @@
 """Every row of the table of extremes in the README, as `scripts/extremes.py` has them."""
 
 import importlib.util
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from masses import energy_rate
 
 import spatial_pin as sp
 from spatial_pin.accuracy.models import inertial, joint, made, point
@@ -86,6 +88,29 @@ def test_a_link_without_mass_stays_as_it_is_beside_light_and_heavy_ones():
         sp.forward_dynamics(mech, state, {"idle": 1e-6})
     with pytest.raises(sp.SingularError, match="no derivatives there"):
         sp.dynamics_derivatives(mech, state)
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.0, 2.0, 4.0])
+def test_a_massless_coupler_spins_about_its_axis_for_nothing(angle, tmp_path):
+    """The spin moves the other bodies by round-off only: that is no inertia, and no force on it."""
+    mech = without_mass(tmp_path, "coupler")
+    state = sp.solve_rates(mech, sp.assemble(mech, {"crank": angle}), {"crank": 2.0})
+    answer = sp.forward_dynamics(mech, state)
+    assert energy_rate(answer.state) == pytest.approx(0.0, abs=1e-13 * np.abs(answer.a).max())
+    assert np.abs(answer.a).max() < 1e4
+    assert answer.error < 1e-10
+
+
+def without_mass(folder: Path, link: str) -> sp.Mechanism:
+    """Return the library's RSSR with a link that has no mass."""
+    heavy = sp.load("rssr")
+    robot = ET.fromstring(heavy.urdf)
+    found = next(x for x in robot.findall("link") if x.get("name") == link)
+    found.remove(found.find("inertial"))
+    (folder / "light.urdf").write_text(ET.tostring(robot, encoding="unicode"))
+    text = heavy.path.read_text(encoding="utf-8")
+    (folder / "light.toml").write_text(text.replace("rssr.urdf.xacro", "light.urdf"))
+    return sp.load(folder / "light.toml")
 
 
 def test_derivatives_of_light_bodies_beside_heavy_ones():

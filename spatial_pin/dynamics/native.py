@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
-from spatial_pin.dynamics.saddle import EPS, ROUNDINGS
+from spatial_pin.dynamics.saddle import EPS, ROUNDING
 from spatial_pin.errors import ClosureTypeError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import MassMatrix
@@ -99,7 +99,7 @@ class NativeDynamics:
         self._by_scale = 1.0 / mechanism.velocity_scale
         self._open = self._errors()
         self.settings = pin.ProximalSettings(0.0, PROXIMAL * self._largest(mechanism), STEPS)
-        self._rounding = EPS * (ROUNDINGS + self._distance(mechanism))
+        self._rounding = ROUNDING + EPS * self._distance(mechanism)
         self.expect(rank)
 
     def _largest(self, mechanism: Mechanism) -> float:

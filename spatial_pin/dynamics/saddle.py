@@ -19,7 +19,7 @@ from scipy.linalg import lapack
 from spatial_pin.linalg import Array, Factors, decompose, independent_rows
 
 EPS = float(np.finfo(float).eps)
-ROUNDINGS = 128.0  # of an entry, in eps
+ROUNDING = 128.0 * EPS  # of an entry, with all that is added to it
 SINGULAR = 1e-13  # smallest over largest pivot below which nothing is determined
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
 
@@ -35,7 +35,7 @@ def own_units(inertias: Array) -> Array:
 
 def round_off(pivot: float) -> float:
     """Return the estimated error of a solution, from the smallest over the largest pivot."""
-    return ROUNDINGS * EPS / max(pivot, EPS)
+    return ROUNDING / max(pivot, EPS)
 
 
 class SaddlePoint:
@@ -132,25 +132,42 @@ class IndependentCoordinates:
     """
 
     def __init__(self, mass: Array, rows: Array, scale: Array) -> None:
-        nv = len(scale)
-        self._scale, self._rows, self._mass = scale, rows, mass
+        self._scale, self._mass = scale, mass
         self._bound = bound = independent_rows(rows.T, 0.0)
-        free = np.setdiff1d(np.arange(nv), bound)
-        freedoms = np.eye(nv)[:, free]
         self._followers = Factors(rows[:, bound])
-        freedoms[bound] = self._followers.solve(-rows[:, free])
-        freedoms *= scale[:, None]
+        freedoms, blur = self._motions(rows)
         inertia, size = freedoms.T @ mass @ freedoms, np.abs(freedoms)
-        own = inertia.diagonal()
-        terms = (size * (np.abs(mass) @ size)).sum(axis=0)
-        has = own > ROUNDINGS * EPS * terms
+        own, weight = inertia.diagonal(), np.abs(mass)
+        terms = (size * (weight @ size)).sum(axis=0)  # not all of it is known: what cancels
+        terms += (blur * (weight @ (2.0 * size + ROUNDING * blur))).sum(axis=0)  # and what blurs
+        has = own > ROUNDING * terms
         unit = own_units(np.where(has, own, 0.0))
         self._inertia = unit[:, None] * inertia * unit
-        self.motions = freedoms * unit
+        self.motions, self._blur = freedoms * unit, ROUNDING * blur * unit
         self._factors = Factors(self._inertia)
         self.pivot = self._factors.pivot if has.all() else 0.0
-        self._known = self._followers.pivot / float((terms[has] / own[has]).max(initial=1.0))
-        self.error = round_off(self.pivot * self._known)
+        self._cancelled = float((terms[has] / own[has]).max(initial=1.0))
+        self.error = self._error(self.pivot)
+
+    def _motions(self, rows: Array) -> tuple[Array, Array]:
+        """Return joint velocities (nv, f), one of the free coordinates each, and their round-off.
+
+        The latter, in units of `ROUNDING`, bounds every entry [Higham, Accuracy, 7.2]; entries of
+        rows are known as well as the largest, but for those that are zero by their structure.
+        """
+        nv, bound = len(self._scale), self._bound
+        free = np.setdiff1d(np.arange(nv), bound)
+        motions, blur = np.eye(nv)[:, free], np.zeros((nv, len(free)))
+        follow = motions[bound] = self._followers.solve(-rows[:, free])
+        back = np.abs(self._followers.solve(np.eye(len(bound))))
+        known = (rows != 0.0) * np.abs(rows).max(axis=1, initial=0.0)[:, None]
+        blur[bound] = back @ (known[:, bound] @ np.abs(follow) + known[:, free])
+        return self._scale[:, None] * motions, self._scale[:, None] * blur
+
+    def _error(self, pivot: float) -> float:
+        """Return the estimated round-off for the smallest over the largest pivot of the inertia."""
+        return ROUNDING * (self._cancelled / max(pivot, EPS)
+                           + 1.0 / max(self._followers.pivot, EPS))
 
     def _carried(self, gamma: Array) -> Array:
         """Return the accelerations (nv,) that rows (r,) need while the free coordinates rest."""
@@ -173,10 +190,11 @@ class IndependentCoordinates:
         """
         carried = self._carried(gamma)
         given = work - self._mass @ carried
-        load, terms = self.motions.T @ given, np.abs(self.motions).T @ np.abs(given)
+        load = self.motions.T @ given
+        allowed = (HOLDS * np.abs(self.motions) + self._blur).T @ np.abs(given)
         svd = decompose(self._inertia, SINGULAR)
         z = svd.minimum_norm(load)
         if svd.rank:
-            self.error = round_off(self._known * float(svd.s[svd.rank - 1] / svd.s[0]))
-        pulled = bool(np.any(np.abs(self._inertia @ z - load) > HOLDS * terms))
+            self.error = self._error(float(svd.s[svd.rank - 1] / svd.s[0]))
+        pulled = bool(np.any(np.abs(self._inertia @ z - load) > allowed))
         return carried + self.motions @ z, svd.null_space @ self.motions.T, pulled
