@@ -281,3 +281,15 @@ def test_any_tolerance_follows_the_branch(name, tolerance):
     exact = sp.sweep(mechanism, driver, values)
     assert motion.closure_error.max() <= max(tolerance, 2e-15)
     assert_same(motion.q, exact.q, max(10 * tolerance, 1e-12))
+
+
+@pytest.mark.parametrize("rows", [60, 361, 2000])
+@pytest.mark.parametrize("begin", [0.4, 0.8, 1.3])
+def test_branches_that_cross_twice_at_one_place_are_not_passed_unnoticed(rows, begin):
+    """Sarrus' linkage lies flat at 0 and π/2: the determinant keeps its sign there."""
+    mechanism = sp.load("sarrus")
+    for end, crossing in ((-2.0, 0.0), (2.5, np.pi / 2)):
+        motion = sp.sweep(mechanism, "arm", np.linspace(begin, end, rows), on_crossing="stop")
+        assert [e.kind for e in motion.events] == ["branch point"]
+        assert motion.events[0].value == pytest.approx(crossing, abs=1e-9)
+        assert abs(motion.driver[-1] - crossing) < 1.01 * abs(begin - end) / (rows - 1)

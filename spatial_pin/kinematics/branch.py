@@ -43,6 +43,7 @@ class Branch:
         t: (nv,) dq/ds.
         c: (nv,) d²q/ds².
         angles: relative angle of every screw closure, counting turns.
+        room: how far the driver may go before the last steps' pivots would vanish.
     """
 
     def __init__(self, state: State, driven: Sequence[Coordinate], accuracy: Accuracy) -> None:
@@ -70,7 +71,7 @@ class Branch:
         self.unit[self.system.driver_rows.start] = 1.0 / self.scale[driven[0].v]
         self._drive = np.zeros(len(driven))
         self._previous: tuple[float, Array] | None = None
-        self._pivot, self._room = pivot, math.inf
+        self._pivot, self.room = pivot, math.inf
         self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
                       for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
@@ -95,7 +96,7 @@ class Branch:
         self.evaluation.update(self.q)
         self.system.factor()
         self._previous = None
-        self._pivot, self._room = self.system.pivots()[1], math.inf
+        self._pivot, self.room = self.system.pivots()[1], math.inf
         self._set_rates()
 
     def place(self, q: Array) -> None:
@@ -107,7 +108,7 @@ class Branch:
         self.q, self.s = q, float(q[self.at])
         self.system.select(q)
         self.sign, self._pivot = self.system.pivots()
-        self._previous, self._room = None, math.inf
+        self._previous, self.room = None, math.inf
         self._set_rates()
 
     def _begin_spins(self, before: Array, h: float) -> None:
@@ -149,7 +150,7 @@ class Branch:
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))
-        if not size <= LONGEST_STEP or abs(h) > NEARER * self._room:
+        if not size <= LONGEST_STEP or abs(h) > NEARER * self.room:
             return False
         if self.spins and not self.spins[0].continues(h):
             back = (0.5 * h * h) * self.c - h * self.t
@@ -192,7 +193,7 @@ class Branch:
         self._previous = (h, before[2])
         # two branches that cross twice at one place leave the sign of the determinant as it was
         fall = pivot_before - pivot
-        self._room = pivot * abs(h) / fall if fall > 0.0 else math.inf
+        self.room = pivot * abs(h) / fall if fall > 0.0 else math.inf
         if not worn:  # else `reselect` has taken it
             self._pivot = pivot
         return True
@@ -281,7 +282,7 @@ class Branch:
             raise Stopped(Arrival("singular", arrival.q, target)) from None
         if self.system.pivots()[1] < SINGULAR_PIVOT:
             raise Stopped(Arrival("singular", arrival.q, target))
-        self._previous, self._room = None, math.inf
+        self._previous, self.room = None, math.inf
         for spin in self.spins:
             spin.forget()
         self._set_rates()

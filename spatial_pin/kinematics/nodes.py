@@ -89,7 +89,7 @@ def steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
 
 def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
     branch = batch.branch
-    start = branch.q, branch.angles, branch.s, [copy(spin) for spin in branch.spins]
+    start = branch.q, branch.angles, branch.s, [copy(spin) for spin in branch.spins], branch.room
     rows, angles = [(branch.q, branch.t, branch.c)], [branch.angles]
     for j in range(1, n + 1):
         selected = branch.system.rows
@@ -102,7 +102,7 @@ def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
     if len(rows) < FEWEST:
         branch.evaluation.turns[:] = start[1]
         branch.place(start[0])
-        branch.s, branch.spins = start[2:]
+        branch.s, branch.spins, branch.room = start[2:]
         return None
     q, t, c = (np.ascontiguousarray(np.array(x).T) for x in zip(*rows, strict=True))
     return Skeleton(start[2], h, NodeCurve(start[2], h, q, *batch.tree.entry_rates(q, t, c)),
@@ -116,8 +116,9 @@ def divided(batch: BranchBatch, skeleton: Skeleton, parts: int) -> tuple[Skeleto
     closed.
     """
     h, n = skeleton.h / parts, skeleton.n * parts
-    points = closed(batch, skeleton, skeleton.s0 + h * np.arange(n + 1))
-    n = points.good
+    values = skeleton.s0 + h * np.arange(n + 1)
+    points = closed(batch, skeleton, values)
+    n = min(points.good, before_zero(values, points.lu.magnitude))
     if n < FEWEST:
         return None, points.off
     q = points.placed.q
@@ -169,6 +170,31 @@ def _evaluated(batch: BranchBatch, placed: Placed, off: float) -> Points:
     )
     good = int(np.argmax(bad)) if bad.any() else len(bad)
     return Points(placed, lu, t, c, (first, second), off, good)
+
+
+def before_zero(values: Array, magnitude: Array) -> int:
+    """Return how many points come before one that a singular configuration is due before.
+
+    Two branches that cross twice at one place leave the sign of the determinant as it was, but its
+    root falls towards zero like a straight line.
+
+    Args:
+        values: (m,) driver values, rising or falling.
+        magnitude: (m,) logarithms of the determinants.
+    """
+    if len(values) < 3:
+        return len(values)
+    root, step = np.exp(0.5 * (magnitude - magnitude.max())), np.diff(values)
+    fall = (root[:-2] - root[1:-1]) / step[:-1] * step[1:]
+    due = root[1:-1] < fall
+    return 2 + int(np.argmax(due)) if due.any() else len(values)
+
+
+def room_after(values: Array, magnitude: Array, sense: float) -> float:
+    """Return how far beyond the last of two points a singular configuration is due, in a sense."""
+    root = np.exp(0.5 * (magnitude - magnitude[-1]))
+    fall = -sense * float((root[1] - root[0]) / (values[1] - values[0]))
+    return 1.0 / fall if fall > 0.0 else math.inf
 
 
 def tolerance(branch: Branch) -> float:

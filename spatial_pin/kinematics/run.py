@@ -118,6 +118,9 @@ class Runner:
                     continue
                 break
             until = self._until(skeleton, n, k, end)
+            if until == k:  # shorter than the rows are apart: these are faster one by one
+                self._stand(skeleton, k)
+                break
             curve, self._off = skeleton, 0.0
             if branch.spins or until - k > MANY * self._parts * skeleton.n:
                 fine, self._off = nodes.divided(self.batch, skeleton, self._parts)
@@ -160,11 +163,14 @@ class Runner:
 
     def _rows(self, skeleton: Skeleton, k: int, end: int) -> Iterator[Rows]:
         """Yield rows from k to `end` in chunks, the last one shortened by the first that fails."""
+        seen = np.empty((2, 0))
         for begin in range(k, end, CHUNK):
             values = self.values[begin : min(begin + CHUNK, end)]
             points = nodes.closed(self.batch, skeleton, values)
             self._off = max(self._off, points.off)
-            n, p = points.good, points.placed
+            seen = np.hstack([seen[:, -2:], [values, points.lu.magnitude]])
+            before = seen.shape[1] - len(values)
+            n, p = max(min(points.good, nodes.before_zero(*seen) - before), 0), points.placed
             if n:
                 yield Rows(*(x.T[:n] for x in (p.q, points.t, points.c, p.residual, p.angles)))
             if n < len(values):
@@ -176,8 +182,12 @@ class Runner:
         if (s - skeleton.s0) / skeleton.h < 1e-9:
             s = skeleton.s0
         h = (0.25 if s != skeleton.s0 else -0.25) * skeleton.h
-        p = nodes.closed(self.batch, skeleton, np.array([s - h, s])).placed
+        values = np.array([s - h, s])
+        points = nodes.closed(self.batch, skeleton, values)
+        p = points.placed
         self.branch.evaluation.turns[:] = p.angles[:, 1]
         self.branch.jump(p.q[:, 0], p.q[:, 1], s, h)
         if self.branch.system.has_redundant_rows:
             self.branch.reselect()
+        sense = math.copysign(1.0, skeleton.h)
+        self.branch.room = nodes.room_after(values, points.lu.magnitude, sense)
