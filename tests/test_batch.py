@@ -293,3 +293,16 @@ def test_branches_that_cross_twice_at_one_place_are_not_passed_unnoticed(rows, b
         assert [e.kind for e in motion.events] == ["branch point"]
         assert motion.events[0].value == pytest.approx(crossing, abs=1e-9)
         assert abs(motion.driver[-1] - crossing) < 1.01 * abs(begin - end) / (rows - 1)
+
+
+def test_a_state_as_guess_says_where_the_other_drivers_are_held():
+    """Not only where the first value is the state's own."""
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    here = state.coordinate("leg_1").value
+    for first in (here, here + 0.01):
+        motion = sp.sweep(mechanism, "leg_1", [first, here + 0.02], guess=state)
+        for leg in list(mechanism.drivers)[1:]:
+            assert motion.coordinate(leg).value == pytest.approx(state.coordinate(leg).value)
+    motion = sp.sweep(mechanism, "leg_1", [here], guess=state, hold={"leg_2": here + 0.01})
+    assert motion.coordinate("leg_2").value == pytest.approx(here + 0.01)

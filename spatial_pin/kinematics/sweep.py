@@ -85,7 +85,8 @@ def sweep(
         speed: the driver's speed at every row, one number or (N,) [rad/s or m/s].
         acceleration: likewise [rad/s² or m/s²].
         guess: where to assemble, as for `assemble`.
-        hold: values of the other drivers; default those of the assembled configuration.
+        hold: values of the other drivers; default those of a State given as guess, else those of
+            the assembled configuration.
         on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
             with an event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes
@@ -114,7 +115,7 @@ def sweep(
     values = finite_array(values, (max(values.size, 1),), "values")
     speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
     coordinate = mechanism.driven_coordinate(driver)
-    hold = dict(hold or {})
+    hold = {**_others(mechanism, coordinate, guess, hold or {}), **(hold or {})}
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
     state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
     driven = driven_coordinates(mechanism, [driver, *hold])
@@ -141,6 +142,19 @@ def sweep(
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, float(values[n]))
     return motion
+
+
+def _others(
+    mechanism: Mechanism, coordinate: Coordinate, guess: Any, hold: Mapping[str, float]
+) -> dict[str, float]:
+    """Return where the drivers but a coordinate, and those held, stand in a State as guess."""
+    if not isinstance(guess, State) or guess.mechanism.coordinates != mechanism.coordinates:
+        return {}
+    drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
+    if coordinate not in drivers:
+        return {}
+    held = [coordinate, *(mechanism.driven_coordinate(name) for name in hold)]
+    return {c.name: float(guess.q[c.q]) for c in drivers if c not in held}
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
