@@ -11,6 +11,7 @@ import numpy as np
 from spatial_pin.dynamics.problem import Problem, Row, System
 from spatial_pin.dynamics.simulation import Projection, Simulation, energy_drift
 from spatial_pin.dynamics.steppers import STEPPERS
+from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.joint_limits import Passing
@@ -104,9 +105,8 @@ class Run:
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
         while self.t < self.end:
-            solver = STEPPERS[self.accuracy.integrator](
-                system, self.t, self.y, self.end, self.accuracy)
             before = system.evaluations
+            solver = self._solver(system)
             try:
                 for stopped in self._steps(system, solver):
                     yield self.t
@@ -117,6 +117,13 @@ class Run:
                 self.rows.fill(system)
             if self.t < self.end:
                 system = self._begin_again(system, solver.status == "failed")
+
+    def _solver(self, system: System) -> Any:
+        """Return an integrator at the present place, its errors counted in natural units."""
+        q, _ = system.place(self.t, self.y)
+        units = natural_units(system, self.t, self.y, q, self.end - self.t)
+        return STEPPERS[self.accuracy.integrator](
+            system, self.t, self.y, self.end, self.accuracy, units)
 
     def _steps(self, system: System, solver: Any) -> Iterator[bool]:
         """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
