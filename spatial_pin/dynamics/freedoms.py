@@ -98,7 +98,9 @@ class Freedoms:
         columns = problem.scale[:, None] * self.embedding.columns[:, : self.n]
         mass = problem.mass(q)
         inertia = mass @ columns
-        acceleration = -problem.accelerations(columns.T @ inertia, columns.T @ missing, self.free)
+        heaviest = float((mass.diagonal() * problem.scale**2).max())
+        acceleration = problem.free_accelerations(
+            columns.T @ inertia, -(columns.T @ missing), heaviest, q, v, a, columns, given)
         return acceleration, missing + inertia @ acceleration, given
 
     def _power(self, v: Array, missing: Array, given: Array) -> float:
@@ -147,8 +149,9 @@ class Freedoms:
         """
         return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
 
-    def settle(self, solver: Any) -> None:
-        """Do nothing: every evaluation closes the loops."""
+    def settle(self, solver: Any) -> float:
+        """Return 0 and do nothing: every evaluation closes the loops."""
+        return 0.0
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""

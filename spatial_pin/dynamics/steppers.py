@@ -207,6 +207,8 @@ def _fixed(method: type[_Fixed]) -> Callable[..., Any]:
     return make
 
 
+FIXED = ("RK4", "Gauss")  # those that keep to the step given
+
 STEPPERS: dict[str, Callable[..., Any]] = {
     **{name: _scipy(name) for name in ("DOP853", "RK45", "Radau", "BDF", "LSODA")},
     "RK4": _fixed(RK4),
