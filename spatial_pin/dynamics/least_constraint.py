@@ -35,15 +35,18 @@ class LeastConstraint:
         for joint, body in enumerate(model.inertias):
             if joint and (body.mass > 0.0 or np.any(body.inertia)):
                 moments, axes = np.linalg.eigh(body.inertia)
+                axes[:, 0] *= np.linalg.det(axes)  # right-handed: products of rates are to come
                 self._bodies.append((joint, body.lever.copy(), axes,
                                      np.sqrt([body.mass] * 3 + np.maximum(moments, 0.0).tolist())))
 
-    def solve(self, q: Array, v: Array, a: Array, columns: Array, given: Array
-              ) -> tuple[Array, Array, bool]:
+    def solve(
+        self, q: Array, v: Array, a: Array, columns: Array, given: Array
+    ) -> tuple[Array, Array, bool]:
         """Return the accelerations of freedoms; motions without inertia go on as they are.
 
         Args:
-            q, v: configuration (nq,) and joint velocities (nv,).
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
             a: (nv,) joint accelerations at which the freedoms have none.
             columns: (nv, n) joint velocities of unit freedoms.
             given: (nv,) joint forces.
@@ -66,7 +69,8 @@ class LeastConstraint:
         sizes = unit * (np.abs(columns).T @ np.abs(given))
         pulled = bool(np.any(np.abs(still @ load) > HOLDS * (np.abs(still) @ sizes)))
         z, still = unit * z, still * unit
-        return z + self._spinning_on(q, v, a + columns @ z, columns @ still.T) @ still, still, pulled
+        z = z + self._spinning_on(q, v, a + columns @ z, columns @ still.T) @ still
+        return z, still, pulled
 
     def _spinning_on(self, q: Array, v: Array, a: Array, motions: Array) -> Array:
         """Return the accelerations (k,) of motions (nv, k) without inertia, on top of a (nv,).

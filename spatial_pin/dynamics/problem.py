@@ -123,7 +123,9 @@ class Problem:
             inertia: (n, n) of the freedoms.
             force: (n,) on them.
             heaviest: of the inertias of joint coordinates.
-            q, v, a: configuration (nq,), joint velocities and, without `force`, accelerations (nv,).
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations at which the freedoms have none.
             columns: (nv, n) joint velocities of unit freedoms.
             given: (nv,) joint forces given, of which `force` holds the part of the freedoms.
 
