@@ -39,6 +39,8 @@ class Freedoms:
         self.evaluation = self.embedding.evaluation
         self.held_scale = problem.scale[self.embedding.held]
         self.starts = np.array([state.q[c.q] for c, _ in problem.drives])
+        inertias = problem.mass(state.q).diagonal() * problem.scale**2
+        self._heaviest = float(inertias.max(initial=0.0))
         self.evaluations, self.patience = 0, FAST
         self._placed: tuple[float, Array, Array, Array] | None = None
 
@@ -98,9 +100,9 @@ class Freedoms:
         columns = problem.scale[:, None] * self.embedding.columns[:, : self.n]
         mass = problem.mass(q)
         inertia = mass @ columns
-        heaviest = float((mass.diagonal() * problem.scale**2).max())
         acceleration = problem.free_accelerations(
-            columns.T @ inertia, -(columns.T @ missing), heaviest, q, v, a, columns, given)
+            columns.T @ inertia, -(columns.T @ missing), self._heaviest, q, v, a,
+            columns, given)
         return acceleration, missing + inertia @ acceleration, given
 
     def _power(self, v: Array, missing: Array, given: Array) -> float:

@@ -134,6 +134,8 @@ class Problem:
         """
         own = inertia.diagonal()
         if own.min() > LIGHT * heaviest:
+            if len(own) == 1:
+                return force / own
             unit = own_units(own)
             lu, pivots, found, singular = lapack.dgesv(unit[:, None] * inertia * unit, unit * force)
             if not singular and pivots_of(lu, pivots)[1] > ALIKE:

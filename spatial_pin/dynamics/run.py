@@ -14,6 +14,7 @@ from spatial_pin.dynamics.steppers import FIXED, STEPPERS
 from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
 from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kinematics.constraints import constraints_of
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Event
 from spatial_pin.kinematics.state import State
@@ -177,10 +178,12 @@ class Run:
             raise self._singular(system.state(solver.t, solver.y))
 
     def _singular(self, state: State) -> SingularError:
+        loops = constraints_of(self.problem.mechanism).n_rows
+        why = ("the loops lose rank, or branches cross, just ahead of" if loops else
+               "masses differ too much, or forces have no bounds, for steps of any length from")
         return SingularError(
             f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
-            f"{self.t:.9g} s: the loops lose rank, or branches cross, just ahead of {state}",
-            state=state)
+            f"{self.t:.9g} s: {why} {state}", state=state)
 
     def _begin(self, state: State) -> System:
         if self.system is not None and self.system.projection is not None:
