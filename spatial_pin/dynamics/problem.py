@@ -11,12 +11,11 @@ from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.least_constraint import LeastConstraint
-from spatial_pin.dynamics.saddle import own_units
 from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array, pivots_of
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -136,9 +135,10 @@ class Problem:
         if own.min() > LIGHT * heaviest:
             if len(own) == 1:
                 return force / own
-            unit = own_units(own)
-            lu, pivots, found, singular = lapack.dgesv(unit[:, None] * inertia * unit, unit * force)
-            if not singular and pivots_of(lu, pivots)[1] > ALIKE:
+            unit = 1.0 / np.sqrt(own)
+            lu, _, found, singular = lapack.dgesv(unit[:, None] * inertia * unit, unit * force)
+            pivots = np.abs(lu.diagonal())
+            if not singular and pivots.min() > ALIKE * pivots.max():
                 answer: Array = unit * found
                 return answer
         return self.least(q, v, a, columns, given)
