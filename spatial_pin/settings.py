@@ -36,8 +36,10 @@ class Accuracy:
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
         integrator: of `simulate`: "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4" or "Gauss".
-        time_tolerance: error that adaptive integrators allow in one step [rad, characteristic
-            lengths, and these per second], absolute and relative.
+        time_tolerance: error that adaptive integrators allow in one step, relative and absolute
+            [rad, characteristic lengths, and these per natural time]: about the period of a turn,
+            or of a pendulum as large, see `dynamics.timescale`. The pace and the masses of a
+            mechanism make no difference.
         step: fixed step of "RK4" and "Gauss", longest step of the others [s].
 
     Many values of a sweep are taken together, many times faster, with order 3 to tolerance only.

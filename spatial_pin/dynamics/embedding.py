@@ -138,7 +138,7 @@ class Embedding:
         Raises:
             Lost: it cannot.
         """
-        start = self.x
+        start, x = self.x, np.array(x)  # integrators write on what they have asked for
         part, done = 1.0, 0.0
         while done < 1.0:
             fraction = min(1.0, done + part)

@@ -39,6 +39,8 @@ class Freedoms:
         self.evaluation = self.embedding.evaluation
         self.held_scale = problem.scale[self.embedding.held]
         self.starts = np.array([state.q[c.q] for c, _ in problem.drives])
+        inertias = problem.mass(state.q).diagonal() * problem.scale**2
+        self._heaviest = float(inertias.max(initial=0.0))
         self.evaluations, self.patience = 0, FAST
         self._placed: tuple[float, Array, Array, Array] | None = None
 
@@ -98,7 +100,9 @@ class Freedoms:
         columns = problem.scale[:, None] * self.embedding.columns[:, : self.n]
         mass = problem.mass(q)
         inertia = mass @ columns
-        acceleration = -problem.accelerations(columns.T @ inertia, columns.T @ missing, self.free)
+        acceleration = problem.free_accelerations(
+            columns.T @ inertia, -(columns.T @ missing), self._heaviest, q, v, a,
+            columns, given)
         return acceleration, missing + inertia @ acceleration, given
 
     def _power(self, v: Array, missing: Array, given: Array) -> float:
@@ -147,8 +151,9 @@ class Freedoms:
         """
         return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
 
-    def settle(self, solver: Any) -> None:
-        """Do nothing: every evaluation closes the loops."""
+    def settle(self, solver: Any) -> float:
+        """Return 0 and do nothing: every evaluation closes the loops."""
+        return 0.0
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""

@@ -10,15 +10,18 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.dynamics.least_constraint import LeastConstraint
 from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array, decompose
+from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 
+ALIKE = 1e-4  # pivot of inertias, each in its own unit, below which digits would be lost
+LIGHT = 1e-8  # inertia, by that of the heaviest joint coordinate, that may be round-off
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 
 
@@ -63,6 +66,7 @@ class Problem:
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
         self.data = self.model.createData()
         self.mass = MassMatrix(self.model)
+        self.least_constraint = LeastConstraint(self.model, self.scale)
         self.forces = Forces(mechanism, laws)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
@@ -97,30 +101,68 @@ class Problem:
         return total + self.forces.energy(evaluation, q)
 
     def accelerations(self, inertia: Array, force: Array, names: Sequence[int]) -> Array:
+        """Return the accelerations (n,) of freedoms, by velocity entries, without inertia: none.
+
+        Raises:
+            SingularError: a force works on one.
+        """
+        if np.any(force):
+            raise self.no_inertia(names)
+        return np.zeros(len(inertia))
+
+    def free_accelerations(
+        self, inertia: Array, force: Array, heaviest: float, q: Array, v: Array, a: Array,
+        columns: Array, given: Array,
+    ) -> Array:
         """Return the accelerations (n,) that forces give to freedoms.
 
-        What has no inertia stays as it is, if no force works on it.
+        Where masses differ much, or there are none, they are those of `least`.
 
         Args:
             inertia: (n, n) of the freedoms.
             force: (n,) on them.
-            names: their velocity entries.
+            heaviest: of the inertias of joint coordinates.
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations at which the freedoms have none.
+            columns: (nv, n) joint velocities of unit freedoms.
+            given: (nv,) joint forces given, of which `force` holds the part of the freedoms.
 
         Raises:
             SingularError: a force works on a freedom without inertia.
         """
-        found: Array
-        _, _, found, singular = lapack.dgesv(inertia, force)
-        if singular:
-            found = decompose(inertia / (np.abs(inertia).max() or 1.0)).minimum_norm(
-                force / (np.abs(inertia).max() or 1.0))
-            if np.abs(inertia @ found - force).max() > 1e-9 * np.abs(force).max():
-                by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
-                raise SingularError(
-                    f"mechanism {self.mechanism.name!r}: a motion of "
-                    f"{', '.join(by_v[v] for v in names)} has no inertia but a force works on it: "
-                    "give its links a mass or a moment of inertia")
+        own = inertia.diagonal()
+        if own.min() > LIGHT * heaviest:
+            if len(own) == 1:
+                return force / own
+            unit = 1.0 / np.sqrt(own)
+            lu, _, found, singular = lapack.dgesv(unit[:, None] * inertia * unit, unit * force)
+            pivots = np.abs(lu.diagonal())
+            if not singular and pivots.min() > ALIKE * pivots.max():
+                answer: Array = unit * found
+                return answer
+        return self.least(q, v, a, columns, given)
+
+    def least(self, q: Array, v: Array, a: Array, columns: Array, given: Array) -> Array:
+        """Return the accelerations (n,) of freedoms by `LeastConstraint`, for any masses.
+
+        What has no inertia stays as it is, if no force works on it.
+
+        Raises:
+            SingularError: a force works on a freedom without inertia.
+        """
+        found, still, pulled = self.least_constraint.solve(q, v, a, columns, given)
+        if pulled:
+            moving = np.abs(columns @ still.T / self.scale[:, None]).max(axis=1)
+            raise self.no_inertia(np.flatnonzero(moving > 1e-6 * moving.max()).tolist())
         return found
+
+    def no_inertia(self, names: Sequence[int]) -> SingularError:
+        """Return the error for forces on freedoms, by velocity entries, that have no inertia."""
+        by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
+        return SingularError(
+            f"mechanism {self.mechanism.name!r}: a motion of {', '.join(by_v[v] for v in names)} "
+            "has no inertia but a force works on it: give its links a mass or a moment of inertia")
 
     def unknowns(self, u: Array, work: float) -> Array:
         """Return the unknowns: chart coordinates 0, their rates u, and the work if any is done."""
@@ -181,8 +223,11 @@ class System(Protocol):
     def rows(self, times: Array, unknowns: Array) -> list[Row]:
         """Return everything at times (N,) and unknowns (N, n)."""
 
-    def settle(self, solver: Any) -> None:
-        """Take the loops back that a step of the solver has opened, if it can open any."""
+    def settle(self, solver: Any) -> float | None:
+        """Take the loops back that a step of the solver has opened, if it can open any.
+
+        Returns how far it had opened them, by what is allowed; above 1 nothing has been done.
+        """
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other coordinates, or a chart begun anew, would be better."""

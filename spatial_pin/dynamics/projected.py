@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.problem import Problem, Row
+from spatial_pin.dynamics.saddle import SaddlePoint
 from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -28,8 +28,14 @@ from spatial_pin.linalg import Array, decompose, independent_rows
 from spatial_pin.mechanism.pairs import PAIRS
 
 FAR = 0.5  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
-OPEN = 1e-6  # closure residual that a step may leave to be projected away
-SINGULAR = 1e-12  # smallest over largest pivot at which the loops have lost rank
+OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
+LOOSE = 10.0  # the same by the tolerance of a step, at loose ones
+WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
+MOST_CORRECTIONS = 8
+CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
+CLOSED = 1e-9  # residual at which round-off may end that
+SINGULAR = 1e-12  # smallest over largest singular value at which the loops have lost rank
+ALIKE = 1e-6  # pivot, every freedom in its own unit, below which digits would be lost
 
 
 class Projected:
@@ -69,7 +75,7 @@ class Projected:
         self.is_fresh_the_same, self.patience = not self.curved, 0.0
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
         self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
-        self.kkt = np.zeros((self.n + len(self.selected),) * 2)
+        self._make_saddle(self.q0)
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
@@ -103,21 +109,30 @@ class Projected:
 
     def _accelerate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return joint accelerations and given joint forces (nv,)."""
-        problem, d, n = self.problem, self.scale, self.n
-        gamma = self._bias(q, v)[self.selected]
+        problem = self.problem
+        gamma = self._bias(q, v)
         given = problem.given(t, q, v, self.evaluation)
         force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
-        mass = d[:, None] * problem.mass(q) * d
-        heaviest = float(np.abs(mass).max()) or 1.0
-        jacobian = self.evaluation.jacobian[self.selected]
-        k = self.kkt
-        k[:n, :n], k[:n, n:], k[n:, :n] = mass / heaviest, jacobian.T, jacobian
-        lu, _, x, info = lapack.dgesv(k, np.concatenate([d * force / heaviest, -gamma]))
-        sizes = np.abs(lu.diagonal())
-        self.pivot = float(sizes.min() / sizes.max())
-        if info or self.pivot < SINGULAR:
+        jacobian = self.evaluation.jacobian[: self.n_rows]
+        a, _ = self.saddle.solve(problem.mass(q), jacobian, force, gamma)
+        if self.saddle.pivot < ALIKE:
+            a = self._least(q, v, jacobian[self.selected], gamma[self.selected], given)
+        return a, given
+
+    def _least(self, q: Array, v: Array, rows: Array, gamma: Array, given: Array) -> Array:
+        """Return joint accelerations (nv,) where masses differ much, or there are none.
+
+        Raises:
+            Lost: the loops lose rank.
+        """
+        svd = decompose(rows, SINGULAR)
+        if svd.rank < len(rows):
             raise Lost
-        return d * x[:n], given
+        carried = -self.scale * svd.minimum_norm(gamma)
+        columns = self.scale[:, None] * svd.null_space.T
+        if not columns.size:
+            return carried
+        return carried + columns @ self.problem.least(q, v, carried, columns, given)
 
     def _bias(self, q: Array, v: Array) -> Array:
         """Return gamma (n_rows,), the evaluation standing at q."""
@@ -127,17 +142,20 @@ class Projected:
         gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
         return gamma
 
-    def settle(self, solver: Any) -> None:
+    def settle(self, solver: Any) -> float:
         """Take the solver's state back to closed loops and to velocities that they allow.
 
-        Raises:
-            Lost: the step has opened the loops too far.
+        Returns how far the step had opened them, by what is allowed; above 1 nothing has been done.
         """
         began = time.perf_counter()
         n, y = self.n, np.array(solver.y)
         q, v = self._place(y)
         self._choose(q)
-        q, v = self._closed(q, v)
+        allowed = min(max(OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
+        try:
+            q, v = self._closed(q, v, allowed)
+        except Lost:
+            return np.inf
         y[:n] = pin.difference(self.model, self.q0, q) / self.scale
         y[n : 2 * n] = v / self.scale
         solver.y = y
@@ -146,28 +164,46 @@ class Projected:
         self.projection = Projection(
             steps + 1, corrections + self._corrections, max(opened, self._opened),
             seconds + time.perf_counter() - began, share)
+        return self._opened / allowed
 
     def _choose(self, q: Array) -> None:
         """Choose the independent rows anew, where there is a choice."""
         if len(self.selected) < self.n_rows:
             self.evaluation.update(q)
             found = independent_rows(self.evaluation.jacobian[: self.n_rows])
-            if len(found) == len(self.selected):
+            if len(found) == len(self.selected) and not np.array_equal(found, self.selected):
                 self.selected = found
+                self._make_saddle(q)
 
-    def _closed(self, q: Array, v: Array) -> tuple[Array, Array]:
-        evaluation = self.evaluation
-        for k in range(6):
+    def _make_saddle(self, q: Array) -> None:
+        """Make the equations for the selected rows, the evaluation standing at q."""
+        jacobian = self.evaluation.jacobian[: self.n_rows]
+        self.saddle = SaddlePoint(self.scale, self.selected, self.problem.mass(q), jacobian)
+
+    def _closed(self, q: Array, v: Array, allowed: float = WIDE) -> tuple[Array, Array]:
+        """Return the nearest configuration with closed loops, and the nearest velocity there.
+
+        Raises:
+            Lost: they are open by more than is allowed, or do not close.
+        """
+        evaluation, last = self.evaluation, allowed
+        for k in range(MOST_CORRECTIONS):
             evaluation.update(q)
             worst = evaluation.closure_error
-            self._corrections, self._opened = k, self._opened if k else worst
-            if not worst < OPEN:
+            if k == 0:
+                self._opened = worst
+            if not worst < last:
+                if k and worst < CLOSED:
+                    break
                 raise Lost
+            self._corrections, last = k, CONTRACTION * worst
             svd = decompose(evaluation.jacobian[self.selected])
-            if worst <= self.problem.tolerance or k == 5:
+            if worst <= self.problem.tolerance:
                 break
             q = pin.integrate(self.model, q,
                               -self.scale * svd.minimum_norm(evaluation.residual[self.selected]))
+        if svd.s.size:
+            self.pivot = float(svd.s[-1] / svd.s[0])
         opening = evaluation.jacobian[self.selected] @ (v / self.scale)
         return q, v - self.scale * svd.minimum_norm(opening)
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from spatial_pin.dynamics.problem import Problem, Row, System
 from spatial_pin.dynamics.simulation import Projection, Simulation, energy_drift
-from spatial_pin.dynamics.steppers import STEPPERS
+from spatial_pin.dynamics.steppers import FIXED, STEPPERS
+from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
-from spatial_pin.errors import SingularError
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kinematics.constraints import constraints_of
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Event
 from spatial_pin.kinematics.state import State
@@ -20,6 +22,8 @@ from spatial_pin.linalg import Array
 from spatial_pin.settings import Accuracy
 
 NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
+LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
+SHORTEST = 1e-13  # step, by the time, that is taken anew no more
 CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
 
 
@@ -92,6 +96,7 @@ class Run:
         self.steps, self.evaluations = 0, 0
         self.used: list[str] = []
         self.system: System | None = None
+        self._solver: Any = None
         self._projections: list[Projection] = []  # of systems that were given up
         self._largest, self._creeping = np.zeros(2), 0
         self._failed_at = -1.0
@@ -104,11 +109,9 @@ class Run:
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
         while self.t < self.end:
-            solver = STEPPERS[self.accuracy.integrator](
-                system, self.t, self.y, self.end, self.accuracy)
             before = system.evaluations
             try:
-                for stopped in self._steps(system, solver):
+                for stopped in self._steps(system):
                     yield self.t
                     if stopped:
                         return
@@ -116,20 +119,50 @@ class Run:
                 self.evaluations += system.evaluations - before
                 self.rows.fill(system)
             if self.t < self.end:
-                system = self._begin_again(system, solver.status == "failed")
+                system = self._begin_again(system, self._solver.status == "failed")
 
-    def _steps(self, system: System, solver: Any) -> Iterator[bool]:
+    def _integrator(self, system: System, longest: float = np.inf) -> Any:
+        """Return an integrator at the present place, its errors counted in natural units."""
+        q, _ = system.place(self.t, self.y)
+        units = natural_units(system, self.t, self.y, q, self.end - self.t)
+        return STEPPERS[self.accuracy.integrator](
+            system, self.t, self.y, self.end, self.accuracy, units, longest)
+
+    def _steps(self, system: System) -> Iterator[bool]:
         """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
+        self._solver = solver = self._integrator(system)
+        held = False
         while solver.status == "running":
             solver.step()
             if solver.status == "failed":
                 break
-            system.settle(solver)
+            opened = system.settle(solver) or 0.0
+            if opened > 1.0:
+                self._solver = solver = self._shortened(system, solver.t - self.t)
+                held = True
+                continue
+            if held and opened < LITTLE:
+                solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
             self._refuse_to_creep(system, solver)
             self.t, self.y = solver.t, solver.y
             yield self._take(system, solver)
             if solver.status == "running" and system.is_worn(self.t, solver.y):
                 break
+
+    def _shortened(self, system: System, step: float) -> Any:
+        """Return an integrator that begins a step [s] anew, with half of it at most.
+
+        Raises:
+            SingularError: steps however short open the loops.
+            SpatialPinError: the step is fixed.
+        """
+        if self.accuracy.integrator in FIXED:
+            raise SpatialPinError(
+                f"mechanism {self.problem.mechanism.name!r}: a step of {step:.3g} s at "
+                f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")
+        if step < SHORTEST * (self.t + step):
+            raise self._singular(system.state(self.t, self.y))
+        return self._integrator(system, 0.5 * step)
 
     def _refuse_to_creep(self, system: System, solver: Any) -> None:
         """Refuse to creep into a singular configuration.
@@ -145,10 +178,12 @@ class Run:
             raise self._singular(system.state(solver.t, solver.y))
 
     def _singular(self, state: State) -> SingularError:
+        loops = constraints_of(self.problem.mechanism).n_rows
+        why = ("the loops lose rank, or branches cross, just ahead of" if loops else
+               "masses differ too much, or forces have no bounds, for steps of any length from")
         return SingularError(
             f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
-            f"{self.t:.9g} s: the loops lose rank, or branches cross, just ahead of {state}",
-            state=state)
+            f"{self.t:.9g} s: {why} {state}", state=state)
 
     def _begin(self, state: State) -> System:
         if self.system is not None and self.system.projection is not None:

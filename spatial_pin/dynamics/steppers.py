@@ -1,9 +1,10 @@
 """Integrators of ordinary differential equations.
 
-To add one, add an entry to STEPPERS: a function (fun, t0, y0, t_end, settings) to an object that
-steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running", "finished" or
-"failed") and `dense_output()`, a function of the time, or of times (N,), over the last step that
-returns unknowns (n,) or (n, N).
+To add one, add an entry to STEPPERS: a function (fun, t0, y0, t_end, settings, units, longest) to
+an object that steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running",
+"finished" or "failed") and `dense_output()`, a function of the time, or of times (N,), over the
+last step that returns unknowns (n,) or (n, N). `units` say what counts as one of every unknown,
+`longest` is the longest step [s].
 
 1. SciPy's adaptive methods: DOP853 and RK45 (explicit), Radau and BDF (stiff), LSODA (either).
 2. "RK4": the classical method, fixed step.
@@ -13,18 +14,21 @@ returns unknowns (n,) or (n, N).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from spatial_pin.dynamics.timescale import Units
 from spatial_pin.linalg import Array
 from spatial_pin.settings import Accuracy
 
 Function = Callable[[float, Array], Array]
 
 MOST_ITERATIONS = 60
-DIFFERENCE = 1e-7  # step of the differences for implicit methods [rad, characteristic lengths]
+DIFFERENCE = 1e-7  # step of the differences for implicit methods, by the units of unknowns
+HUGE = 1e100  # rate that stands for none, where loops cannot be closed
 ROOT3 = np.sqrt(3.0)
 GAUSS_A = np.array([[0.25, 0.25 - ROOT3 / 6], [0.25 + ROOT3 / 6, 0.25]])
 GAUSS_C = np.array([0.5 - ROOT3 / 6, 0.5 + ROOT3 / 6])
@@ -33,8 +37,11 @@ GAUSS_C = np.array([0.5 - ROOT3 / 6, 0.5 + ROOT3 / 6])
 class _Fixed:
     """A method of fixed step; the last step is cut to end on time."""
 
-    def __init__(self, fun: Function, t0: float, y0: Array, t_end: float, step: float) -> None:
+    def __init__(
+        self, fun: Function, t0: float, y0: Array, t_end: float, step: float, units: Array
+    ) -> None:
         self.fun, self.t, self.y, self.t_end = fun, t0, np.array(y0), t_end
+        self.units = units
         count = max(1, int(np.ceil((t_end - t0) / step * (1 - 1e-12))))
         self.h, self.left = (t_end - t0) / count, count
         self.t_begin, self.done = t0, 0
@@ -99,7 +106,7 @@ class Gauss(_Fixed):
             new = np.stack([self.fun(t + c * h, stage)
                             for c, stage in zip(GAUSS_C, stages, strict=True)])
             self.nfev += 2
-            change = float(np.abs(new - k).max()) * h
+            change = float((np.abs(new - k) / self.units).max()) * h
             k = new
             if not np.isfinite(change) or (change >= last and change < 1e-10) or change == 0.0:
                 break
@@ -108,35 +115,99 @@ class Gauss(_Fixed):
         return y + 0.5 * h * (k[0] + k[1])
 
 
-def _jacobian(fun: Function) -> Callable[[float, Array], Array]:
-    """Return d fun/dy by forward differences; SciPy's own grow where nothing depends on y."""
-    def jacobian(t: float, y: Array) -> Array:
-        f = fun(t, y)
-        steps = DIFFERENCE * np.maximum(1.0, np.abs(y))
-        return np.column_stack([(fun(t, y + step) - f) / h
-                                for step, h in zip(np.diag(steps), steps, strict=True)])
-    return jacobian
+class Differences:
+    """d fun/dy by differences of well-scaled steps, finite wherever it is asked for.
+
+    Those of SciPy grow without bound where nothing depends on an unknown, and those of LSODA
+    vanish at rest. Where loops cannot be closed on one side the other is taken, and where they
+    cannot be closed at all what was found last: the integrator then shortens its step.
+    """
+
+    def __init__(self, fun: Function, units: Array) -> None:
+        self._fun, self._units = fun, units
+        self._last = np.zeros((len(units), len(units)))
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return the (n, n) Jacobian at t, y."""
+        f, found = self._fun(t, y), self._last.copy()
+        steps = DIFFERENCE * np.maximum(self._units, np.abs(y)) * np.isfinite(f).all()
+        for j, h in enumerate(steps.tolist()):
+            for step in (h, -h) if h else ():
+                moved = y.copy()
+                moved[j] += step
+                column = (self._fun(t, moved) - f) / (moved[j] - y[j])
+                if np.isfinite(column).all():
+                    found[:, j] = column
+                    break
+        self._last = found
+        return found.copy()
+
+
+def first_step(
+    fun: Function, t0: float, y0: Array, span: float, order: int, tolerance: float, units: Units
+) -> float:
+    """Return a first step [s], the same whatever the unit of time [HairerNorsettWanner1993, II.4].
+
+    SciPy's own begins with a microsecond where a motion starts from rest, be it an age.
+    """
+    f0, size = fun(t0, y0), tolerance * (units.unknowns + np.abs(y0))
+
+    def norm(x: Array) -> float:
+        return float(np.linalg.norm(x / size)) / math.sqrt(len(x))
+
+    d0, d1 = norm(y0), units.time * norm(f0)
+    trial = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+    trial = min(trial, span / units.time)
+    f1 = fun(t0 + trial * units.time, y0 + trial * units.time * f0)
+    d2 = units.time * norm(f1 - f0) / trial
+    fastest = max(d1, d2)
+    step = max(1e-6, 1e-3 * trial) if fastest <= 1e-15 else (0.01 / fastest) ** (1.0 / (order + 1))
+    if not math.isfinite(d2):
+        step = 0.01 * trial
+    return min(units.time * min(100.0 * trial, step), span)
+
+
+def _finite(fun: Function) -> Function:
+    """Return a function without NaN: LSODA does not see them, but shortens its step for HUGE."""
+    return lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE)
+
+
+ORDERS = {"DOP853": 7, "RK45": 4, "Radau": 3, "BDF": 1}  # of SciPy's error estimates
 
 
 def _scipy(name: str) -> Callable[..., Any]:
-    def make(fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy) -> Any:
+    def make(
+        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
+        longest: float = math.inf,
+    ) -> Any:
         from scipy import integrate  # imported on use: it takes half a second
 
-        more: dict[str, Any] = {} if accuracy.step is None else {"max_step": accuracy.step}
-        if name in ("Radau", "BDF"):
-            more["jac"] = _jacobian(fun)
-        return getattr(integrate, name)(fun, t0, y0, t_end, rtol=accuracy.time_tolerance,
-                                        atol=accuracy.time_tolerance, **more)
+        tolerance, longest = accuracy.time_tolerance, min(longest, accuracy.step or math.inf)
+        more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
+                                "atol": tolerance * units.unknowns}
+        if name not in ("DOP853", "RK45"):
+            more["jac"] = Differences(fun, units.unknowns)
+        if name in ORDERS:
+            more["first_step"] = first_step(fun, t0, y0, min(t_end - t0, longest), ORDERS[name],
+                                            tolerance, units)
+        else:
+            fun = _finite(fun)
+        return getattr(integrate, name)(fun, t0, y0, t_end, **more)
     return make
 
 
 def _fixed(method: type[_Fixed]) -> Callable[..., Any]:
-    def make(fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy) -> Any:
+    def make(
+        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
+        longest: float = math.inf,
+    ) -> Any:
         if accuracy.step is None:
             raise ValueError(f"integrator {method.__name__!r} needs a step: Accuracy(step=...)")
-        return method(fun, t0, y0, t_end, accuracy.step)
+        return method(fun, t0, y0, t_end, min(longest, accuracy.step), units.unknowns)
     return make
 
+
+FIXED = ("RK4", "Gauss")  # those that keep to the step given
 
 STEPPERS: dict[str, Callable[..., Any]] = {
     **{name: _scipy(name) for name in ("DOP853", "RK45", "Radau", "BDF", "LSODA")},
