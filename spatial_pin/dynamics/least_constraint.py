@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from spatial_pin.dynamics.saddle import EPS, HOLDS, ROUNDINGS, own_units
+from spatial_pin.dynamics.saddle import HOLDS, ROUNDING, own_units
 from spatial_pin.linalg import Array, decompose, null_space
 
 LEFT = 1e-12  # part of a motion, by the largest, that is what round-off of the loops has left
@@ -58,7 +58,7 @@ class LeastConstraint:
         columns = np.where(parts > LEFT * parts.max(axis=0), columns, 0.0)
         rows, rest, terms = self._rows(q, v, a, columns)
         own = np.linalg.norm(rows, axis=0)
-        rows[:, own <= ROUNDINGS * EPS * terms] = 0.0
+        rows[:, own <= ROUNDING * terms] = 0.0
         unit = own_units((rows * rows).sum(axis=0))
         rows *= unit
         load = unit * (columns.T @ given)
@@ -139,7 +139,7 @@ def _gyroscopic(roots: Array, w: Array) -> Array:
     moved = np.array([(squares[2] - squares[1]) * w[1] * w[2],
                       (squares[0] - squares[2]) * w[2] * w[0],
                       (squares[1] - squares[0]) * w[0] * w[1]])
-    return np.divide(moved, roots, out=np.zeros(3), where=roots > ROUNDINGS * EPS * roots.max())
+    return np.divide(moved, roots, out=np.zeros(3), where=roots > ROUNDING * roots.max())
 
 
 def _least(rows: Array, rest: Array, load: Array) -> tuple[Array, Array]:
@@ -152,13 +152,13 @@ def _least(rows: Array, rest: Array, load: Array) -> tuple[Array, Array]:
     turned = lapack.dormqr("L", "T", qr, tau, rest[:, None], 64 * n)[0][:, 0]
     upper, order = np.triu(qr[:n]), pivots - 1
     diagonal = np.abs(upper.diagonal())
-    rank = int(np.count_nonzero(diagonal > ROUNDINGS * EPS * diagonal[0]))
+    rank = int(np.count_nonzero(diagonal > ROUNDING * diagonal[0]))
     known, pulled = upper[:rank], load[order]
     z = np.zeros(n)
     if rank == n:
         z[order] = lapack.dtrtrs(known, turned[:n] + lapack.dtrtrs(known, pulled, trans=1)[0])[0]
         return z, np.zeros((0, n))
-    svd = decompose(known, ROUNDINGS * EPS)
+    svd = decompose(known, ROUNDING)
     z[order] = svd.minimum_norm(turned[:rank] + svd.minimum_norm_transposed(pulled))
     still = np.zeros((n - rank, n))
     still[:, order] = svd.null_space
