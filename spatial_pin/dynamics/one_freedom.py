@@ -81,7 +81,7 @@ class OneFreedom:
         rate = float(y[1])
         s, speed = self.start + self.unit * float(y[0]), self.unit * rate
         try:
-            m, h, g, _, *spinning = self.table.reduced(s)
+            m, h, g, *spinning = self.table.reduced(s)
             force, power = self._forces(t, s, y) if self.forced else (0.0, 0.0)
         except Lost:
             return np.full(len(y), np.nan)

@@ -60,6 +60,20 @@ class Path:
         """Whether a value of the coordinate lies on the strip about a known crossing."""
         return any(strip.holds(value) for strip in self._strips)
 
+    def clear(self, values: Array) -> int:
+        """Return how many of some values (N,), in their order, come before any known strip."""
+        for k, value in enumerate(values.tolist()):
+            before = values[max(k - 1, 0)]
+            if any(strip.holds(value) or strip.is_between(before, value) for strip in self._strips):
+                return k
+        return len(values)
+
+    def stand(self, value: float, q: Array, angles: Array) -> None:
+        """Stand at a closed configuration of the same branch, off any strip."""
+        self.branch.evaluation.turns[:] = angles
+        self.branch.jump(q, q, value, 0.0)
+        self._strip = None
+
     def _go(self, value: float) -> None:
         branch = self.branch
         inside = next((strip for strip in self._strips if strip.holds(value)), None)

@@ -12,28 +12,26 @@ pieces are used again.
 
 from __future__ import annotations
 
-import contextlib
 import math
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.dynamics.chebyshev import (
-    NODES,
+    CELLS,
     POINTS,
     TO_COEFFICIENTS,
-    Columns,
     Piece,
+    cells_of,
     polynomials,
     polynomials_at,
 )
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces
+from spatial_pin.dynamics.node_rows import NodeRows
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 PIECES = 6  # of a turn, before any is halved
@@ -43,7 +41,6 @@ USELESS = 0.3  # of the error that a halved piece may keep, else it is noise tha
 NOISE = 1e-7  # error of a piece that is not taken any more
 ROUND_OFF = 2e-12  # of a coefficient, by the largest
 SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are judged by it
-WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
 SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
 
@@ -64,17 +61,12 @@ class Table:
     ) -> None:
         self.mechanism, self.path, self.coordinate, self.forces = (
             mechanism, path, coordinate, forces)
-        self.spins = spins
         self.model = mechanism.model
-        self.data = self.model.createData()
-        self._mass = MassMatrix(self.model)
-        nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
-        angles = len(path.branch.angles)
-        ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
-        q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))
-        self.columns = Columns(q, t, c, springs, turns, reduced, ends[-1])
-        self.often = [*range(ends[-2], ends[-1])]  # columns that every evaluation wants
-        for body in spins.bodies:
+        self.rows = NodeRows(path, forces, spins)
+        self.columns = self.rows.columns
+        _, t, *_ = self.columns
+        self.often = [*range(self.columns.reduced.start, self.columns.reduced.stop - 1)]
+        for body in spins.bodies:  # columns that every evaluation wants
             self.often += range(t.start + body.v.start, t.start + body.v.stop)
             self.often += range(body.q.start, body.q.start + 3)
         self.turning = coordinate.unit == "rad"
@@ -102,10 +94,19 @@ class Table:
         return piece, polynomials(x)
 
     def reduced(self, s: float) -> list[float]:
-        """Return m, h, g and the potential energy at s, and w and d of every body that spins."""
-        piece, basis = self.basis(s)
-        found: list[float] = basis.dot(piece.reduced).tolist()
-        return found
+        """Return m, h and g at s, and w and d of every body that spins.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        piece = self.piece
+        if piece is None or not piece.first <= s <= piece.last:
+            self.piece = piece = self._find(s)
+        place = CELLS * (s - piece.first) / (piece.last - piece.first)
+        k = min(int(place), CELLS - 1)
+        x = 2.0 * (place - k) - 1.0
+        return [a + x * (b + x * (c + x * (d + x * (e + x * (f + x * g)))))
+                for a, b, c, d, e, f, g in piece.cells[k]]
 
     def columns_at(self, s: float) -> Array:
         """Return all columns (width,) at s, q with its whole turns."""
@@ -212,37 +213,13 @@ class Table:
         first = self.path.start + k * width
         nodes = first + 0.5 * width * (1.0 + POINTS)
         try:
-            rows = self._rows(nodes, width)
+            rows = self.rows(nodes)
         except Lost:
             return None
         coefficients = TO_COEFFICIENTS @ rows
         return Piece(first, first + width, coefficients,
-                     coefficients[:, self.often].copy(), np.zeros(self.model.nq),
+                     cells_of(coefficients[:, self.often]), np.zeros(self.model.nq),
                      self._tail(coefficients))
-
-    def _rows(self, nodes: Array, width: float) -> Array:
-        """Return all columns (NODES, width) at nodes, those near a crossing from its strip.
-
-        Raises:
-            Lost: the branch does not go to one of them.
-        """
-        path = self.path
-        order = np.argsort(np.abs(nodes - path.value))
-        rows, pivots = np.empty((NODES, self.columns.width)), np.ones(NODES)
-        plain = []
-        for i in order.tolist():
-            rows[i] = self._row(float(nodes[i]))
-            if not path.is_on_strip(float(nodes[i])):
-                plain.append(i)
-                pivots[i] = path.branch.system.pivots()[1]
-        for end, beyond in ((0, 0.25 * width), (-1, -0.25 * width)):  # nodes descend
-            if pivots[end] < WEAK * pivots.max():
-                with contextlib.suppress(Lost):
-                    path.go_to(float(nodes[end]) + beyond)
-        for i in plain:
-            if path.is_on_strip(float(nodes[i])):
-                rows[i] = self._row(float(nodes[i]))
-        return rows
 
     def _again(self, level: int, k: int) -> Piece | None:
         """Return a piece of a turn before or after, if all bodies stand as they did then.
@@ -265,7 +242,7 @@ class Table:
         """Return what a turn of the coordinate adds to q (nq,); None if bodies do not come back."""
         middle = 0.5 * (old.first + old.last)
         there = polynomials(0.0) @ old.coefficients
-        here = self._row(middle + turns * TURN)
+        here = self.rows.at(middle + turns * TURN)
         q, t = self.columns.q, self.columns.t
         shift = here[q] - there[q] - old.shift
         whole = np.zeros(len(shift))
@@ -285,23 +262,3 @@ class Table:
             largest[largest == 0.0] = 1.0
             tail = max(tail, float((sizes[-TAIL:] / largest).max(initial=0.0)))
         return tail
-
-    def _row(self, s: float) -> Array:
-        """Return all columns (width,) at a node, loops closed."""
-        path, model, data = self.path, self.model, self.data
-        path.go_to(s)
-        q, t, c = path.q, path.branch.t, path.branch.c
-        if len(self.spins):
-            t, c = self.spins.without(q, t, c)
-        gravity = pin.computeGeneralizedGravity(model, data, q).copy()
-        motion = pin.rnea(model, data, q, t, c) - gravity
-        mass = self._mass(q)
-        springs: list[float] = []
-        for line in self.forces.lines:
-            row, length, _ = self.forces.row(path.evaluation, line)
-            springs += [length, float(row @ t)]
-        potential = float(pin.computePotentialEnergy(model, data, q))
-        reduced = [t @ mass @ t, t @ motion, t @ gravity, potential]
-        if len(self.spins):
-            q, t, c = self.spins.put(q, t, c)
-        return np.concatenate([q, t, c, springs, path.branch.angles, reduced])
