@@ -9,6 +9,7 @@ import numpy as np
 from spatial_pin.dynamics.embedding import Lost, best_coordinates
 from spatial_pin.dynamics.freedoms import FAST
 from spatial_pin.dynamics.path import Path
+from spatial_pin.dynamics.placed_rows import PlacedRows
 from spatial_pin.dynamics.problem import Problem, Row
 from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.dynamics.table import Table
@@ -50,6 +51,7 @@ class OneFreedom:
         self._sigmas: list[float] = []
         self._turns = slice(2, 2 + 4 * len(spins))  # of the unknowns
         self.table = Table(problem.mechanism, self.path, coordinate, problem.forces, spins)
+        self.placed = PlacedRows(problem, self.evaluation)
         self.forced = problem.forces.exist or problem.constant.any() or problem.law is not None
         self.evaluations, self.patience = 0, FAST
         self.is_fresh_the_same = True
@@ -171,15 +173,15 @@ class OneFreedom:
         second = np.divide(free, m, out=np.zeros(len(m)), where=m != 0.0)[:, None]
         v = values[:, columns.t] * rates
         a = values[:, columns.t] * second + values[:, columns.c] * rates**2
-        return [self._row(values, *self._moving(s, values, y, *moving))
-                for s, values, y, *moving in zip(places.tolist(), values, unknowns, v, a,
-                                                 strict=True)]
-
-    def _row(self, values: Array, q: Array, v: Array, a: Array) -> Row:
-        evaluation = self.evaluation
-        self._stand(q, values)
-        return Row(q, v, a, evaluation.closure_error, self.problem.energy(q, v, evaluation),
-                   np.empty(0), evaluation.angles.copy())
+        q = values[:, columns.q].copy()
+        self.table.finish(places, q)
+        if len(self.spins):
+            for row in zip(q, unknowns[:, self._turns], v, a, strict=True):
+                self.spins.restore(*row, self._sigmas)
+        energy, error, angles = self.placed(q, v, values[:, columns.angles])
+        none = np.empty(0)
+        return [Row(*row, none, angle) for *row, angle in zip(
+            q, v, a, error.tolist(), energy.tolist(), angles, strict=True)]
 
     def settle(self, solver: Any) -> None:
         """Do nothing: every evaluation closes the loops."""

@@ -31,6 +31,7 @@ from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.node_rows import NodeRows
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.spinning import Spins
+from spatial_pin.kinematics.flat import flat_tree_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
@@ -162,6 +163,11 @@ class Table:
         q = pin.normalize(self.model, values[self.columns.q])
         q[self.coordinate.q] = s
         return q
+
+    def finish(self, places: Array, q: Array) -> None:
+        """Make interpolated q (N, nq) at places (N,) configurations, in place."""
+        flat_tree_of(self.mechanism).normalize(q.T)
+        q[:, self.coordinate.q] = places
 
     def _find(self, s: float) -> Piece:
         """Return the piece that holds s, made if need be; halved as long as that makes it exacter.
