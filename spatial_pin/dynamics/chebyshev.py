@@ -1,8 +1,8 @@
 """Pieces of Chebyshev polynomials through their nodes.
 
 What is wanted thousands of times is cut into cells with a polynomial of low degree each, which
-plain Python evaluates in a microsecond: with 64 cells of degree 6 for 24 Chebyshev polynomials
-whose coefficients fall to round-off, the difference is round-off too.
+plain Python evaluates in a microsecond: where the Chebyshev coefficients fall to round-off, the difference is
+round-off too.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 
 from spatial_pin.linalg import Array
 
-NODES = 24  # of a piece
+NODES = 32  # of a piece
 
 _K = np.arange(NODES)
 _ANGLES = np.pi * (_K + 0.5) / NODES
 POINTS = np.cos(_ANGLES)  # Chebyshev points in (-1, 1), descending
 TO_COEFFICIENTS = 2.0 / NODES * np.cos(np.outer(_K, _ANGLES))
 TO_COEFFICIENTS[0] *= 0.5
-CELLS, TERMS = 64, 7  # of a piece, and of a cell's polynomial
+CELLS, TERMS = 96, 7  # of a piece, and of a cell's polynomial
 
 
 class Columns(NamedTuple):

@@ -50,7 +50,8 @@ class OneFreedom:
         self.spins, self.q0 = spins, state.q
         self._sigmas: list[float] = []
         self._turns = slice(2, 2 + 4 * len(spins))  # of the unknowns
-        self.table = Table(problem.mechanism, self.path, coordinate, problem.forces, spins)
+        self.table = Table(problem.mechanism, self.path, coordinate, problem.forces, spins,
+                           problem.tolerance)
         self.placed = PlacedRows(problem, self.evaluation)
         self.forced = problem.forces.exist or problem.constant.any() or problem.law is not None
         self.evaluations, self.patience = 0, FAST

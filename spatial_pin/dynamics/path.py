@@ -25,6 +25,7 @@ class Path:
         unit: size of one unit of the coordinate, 1 rad or the characteristic length.
         start: value of the coordinate at `state`.
         crossings: values of the coordinate at which other branches were crossed.
+        limits: values of the coordinate at which it turned out to end.
     """
 
     def __init__(self, state: State, coordinate: Coordinate) -> None:
@@ -34,6 +35,7 @@ class Path:
         self.unit = float(self.branch.scale[coordinate.v])
         self.start = float(state.q[coordinate.q])
         self.crossings: list[float] = []
+        self.limits: list[float] = []
         self._strip: crossing.Strip | None = None
         self._strips: list[crossing.Strip] = []
 
@@ -103,6 +105,7 @@ class Path:
         if arrival.kind in ("branch point", "singular"):
             found = crossing.strip(self.branch, arrival.value)
         if found is None:
+            self.limits += [arrival.value] if arrival.kind == "limit" else []
             raise Lost
         self.crossings.append(found.crossing)
         self._strips = [*self._strips[-7:], found]

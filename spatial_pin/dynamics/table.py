@@ -39,8 +39,10 @@ PIECES = 6  # of a turn, before any is halved
 HALVINGS = 7
 TAIL = 3  # last coefficients that tell the error
 USELESS = 0.3  # of the error that a halved piece may keep, else it is noise that halving keeps
+NEAR = 0.1  # of a piece's width: limits nearer than this make it useless
 NOISE = 1e-7  # error of a piece that is not taken any more
 ROUND_OFF = 2e-12  # of a coefficient, by the largest
+FINER = 1e-2  # error of a piece, by the tolerance, that is good enough
 SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are judged by it
 SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
@@ -54,15 +56,17 @@ class Table:
         coordinate: the coordinate.
         forces: the springs, whose lengths are tabulated too.
         spins: bodies whose spin is left out: see there what stands in the places of their joints.
+        tolerance: closure residual that is asked for [-].
     """
 
     def __init__(
         self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces,
-        spins: Spins,
+        spins: Spins, tolerance: float,
     ) -> None:
         self.mechanism, self.path, self.coordinate, self.forces = (
             mechanism, path, coordinate, forces)
         self.model = mechanism.model
+        self.exact = max(ROUND_OFF, FINER * tolerance)
         self.rows = NodeRows(path, forces, spins)
         self.columns = self.rows.columns
         _, t, *_ = self.columns
@@ -181,7 +185,8 @@ class Table:
         tried = []
         for level in range(HALVINGS):
             k = math.floor((s - self.path.start) / self.span * 2**level)
-            if self._is_divided(level, k):
+            if self._is_divided(level, k) or (
+                    level < HALVINGS - 1 and self._is_at_limit(level, k)):
                 continue
             piece = self.pieces.get((level, k)) or self._again(level, k) or self._make(level, k)
             tried.append((level, k))
@@ -190,7 +195,7 @@ class Table:
             if best is not None and piece.tail > USELESS * best[2].tail:
                 break
             best = level, k, piece
-            if piece.tail <= ROUND_OFF:
+            if piece.tail <= self.exact:
                 break
         if best is None or best[2].tail > NOISE:
             self._divide(tried)
@@ -207,6 +212,16 @@ class Table:
         if self.period is None or not self.period.size:
             return (level, k) in self.divided
         return (level, k % (PIECES * 2**level)) in self.divided_in_a_turn
+
+    def _is_at_limit(self, level: int, k: int) -> bool:
+        """Whether a piece holds a known limit, or ends so near to one that it will not do.
+
+        Functions go as the square root there: coefficients of Chebyshev polynomials fall slowly.
+        """
+        width = self.span / 2**level
+        first = self.path.start + (k - NEAR) * width
+        return any(first <= limit <= first + (1.0 + 2.0 * NEAR) * width
+                   for limit in self.path.limits)
 
     def _keep(self, level: int, k: int, piece: Piece) -> Piece:
         self.pieces[level, k] = piece

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -48,10 +48,21 @@ def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | No
     return curve.settle(found, pin.difference(curve.model, base.q, found) / curve.scale)
 
 
-def _polynomial(x: Array, rows: Array) -> Any:
-    from scipy.interpolate import BarycentricInterpolator  # on use: it takes half a second
+def _polynomial(x: Array, rows: Array) -> Callable[[float], Array]:
+    """Return the polynomial through rows (N, k) at places (N,) [BerrutTrefethen2004, 4.2]."""
+    gaps = (4.0 / np.ptp(x)) * (x[:, None] - x)  # products neither large nor small
+    np.fill_diagonal(gaps, 1.0)
+    weights = 1.0 / gaps.prod(axis=1)
 
-    return BarycentricInterpolator(x, rows)
+    def at(value: float) -> Array:
+        away = value - x
+        if not away.all():
+            return rows[np.argmin(np.abs(away))]
+        parts = weights / away
+        found: Array = (parts @ rows) / parts.sum()
+        return found
+
+    return at
 
 
 def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
@@ -100,16 +111,24 @@ class Strip(NamedTuple):
 
     def is_closed(self, branch: Branch, values: Array) -> bool:
         """Whether the loops are closed between the nodes at `values` too."""
-        for value in 0.5 * (values[1:] + values[:-1]):
-            self.put(branch, float(value))
-            if np.abs(branch.residual).max(initial=0.0) > CLOSED:
+        evaluation = branch.evaluation
+        for value in (0.5 * (values[1:] + values[:-1])).tolist():
+            q = self.configuration(branch, value)
+            evaluation.turns[:] = self.angles(value)
+            evaluation.update(q)
+            if np.abs(evaluation.residual).max(initial=0.0) > CLOSED:
                 return False
         return True
 
+    def configuration(self, branch: Branch, value: float) -> Array:
+        """Return the configuration (nq,) at a driver value between the ends."""
+        q: Array = pin.normalize(branch.model, self.q(value))
+        branch.hold(q, value)
+        return q
+
     def put(self, branch: Branch, value: float) -> None:
         """Write the branch at a driver value between the ends into `branch`."""
-        q = pin.normalize(branch.model, self.q(value))
-        branch.hold(q, value)
+        q = self.configuration(branch, value)
         branch.q, branch.s = q, value
         branch.t, branch.c, branch.angles = (x(value) for x in (self.t, self.c, self.angles))
         branch.evaluation.turns[:] = branch.angles
@@ -192,7 +211,7 @@ def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Sid
         q = curve.ahead(point, length)
         if q is None:
             raise SingularError("the branch bends away from its crossing")
-        branch.place(q)
+        branch.place(q, anew=not rows)  # further away from the crossing those rows do better still
         rows.append((q, branch.t, branch.c, branch.angles, np.array(curve.sigma(q))))
     return _Side(*(np.array(column) for column in zip(*rows, strict=True)))
 
