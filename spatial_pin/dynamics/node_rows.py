@@ -67,6 +67,16 @@ class NodeRows:
         Raises:
             Lost: the branch does not go to one of them.
         """
+        path, branch = self.path, self.path.branch
+        start = branch.s, branch.q, branch.angles
+        try:
+            return self._rows(values)
+        except Lost:
+            if not path.is_on_strip(start[0]):
+                path.stand(*start[1:])  # the way back from where it ended is a long one
+            raise
+
+    def _rows(self, values: Array) -> Array:
         path = self.path
         order = np.argsort(np.abs(values - path.value)).tolist()
         rows, pivots = np.empty((len(values), self.columns.width)), np.ones(len(values))
@@ -122,7 +132,7 @@ class NodeRows:
             return []
         if branch.system.has_redundant_rows:
             branch.reselect()
-        start = branch.s, branch.q, branch.angles
+        start = branch.q, branch.angles
         skeleton = self._steps(batch, float(values[-1] - values[0]))
         if skeleton is None:
             return []
@@ -133,7 +143,7 @@ class NodeRows:
         if not good:
             path.stand(*start)
             return []
-        path.stand(float(values[good - 1]), p.q[:, good - 1], p.angles[:, good - 1])
+        path.stand(p.q[:, good - 1].copy(), p.angles[:, good - 1], anew=False)
         sizes = np.exp(points.lu.magnitude - points.lu.magnitude[good - 1])
         pivots = (branch.system.pivots()[1] * sizes).tolist()
         parts = (x.T[:good] for x in (p.q, points.t, points.c, p.angles))

@@ -70,10 +70,16 @@ class Path:
                 return k
         return len(values)
 
-    def stand(self, value: float, q: Array, angles: Array) -> None:
-        """Stand at a closed configuration of the same branch, off any strip."""
+    def stand(self, q: Array, angles: Array, anew: bool = True) -> None:
+        """Stand at a closed configuration of the same branch, off any strip.
+
+        Args:
+            q: (nq,) the configuration.
+            angles: of screw closures there.
+            anew: choose the independent rows anew; else those in use do there too.
+        """
         self.branch.evaluation.turns[:] = angles
-        self.branch.jump(q, q, value, 0.0)
+        self.branch.place(q, anew)
         self._strip = None
 
     def _go(self, value: float) -> None:
