@@ -78,12 +78,14 @@ class NodeRows:
 
     def _rows(self, values: Array) -> Array:
         path = self.path
-        order = np.argsort(np.abs(values - path.value)).tolist()
+        order = self._nearest(values)
         rows, pivots = np.empty((len(values), self.columns.width)), np.ones(len(values))
-        plain, failed = [], -1
+        plain = []
+        places = self._together(values[order])
+        if not places:  # something lies ahead, and is soon met on the way to the other end
+            path.go_to(float(values[order[-1]]))
+            order = self._nearest(values)
         while order:
-            places = [] if failed == len(path.crossings) else self._together(values[order])
-            failed = -1 if places else len(path.crossings)  # until another crossing is known
             for place, pivot in places:
                 i = order.pop(0)
                 rows[i], pivots[i] = self._row(place), pivot
@@ -94,6 +96,8 @@ class NodeRows:
                 if not path.is_on_strip(float(values[i])):
                     plain.append(i)
                     pivots[i] = path.branch.system.pivots()[1]
+            if order:
+                places = self._together(values[order])
         width = float(values[0] - values[-1])
         for end, beyond in ((0, 0.25 * width), (-1, -0.25 * width)):
             if pivots[end] < WEAK * pivots.max():
@@ -103,6 +107,11 @@ class NodeRows:
             if path.is_on_strip(float(values[i])):
                 rows[i] = self.at(float(values[i]))
         return rows
+
+    def _nearest(self, values: Array) -> list[int]:
+        """Return the order of values that begins where the branch stands."""
+        order: list[int] = np.argsort(np.abs(values - self.path.value), kind="stable").tolist()
+        return order
 
     def at(self, s: float) -> Array:
         """Return all columns (width,) at a place.
