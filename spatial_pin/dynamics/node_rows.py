@@ -27,7 +27,7 @@ from spatial_pin.mechanism.inertia import MassMatrix
 WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
 LONGEST = 0.3  # rad, characteristic lengths, that a joint moves in a step between nodes
 MOST = 40  # steps to the nodes of a piece
-FEWEST = 6  # nodes that are worth being closed together
+FEWEST = 12  # nodes that are worth being closed together
 
 
 class Place(NamedTuple):

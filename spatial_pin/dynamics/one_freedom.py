@@ -17,6 +17,8 @@ from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate
 
+SURELY = 1.5  # joints move no faster between the nodes of a piece than this times at them
+
 
 class OneFreedom:
     """The right-hand side for the unknowns y: the coordinate's change, its rate, spins, work done.
@@ -189,7 +191,9 @@ class OneFreedom:
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether another independent coordinate would be better."""
-        values = self.table.columns_at(self.start + self.unit * float(y[0]))
-        t1 = values[self.table.columns.t]
+        s = self.start + self.unit * float(y[0])
+        if SURELY * self.table.pace_near(s) * self.unit <= self.patience:
+            return False
+        t1 = self.table.columns_at(s)[self.table.columns.t]
         pace = float(np.abs(t1 / self.problem.scale).max()) * self.unit
         return pace > self.patience

@@ -19,10 +19,12 @@ import pinocchio as pin
 
 from spatial_pin.dynamics.chebyshev import (
     CELLS,
-    POINTS,
-    TO_COEFFICIENTS,
+    FEWER,
+    NODES,
     Piece,
     cells_of,
+    coefficients_of,
+    points,
     polynomials,
     polynomials_at,
 )
@@ -43,6 +45,7 @@ NEAR = 0.1  # of a piece's width: limits nearer than this make it useless
 NOISE = 1e-7  # error of a piece that is not taken any more
 ROUND_OFF = 2e-12  # of a coefficient, by the largest
 FINER = 1e-2  # error of a piece, by the tolerance, that is good enough
+SAFELY = 0.1  # of that, the error with which as many nodes do for the pieces beside it
 SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are judged by it
 SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
@@ -66,6 +69,7 @@ class Table:
         self.mechanism, self.path, self.coordinate, self.forces = (
             mechanism, path, coordinate, forces)
         self.model = mechanism.model
+        self.nodes = NODES  # of the next piece
         self.exact = max(ROUND_OFF, FINER * tolerance)
         self.rows = NodeRows(path, forces, spins)
         self.columns = self.rows.columns
@@ -97,6 +101,14 @@ class Table:
             self.piece = piece = self._find(s)
         x = (2.0 * s - piece.first - piece.last) / (piece.last - piece.first)
         return piece, polynomials(x)
+
+    def pace_near(self, s: float) -> float:
+        """Return how fast joints move at most, scaled, at the nodes of the piece that holds s.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        return self.basis(s)[0].pace
 
     def reduced(self, s: float) -> list[float]:
         """Return m, h and g at s, and w and d of every body that spins.
@@ -232,15 +244,26 @@ class Table:
         """Return a new piece; None where the branch does not go."""
         width = self.span / 2**level
         first = self.path.start + k * width
-        nodes = first + 0.5 * width * (1.0 + POINTS)
+        found = self._through(first, width, self.nodes)
+        if found is not None and found.tail > self.exact and self.nodes < NODES:
+            found = self._through(first, width, NODES)
+        return found
+
+    def _through(self, first: float, width: float, n: int) -> Piece | None:
+        """Return the piece through n nodes; None where the branch does not go."""
         try:
-            rows = self.rows(nodes)
+            rows = self.rows(first + 0.5 * width * (1.0 + points(n)))
         except Lost:
             return None
-        coefficients = TO_COEFFICIENTS @ rows
-        return Piece(first, first + width, coefficients,
-                     cells_of(coefficients[:, self.often]), np.zeros(self.model.nq),
-                     self._tail(coefficients))
+        coefficients = np.zeros((NODES, self.columns.width))
+        coefficients[:n] = coefficients_of(rows)
+        tail = self._tail(coefficients[:n])
+        if n == NODES:
+            enough = (k for k in FEWER if self._tail(coefficients[:k]) < SAFELY * self.exact)
+            self.nodes = next(enough, NODES)
+        pace = np.abs(rows[:, self.columns.t] / self.mechanism.velocity_scale).max()
+        return Piece(first, first + width, coefficients, cells_of(coefficients[:, self.often]),
+                     float(pace), np.zeros(self.model.nq), tail)
 
     def _again(self, level: int, k: int) -> Piece | None:
         """Return a piece of a turn before or after, if all bodies stand as they did then.
