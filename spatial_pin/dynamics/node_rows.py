@@ -27,6 +27,7 @@ from spatial_pin.mechanism.inertia import MassMatrix
 WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
 LONGEST = 0.3  # rad, characteristic lengths, that a joint moves in a step between nodes
 MOST = 40  # steps to the nodes of a piece
+FRESH = 0.6  # pivot, by that where rows were selected, above which they last for a piece
 FEWEST = 12  # nodes that are worth being closed together
 
 
@@ -139,8 +140,9 @@ class NodeRows:
         path.go_to(float(values[0]))
         if path.clear(values) < len(values):  # a crossing was found on the way
             return []
-        if branch.system.has_redundant_rows:
-            branch.reselect()
+        system = branch.system
+        if system.has_redundant_rows and system.pivots()[1] < FRESH * system.selected_pivot:
+            branch.reselect()  # else it may be done on the way, which ends the steps
         start = branch.q, branch.angles
         skeleton = self._steps(batch, float(values[-1] - values[0]))
         if skeleton is None:

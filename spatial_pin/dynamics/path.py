@@ -64,7 +64,7 @@ class Path:
 
     def clear(self, values: Array) -> int:
         """Return how many of some values (N,), in their order, come before any known strip."""
-        for k, value in enumerate(values.tolist()):
+        for k, value in enumerate(values.tolist() if self._strips else ()):
             before = values[max(k - 1, 0)]
             if any(strip.holds(value) or strip.is_between(before, value) for strip in self._strips):
                 return k
