@@ -1,8 +1,8 @@
 """Pieces of Chebyshev polynomials through their nodes.
 
 What is wanted thousands of times is cut into cells with a polynomial of low degree each, which
-plain Python evaluates in a microsecond: where the Chebyshev coefficients fall to round-off, the difference is
-round-off too.
+plain Python evaluates in a microsecond: where the Chebyshev coefficients fall to round-off, the
+difference is round-off too.
 """
 
 from __future__ import annotations

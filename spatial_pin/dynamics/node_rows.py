@@ -27,7 +27,6 @@ from spatial_pin.mechanism.inertia import MassMatrix
 WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
 LONGEST = 0.3  # rad, characteristic lengths, that a joint moves in a step between nodes
 MOST = 40  # steps to the nodes of a piece
-FRESH = 0.6  # pivot, by that where rows were selected, above which they last for a piece
 FEWEST = 12  # nodes that are worth being closed together
 
 
@@ -60,7 +59,8 @@ class NodeRows:
         self._batch = BranchBatch(path.branch) if run.is_possible(path.branch) else None
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, len(path.branch.angles), 4]).tolist()
-        self.columns = Columns(*(slice(a, b) for a, b in pairwise(ends)), ends[-1])
+        q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))
+        self.columns = Columns(q, t, c, springs, turns, reduced, ends[-1])
 
     def __call__(self, values: Array) -> Array:
         """Return all columns (N, width) at descending values (N,) of a piece.
@@ -99,15 +99,19 @@ class NodeRows:
                     pivots[i] = path.branch.system.pivots()[1]
             if order:
                 places = self._together(values[order])
-        width = float(values[0] - values[-1])
-        for end, beyond in ((0, 0.25 * width), (-1, -0.25 * width)):
-            if pivots[end] < WEAK * pivots.max():
-                with contextlib.suppress(Lost):
-                    path.go_to(float(values[end]) + beyond)
+        self._look_beyond(values, pivots)
         for i in plain:
             if path.is_on_strip(float(values[i])):
                 rows[i] = self.at(float(values[i]))
         return rows
+
+    def _look_beyond(self, values: Array, pivots: Array) -> None:
+        """Look for a crossing just beyond an end of a piece where the pivots are weak."""
+        width = float(values[0] - values[-1])
+        for end, beyond in ((0, 0.25 * width), (-1, -0.25 * width)):
+            if pivots[end] < WEAK * pivots.max():
+                with contextlib.suppress(Lost):
+                    self.path.go_to(float(values[end]) + beyond)
 
     def _nearest(self, values: Array) -> list[int]:
         """Return the order of values that begins where the branch stands."""
@@ -140,8 +144,7 @@ class NodeRows:
         path.go_to(float(values[0]))
         if path.clear(values) < len(values):  # a crossing was found on the way
             return []
-        system = branch.system
-        if system.has_redundant_rows and system.pivots()[1] < FRESH * system.selected_pivot:
+        if branch.system.has_redundant_rows:
             branch.reselect()  # else it may be done on the way, which ends the steps
         start = branch.q, branch.angles
         skeleton = self._steps(batch, float(values[-1] - values[0]))

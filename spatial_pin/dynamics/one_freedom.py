@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -183,8 +184,7 @@ class OneFreedom:
                 self.spins.restore(*row, self._sigmas)
         energy, error, angles = self.placed(q, v, values[:, columns.angles])
         none = np.empty(0)
-        return [Row(*row, none, angle) for *row, angle in zip(
-            q, v, a, error.tolist(), energy.tolist(), angles, strict=True)]
+        return list(map(Row, q, v, a, error.tolist(), energy.tolist(), repeat(none), angles))
 
     def settle(self, solver: Any) -> None:
         """Do nothing: every evaluation closes the loops."""

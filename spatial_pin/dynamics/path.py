@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.kinematics import crossing
 from spatial_pin.kinematics.arc import Arrival
@@ -11,6 +15,10 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
+GUESSES = 12  # steps in search of a crossing ahead
+AHEAD = 0.25  # arc length from a crossing at which its place is surely enough known
+FASTER = 2.0  # times that joints move as fast as before, where it is no crossing but a limit
+SAME = 1e-6  # difference of limits that are one
 ROUND_OFF = 1e-15  # closure residual: places are few and all else is made of them
 
 
@@ -96,23 +104,65 @@ class Path:
             between = next((s for s in self._strips if s.is_between(branch.s, value)), None)
             if between is not None:
                 between.leave(branch, value)
-            try:
-                branch.reach(value)
-                return
-            except Stopped as stopped:
-                arrival = stopped.arrival
-            if not self._open_strip(arrival, value):
+            found = self._crossing_ahead(value)
+            if found is None:
+                try:
+                    branch.reach(value)
+                    return
+                except Stopped as stopped:
+                    found = self._crossing_at(stopped.arrival)
+            if not self._take(found, value):
                 return
         raise Lost
 
-    def _open_strip(self, arrival: Arrival, value: float) -> bool:
-        """Take in a crossing ahead; return whether the value lies beyond its strip."""
+    def _crossing_ahead(self, value: float) -> crossing.Strip | None:
+        """Return the crossing that falling pivots tell of, on the way to a value.
+
+        A guess that saves the search for the place, if what is found there is a crossing. At a
+        limit pivots fall too, but joints move ever faster.
+        """
+        branch = self.branch
+        if branch.step(value):
+            return None
+        first, h = self._pace(), 0.5 * (value - branch.s)
+        for _ in range(GUESSES):
+            left = value - branch.s
+            h = left if abs(left) < abs(h) else h
+            if not branch.step(branch.s + h):
+                h *= 0.5
+                continue
+            if branch.s == value:
+                return None
+            pace, room = self._pace(), branch.room(h)
+            if pace > FASTER * first:
+                return None
+            if room * pace < AHEAD:
+                found = crossing.strip(branch, branch.s + math.copysign(room, h))
+                return found if found is not None and found.loses_rank(branch) else None
+        return None
+
+    def _pace(self) -> float:
+        branch = self.branch
+        return float(np.linalg.norm(branch.t / branch.scale))
+
+    def _crossing_at(self, arrival: Arrival) -> crossing.Strip:
+        """Return the crossing at which the branch has stopped.
+
+        Raises:
+            Lost: it is none.
+        """
         found = None
         if arrival.kind in ("branch point", "singular"):
             found = crossing.strip(self.branch, arrival.value)
         if found is None:
-            self.limits += [arrival.value] if arrival.kind == "limit" else []
+            if arrival.kind == "limit" and not any(
+                    abs(limit - arrival.value) < SAME * self.unit for limit in self.limits):
+                self.limits.append(arrival.value)
             raise Lost
+        return found
+
+    def _take(self, found: crossing.Strip, value: float) -> bool:
+        """Take in a crossing ahead; return whether the value lies beyond its strip."""
         self.crossings.append(found.crossing)
         self._strips = [*self._strips[-7:], found]
         if not found.holds(value):

@@ -134,6 +134,10 @@ class Branch:
         for index, fixed in self.held:
             q[index] = fixed
 
+    def room(self, sense: float) -> float:
+        """Return how far ahead the pivots would vanish if they fell as in the last step, or inf."""
+        return self._room[1] if sense > 0.0 else self._room[0]
+
     def predict(self, h: float) -> Array:
         """Return the Taylor step (nv,) for a change h of the driver."""
         order = self.accuracy.order

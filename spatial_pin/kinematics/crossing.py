@@ -24,6 +24,7 @@ REACHES = (0.12, 0.06, 0.02, 0.004)  # arc lengths from a crossing at which it c
 NODES = 8  # configurations on either side that the curve is continued through
 CLOSED = 1e-12  # closure residual between the nodes, above which they are taken nearer
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
+LOST = 1e-6  # smallest over largest singular value at a crossing
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
@@ -120,6 +121,13 @@ class Strip(NamedTuple):
                 return False
         return True
 
+    def loses_rank(self, branch: Branch) -> bool:
+        """Whether the equations lose rank at the crossing, as they do if it is one."""
+        if not self.holds(self.crossing):
+            return False
+        self.put(branch, self.crossing)
+        return Curve(branch.system, ROUND_OFF).sigma(branch.q) < LOST
+
     def configuration(self, branch: Branch, value: float) -> Array:
         """Return the configuration (nq,) at a driver value between the ends."""
         q: Array = pin.normalize(branch.model, self.q(value))
@@ -206,7 +214,7 @@ def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Sid
     Raises:
         SingularError: the rates are not determined at one of them.
     """
-    rows = []
+    rows: list[tuple[Array, ...]] = []
     for length in reach * np.arange(NODES):
         q = curve.ahead(point, length)
         if q is None:
