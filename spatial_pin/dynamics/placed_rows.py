@@ -48,9 +48,9 @@ class PlacedRows:
         placed = batch.place(np.ascontiguousarray(q.T), near.T)
         error = np.abs(placed.residual).max(axis=0, initial=0.0)
         model, data = self.problem.model, self.problem.data
-        energy = np.array([
-            pin.computeKineticEnergy(model, data, *row) + pin.computePotentialEnergy(
-                model, data, row[0]) for row in zip(q, v, strict=True)])
+        energy = np.array([  # the kinetic energy leaves the placements for the potential one
+            pin.computeKineticEnergy(model, data, *row) + pin.computePotentialEnergy(model, data)
+            for row in zip(q, v, strict=True)])
         for line in self.problem.forces.lines:
             if line.energy:
                 energy += [line.energy(x) for x in _lengths(batch, placed, line).tolist()]
