@@ -6,8 +6,8 @@ exactly closed configurations hold q, dq/ds, d²q/ds² and the reduced equation 
     m(s) s'' + h(s) s'² + g(s) = forces,
 
 with m = t^T M t, h = t^T (M c + C(q, t)), g = t^T gravity, t = dq/ds, c = d²q/ds². A piece is
-halved until its last coefficients are round-off. After a whole turn that brings all bodies back,
-pieces are used again.
+halved until its last coefficients are round-off, or as small as the closure tolerance asks for.
+After a whole turn that brings all bodies back, pieces are used again.
 """
 
 from __future__ import annotations
