@@ -120,7 +120,7 @@ class Accuracy:
 
 
 LEVELS = {
-    "draft": Accuracy(tolerance=1e-8, time_tolerance=1e-6),
+    "draft": Accuracy(tolerance=1e-8, time_tolerance=1e-8),
     "engineering": Accuracy(),
     "reference": Accuracy(tolerance=1e-15, time_tolerance=1e-13),
 }

@@ -1,4 +1,9 @@
-"""Pieces of Chebyshev polynomials through their nodes."""
+"""Pieces of Chebyshev polynomials through their nodes.
+
+What is wanted thousands of times is cut into cells with a polynomial of low degree each, which
+plain Python evaluates in a microsecond: where the Chebyshev coefficients fall to round-off, the
+difference is round-off too.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +14,32 @@ import numpy as np
 
 from spatial_pin.linalg import Array
 
-NODES = 24  # of a piece
+NODES = 32  # of a piece, at most
+FEWER = (12, 16, 24)  # others
 
 _K = np.arange(NODES)
-_ANGLES = np.pi * (_K + 0.5) / NODES
-POINTS = np.cos(_ANGLES)  # Chebyshev points in (-1, 1), descending
-TO_COEFFICIENTS = 2.0 / NODES * np.cos(np.outer(_K, _ANGLES))
-TO_COEFFICIENTS[0] *= 0.5
+
+
+def points(n: int) -> Array:
+    """Return n Chebyshev points in (-1, 1), descending."""
+    found: Array = np.cos(np.pi * (np.arange(n) + 0.5) / n)
+    return found
+
+
+def coefficients_of(rows: Array) -> Array:
+    """Return the Chebyshev coefficients (n, k) of functions with values (n, k) at `points(n)`."""
+    n = len(rows)
+    if n not in _TO_COEFFICIENTS:
+        k = np.arange(n)
+        matrix = 2.0 / n * np.cos(np.outer(k, np.pi * (k + 0.5) / n))
+        matrix[0] *= 0.5
+        _TO_COEFFICIENTS[n] = matrix
+    found: Array = _TO_COEFFICIENTS[n] @ rows
+    return found
+
+
+_TO_COEFFICIENTS: dict[int, Array] = {}
+CELLS, TERMS = 96, 7  # of a piece, and of a cell's polynomial
 
 
 class Columns(NamedTuple):
@@ -36,8 +60,9 @@ class Piece(NamedTuple):
     Attributes:
         first, last: ends of the stretch.
         coefficients: (NODES, width) of Chebyshev polynomials.
-        reduced: (NODES, 4 + 6 k) those of m, h, g and the potential energy, and of w and d of k
-            bodies that spin, contiguous.
+        cells: by cell, for m, h and g, and w and d of every body that spins, the polynomial in the
+            place (-1, 1) in the cell, highest power last.
+        pace: how fast joints move at most, scaled, for the coordinate.
         shift: (nq,) what is to be added to q: whole turns.
         tail: last coefficients, by the largest: the error.
     """
@@ -45,7 +70,8 @@ class Piece(NamedTuple):
     first: float
     last: float
     coefficients: Array
-    reduced: Array
+    cells: list[list[list[float]]]
+    pace: float
     shift: Array
     tail: float
 
@@ -60,3 +86,22 @@ def polynomials_at(x: Array) -> Array:
     """Return the Chebyshev polynomials (N, NODES) at places (N,) in (-1, 1)."""
     basis: Array = np.cos(np.arccos(np.clip(x, -1.0, 1.0))[:, None] * _K)
     return basis
+
+
+def _to_cells() -> Array:
+    """Return (CELLS TERMS, NODES): coefficients of powers in each cell from Chebyshev's."""
+    inside = points(TERMS)
+    centres = (2.0 * np.arange(CELLS) + 1.0) / CELLS - 1.0
+    values = polynomials_at((centres[:, None] + inside / CELLS).ravel()).reshape(CELLS, TERMS, -1)
+    powers = np.linalg.inv(np.vander(inside, increasing=True))
+    return np.ascontiguousarray((powers @ values).reshape(CELLS * TERMS, NODES))
+
+
+TO_CELLS = _to_cells()
+
+
+def cells_of(coefficients: Array) -> list[list[list[float]]]:
+    """Return the cells of functions with Chebyshev coefficients (NODES, k), as in `Piece`."""
+    found: list[list[list[float]]] = (
+        (TO_CELLS @ coefficients).reshape(CELLS, TERMS, -1).swapaxes(1, 2).tolist())
+    return found

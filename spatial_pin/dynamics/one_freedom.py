@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,15 @@ import numpy as np
 from spatial_pin.dynamics.embedding import Lost, best_coordinates
 from spatial_pin.dynamics.freedoms import FAST
 from spatial_pin.dynamics.path import Path
+from spatial_pin.dynamics.placed_rows import PlacedRows
 from spatial_pin.dynamics.problem import Problem, Row
 from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.dynamics.table import Table
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate
+
+SURELY = 1.5  # joints move no faster between the nodes of a piece than this times at them
 
 
 class OneFreedom:
@@ -49,7 +53,9 @@ class OneFreedom:
         self.spins, self.q0 = spins, state.q
         self._sigmas: list[float] = []
         self._turns = slice(2, 2 + 4 * len(spins))  # of the unknowns
-        self.table = Table(problem.mechanism, self.path, coordinate, problem.forces, spins)
+        self.table = Table(problem.mechanism, self.path, coordinate, problem.forces, spins,
+                           problem.tolerance)
+        self.placed = PlacedRows(problem, self.evaluation)
         self.forced = problem.forces.exist or problem.constant.any() or problem.law is not None
         self.evaluations, self.patience = 0, FAST
         self.is_fresh_the_same = True
@@ -81,7 +87,7 @@ class OneFreedom:
         rate = float(y[1])
         s, speed = self.start + self.unit * float(y[0]), self.unit * rate
         try:
-            m, h, g, _, *spinning = self.table.reduced(s)
+            m, h, g, *spinning = self.table.reduced(s)
             force, power = self._forces(t, s, y) if self.forced else (0.0, 0.0)
         except Lost:
             return np.full(len(y), np.nan)
@@ -171,22 +177,23 @@ class OneFreedom:
         second = np.divide(free, m, out=np.zeros(len(m)), where=m != 0.0)[:, None]
         v = values[:, columns.t] * rates
         a = values[:, columns.t] * second + values[:, columns.c] * rates**2
-        return [self._row(values, *self._moving(s, values, y, *moving))
-                for s, values, y, *moving in zip(places.tolist(), values, unknowns, v, a,
-                                                 strict=True)]
-
-    def _row(self, values: Array, q: Array, v: Array, a: Array) -> Row:
-        evaluation = self.evaluation
-        self._stand(q, values)
-        return Row(q, v, a, evaluation.closure_error, self.problem.energy(q, v, evaluation),
-                   np.empty(0), evaluation.angles.copy())
+        q = values[:, columns.q].copy()
+        self.table.finish(places, q)
+        if len(self.spins):
+            for row in zip(q, unknowns[:, self._turns], v, a, strict=True):
+                self.spins.restore(*row, self._sigmas)
+        energy, error, angles = self.placed(q, v, values[:, columns.angles])
+        none = np.empty(0)
+        return list(map(Row, q, v, a, error.tolist(), energy.tolist(), repeat(none), angles))
 
     def settle(self, solver: Any) -> None:
         """Do nothing: every evaluation closes the loops."""
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether another independent coordinate would be better."""
-        values = self.table.columns_at(self.start + self.unit * float(y[0]))
-        t1 = values[self.table.columns.t]
+        s = self.start + self.unit * float(y[0])
+        if SURELY * self.table.pace_near(s) * self.unit <= self.patience:
+            return False
+        t1 = self.table.columns_at(s)[self.table.columns.t]
         pace = float(np.abs(t1 / self.problem.scale).max()) * self.unit
         return pace > self.patience

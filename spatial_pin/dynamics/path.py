@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.kinematics import crossing
 from spatial_pin.kinematics.arc import Arrival
@@ -11,6 +15,10 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
+GUESSES = 12  # steps in search of a crossing ahead
+AHEAD = 0.25  # arc length from a crossing at which its place is surely enough known
+FASTER = 2.0  # times that joints move as fast as before, where it is no crossing but a limit
+SAME = 1e-6  # difference of limits that are one
 ROUND_OFF = 1e-15  # closure residual: places are few and all else is made of them
 
 
@@ -25,6 +33,7 @@ class Path:
         unit: size of one unit of the coordinate, 1 rad or the characteristic length.
         start: value of the coordinate at `state`.
         crossings: values of the coordinate at which other branches were crossed.
+        limits: values of the coordinate at which it turned out to end.
     """
 
     def __init__(self, state: State, coordinate: Coordinate) -> None:
@@ -34,6 +43,7 @@ class Path:
         self.unit = float(self.branch.scale[coordinate.v])
         self.start = float(state.q[coordinate.q])
         self.crossings: list[float] = []
+        self.limits: list[float] = []
         self._strip: crossing.Strip | None = None
         self._strips: list[crossing.Strip] = []
 
@@ -60,6 +70,26 @@ class Path:
         """Whether a value of the coordinate lies on the strip about a known crossing."""
         return any(strip.holds(value) for strip in self._strips)
 
+    def clear(self, values: Array) -> int:
+        """Return how many of some values (N,), in their order, come before any known strip."""
+        for k, value in enumerate(values.tolist() if self._strips else ()):
+            before = values[max(k - 1, 0)]
+            if any(strip.holds(value) or strip.is_between(before, value) for strip in self._strips):
+                return k
+        return len(values)
+
+    def stand(self, q: Array, angles: Array, anew: bool = True) -> None:
+        """Stand at a closed configuration of the same branch, off any strip.
+
+        Args:
+            q: (nq,) the configuration.
+            angles: of screw closures there.
+            anew: choose the independent rows anew; else those in use do there too.
+        """
+        self.branch.evaluation.turns[:] = angles
+        self.branch.place(q, anew)
+        self._strip = None
+
     def _go(self, value: float) -> None:
         branch = self.branch
         inside = next((strip for strip in self._strips if strip.holds(value)), None)
@@ -74,22 +104,65 @@ class Path:
             between = next((s for s in self._strips if s.is_between(branch.s, value)), None)
             if between is not None:
                 between.leave(branch, value)
-            try:
-                branch.reach(value)
-                return
-            except Stopped as stopped:
-                arrival = stopped.arrival
-            if not self._open_strip(arrival, value):
+            found = self._crossing_ahead(value)
+            if found is None:
+                try:
+                    branch.reach(value)
+                    return
+                except Stopped as stopped:
+                    found = self._crossing_at(stopped.arrival)
+            if not self._take(found, value):
                 return
         raise Lost
 
-    def _open_strip(self, arrival: Arrival, value: float) -> bool:
-        """Take in a crossing ahead; return whether the value lies beyond its strip."""
+    def _crossing_ahead(self, value: float) -> crossing.Strip | None:
+        """Return the crossing that falling pivots tell of, on the way to a value.
+
+        A guess that saves the search for the place, if what is found there is a crossing. At a
+        limit pivots fall too, but joints move ever faster.
+        """
+        branch = self.branch
+        if branch.step(value):
+            return None
+        first, h = self._pace(), 0.5 * (value - branch.s)
+        for _ in range(GUESSES):
+            left = value - branch.s
+            h = left if abs(left) < abs(h) else h
+            if not branch.step(branch.s + h):
+                h *= 0.5
+                continue
+            if branch.s == value:
+                return None
+            pace, room = self._pace(), branch.room(h)
+            if pace > FASTER * first:
+                return None
+            if room * pace < AHEAD:
+                found = crossing.strip(branch, branch.s + math.copysign(room, h))
+                return found if found is not None and found.loses_rank(branch) else None
+        return None
+
+    def _pace(self) -> float:
+        branch = self.branch
+        return float(np.linalg.norm(branch.t / branch.scale))
+
+    def _crossing_at(self, arrival: Arrival) -> crossing.Strip:
+        """Return the crossing at which the branch has stopped.
+
+        Raises:
+            Lost: it is none.
+        """
         found = None
         if arrival.kind in ("branch point", "singular"):
             found = crossing.strip(self.branch, arrival.value)
         if found is None:
+            if arrival.kind == "limit" and not any(
+                    abs(limit - arrival.value) < SAME * self.unit for limit in self.limits):
+                self.limits.append(arrival.value)
             raise Lost
+        return found
+
+    def _take(self, found: crossing.Strip, value: float) -> bool:
+        """Take in a crossing ahead; return whether the value lies beyond its strip."""
         self.crossings.append(found.crossing)
         self._strips = [*self._strips[-7:], found]
         if not found.holds(value):

@@ -160,8 +160,10 @@ def _independent(problem: Problem, state: State) -> System:
     if not problem.drives:
         spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
         if len(free) - len(spins) == 1:
-            left = best_coordinates(state, [], spins.rows)
-            only = next(c for c in problem.mechanism.coordinate_table.values() if c.v == left[0])
+            coordinates = {c.v: c for c in problem.mechanism.coordinate_table.values()}
+            only = coordinates[free[0]]
+            if len(spins) or only.q < 0:
+                only = coordinates[best_coordinates(state, [], spins.rows)[0]]
             if only.q >= 0:
                 return OneFreedom(problem, state, only, spins)
     return Freedoms(problem, state, free)

@@ -6,44 +6,47 @@ exactly closed configurations hold q, dq/ds, d²q/ds² and the reduced equation 
     m(s) s'' + h(s) s'² + g(s) = forces,
 
 with m = t^T M t, h = t^T (M c + C(q, t)), g = t^T gravity, t = dq/ds, c = d²q/ds². A piece is
-halved until its last coefficients are round-off. After a whole turn that brings all bodies back,
-pieces are used again.
+halved until its last coefficients are round-off, or as small as the closure tolerance asks for.
+After a whole turn that brings all bodies back, pieces are used again.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.dynamics.chebyshev import (
+    CELLS,
+    FEWER,
     NODES,
-    POINTS,
-    TO_COEFFICIENTS,
-    Columns,
     Piece,
+    cells_of,
+    coefficients_of,
+    points,
     polynomials,
     polynomials_at,
 )
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces
+from spatial_pin.dynamics.node_rows import NodeRows
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.spinning import Spins
+from spatial_pin.kinematics.flat import flat_tree_of
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 PIECES = 6  # of a turn, before any is halved
 HALVINGS = 7
 TAIL = 3  # last coefficients that tell the error
 USELESS = 0.3  # of the error that a halved piece may keep, else it is noise that halving keeps
+NEAR = 0.1  # of a piece's width: limits nearer than this make it useless
 NOISE = 1e-7  # error of a piece that is not taken any more
 ROUND_OFF = 2e-12  # of a coefficient, by the largest
+FINER = 1e-2  # error of a piece, by the tolerance, that is good enough
+SAFELY = 0.1  # of that, the error with which as many nodes do for the pieces beside it
 SMALL = 1e-2  # columns smaller than this, by the largest of their kind, are judged by it
-WEAK = 0.1  # pivot at an end, by the largest of the piece, at which a crossing may be near
 SAME = 1e-6  # difference of coordinates, and of their slopes, that are the same again
 TURN = 2.0 * math.pi
 
@@ -56,25 +59,23 @@ class Table:
         coordinate: the coordinate.
         forces: the springs, whose lengths are tabulated too.
         spins: bodies whose spin is left out: see there what stands in the places of their joints.
+        tolerance: closure residual that is asked for [-].
     """
 
     def __init__(
         self, mechanism: Mechanism, path: Path, coordinate: Coordinate, forces: Forces,
-        spins: Spins,
+        spins: Spins, tolerance: float,
     ) -> None:
         self.mechanism, self.path, self.coordinate, self.forces = (
             mechanism, path, coordinate, forces)
-        self.spins = spins
         self.model = mechanism.model
-        self.data = self.model.createData()
-        self._mass = MassMatrix(self.model)
-        nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
-        angles = len(path.branch.angles)
-        ends = np.cumsum([0, nq, nv, nv, 2 * lines, angles, 4]).tolist()
-        q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))
-        self.columns = Columns(q, t, c, springs, turns, reduced, ends[-1])
-        self.often = [*range(ends[-2], ends[-1])]  # columns that every evaluation wants
-        for body in spins.bodies:
+        self.nodes = NODES  # of the next piece
+        self.exact = max(ROUND_OFF, FINER * tolerance)
+        self.rows = NodeRows(path, forces, spins)
+        self.columns = self.rows.columns
+        _, t, *_ = self.columns
+        self.often = [*range(self.columns.reduced.start, self.columns.reduced.stop - 1)]
+        for body in spins.bodies:  # columns that every evaluation wants
             self.often += range(t.start + body.v.start, t.start + body.v.stop)
             self.often += range(body.q.start, body.q.start + 3)
         self.turning = coordinate.unit == "rad"
@@ -101,11 +102,28 @@ class Table:
         x = (2.0 * s - piece.first - piece.last) / (piece.last - piece.first)
         return piece, polynomials(x)
 
+    def pace_near(self, s: float) -> float:
+        """Return how fast joints move at most, scaled, at the nodes of the piece that holds s.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        return self.basis(s)[0].pace
+
     def reduced(self, s: float) -> list[float]:
-        """Return m, h, g and the potential energy at s, and w and d of every body that spins."""
-        piece, basis = self.basis(s)
-        found: list[float] = basis.dot(piece.reduced).tolist()
-        return found
+        """Return m, h and g at s, and w and d of every body that spins.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        piece = self.piece
+        if piece is None or not piece.first <= s <= piece.last:
+            self.piece = piece = self._find(s)
+        place = CELLS * (s - piece.first) / (piece.last - piece.first)
+        k = min(int(place), CELLS - 1)
+        x = 2.0 * (place - k) - 1.0
+        return [a + x * (b + x * (c + x * (d + x * (e + x * (f + x * g)))))
+                for a, b, c, d, e, f, g in piece.cells[k]]
 
     def columns_at(self, s: float) -> Array:
         """Return all columns (width,) at s, q with its whole turns."""
@@ -162,6 +180,11 @@ class Table:
         q[self.coordinate.q] = s
         return q
 
+    def finish(self, places: Array, q: Array) -> None:
+        """Make interpolated q (N, nq) at places (N,) configurations, in place."""
+        flat_tree_of(self.mechanism).normalize(q.T)
+        q[:, self.coordinate.q] = places
+
     def _find(self, s: float) -> Piece:
         """Return the piece that holds s, made if need be; halved as long as that makes it exacter.
 
@@ -174,7 +197,8 @@ class Table:
         tried = []
         for level in range(HALVINGS):
             k = math.floor((s - self.path.start) / self.span * 2**level)
-            if self._is_divided(level, k):
+            if self._is_divided(level, k) or (
+                    level < HALVINGS - 1 and self._is_at_limit(level, k)):
                 continue
             piece = self.pieces.get((level, k)) or self._again(level, k) or self._make(level, k)
             tried.append((level, k))
@@ -183,7 +207,7 @@ class Table:
             if best is not None and piece.tail > USELESS * best[2].tail:
                 break
             best = level, k, piece
-            if piece.tail <= ROUND_OFF:
+            if piece.tail <= self.exact:
                 break
         if best is None or best[2].tail > NOISE:
             self._divide(tried)
@@ -201,6 +225,16 @@ class Table:
             return (level, k) in self.divided
         return (level, k % (PIECES * 2**level)) in self.divided_in_a_turn
 
+    def _is_at_limit(self, level: int, k: int) -> bool:
+        """Whether a piece holds a known limit, or ends so near to one that it will not do.
+
+        Functions go as the square root there: coefficients of Chebyshev polynomials fall slowly.
+        """
+        width = self.span / 2**level
+        first = self.path.start + (k - NEAR) * width
+        return any(first <= limit <= first + (1.0 + 2.0 * NEAR) * width
+                   for limit in self.path.limits)
+
     def _keep(self, level: int, k: int, piece: Piece) -> Piece:
         self.pieces[level, k] = piece
         self.first_made.setdefault((level, k % (PIECES * 2**level)), k)
@@ -210,39 +244,26 @@ class Table:
         """Return a new piece; None where the branch does not go."""
         width = self.span / 2**level
         first = self.path.start + k * width
-        nodes = first + 0.5 * width * (1.0 + POINTS)
+        found = self._through(first, width, self.nodes)
+        if found is not None and found.tail > self.exact and self.nodes < NODES:
+            found = self._through(first, width, NODES)
+        return found
+
+    def _through(self, first: float, width: float, n: int) -> Piece | None:
+        """Return the piece through n nodes; None where the branch does not go."""
         try:
-            rows = self._rows(nodes, width)
+            rows = self.rows(first + 0.5 * width * (1.0 + points(n)))
         except Lost:
             return None
-        coefficients = TO_COEFFICIENTS @ rows
-        return Piece(first, first + width, coefficients,
-                     coefficients[:, self.often].copy(), np.zeros(self.model.nq),
-                     self._tail(coefficients))
-
-    def _rows(self, nodes: Array, width: float) -> Array:
-        """Return all columns (NODES, width) at nodes, those near a crossing from its strip.
-
-        Raises:
-            Lost: the branch does not go to one of them.
-        """
-        path = self.path
-        order = np.argsort(np.abs(nodes - path.value))
-        rows, pivots = np.empty((NODES, self.columns.width)), np.ones(NODES)
-        plain = []
-        for i in order.tolist():
-            rows[i] = self._row(float(nodes[i]))
-            if not path.is_on_strip(float(nodes[i])):
-                plain.append(i)
-                pivots[i] = path.branch.system.pivots()[1]
-        for end, beyond in ((0, 0.25 * width), (-1, -0.25 * width)):  # nodes descend
-            if pivots[end] < WEAK * pivots.max():
-                with contextlib.suppress(Lost):
-                    path.go_to(float(nodes[end]) + beyond)
-        for i in plain:
-            if path.is_on_strip(float(nodes[i])):
-                rows[i] = self._row(float(nodes[i]))
-        return rows
+        coefficients = np.zeros((NODES, self.columns.width))
+        coefficients[:n] = coefficients_of(rows)
+        tail = self._tail(coefficients[:n])
+        if n == NODES:
+            enough = (k for k in FEWER if self._tail(coefficients[:k]) < SAFELY * self.exact)
+            self.nodes = next(enough, NODES)
+        pace = np.abs(rows[:, self.columns.t] / self.mechanism.velocity_scale).max()
+        return Piece(first, first + width, coefficients, cells_of(coefficients[:, self.often]),
+                     float(pace), np.zeros(self.model.nq), tail)
 
     def _again(self, level: int, k: int) -> Piece | None:
         """Return a piece of a turn before or after, if all bodies stand as they did then.
@@ -265,7 +286,7 @@ class Table:
         """Return what a turn of the coordinate adds to q (nq,); None if bodies do not come back."""
         middle = 0.5 * (old.first + old.last)
         there = polynomials(0.0) @ old.coefficients
-        here = self._row(middle + turns * TURN)
+        here = self.rows.at(middle + turns * TURN)
         q, t = self.columns.q, self.columns.t
         shift = here[q] - there[q] - old.shift
         whole = np.zeros(len(shift))
@@ -285,23 +306,3 @@ class Table:
             largest[largest == 0.0] = 1.0
             tail = max(tail, float((sizes[-TAIL:] / largest).max(initial=0.0)))
         return tail
-
-    def _row(self, s: float) -> Array:
-        """Return all columns (width,) at a node, loops closed."""
-        path, model, data = self.path, self.model, self.data
-        path.go_to(s)
-        q, t, c = path.q, path.branch.t, path.branch.c
-        if len(self.spins):
-            t, c = self.spins.without(q, t, c)
-        gravity = pin.computeGeneralizedGravity(model, data, q).copy()
-        motion = pin.rnea(model, data, q, t, c) - gravity
-        mass = self._mass(q)
-        springs: list[float] = []
-        for line in self.forces.lines:
-            row, length, _ = self.forces.row(path.evaluation, line)
-            springs += [length, float(row @ t)]
-        potential = float(pin.computePotentialEnergy(model, data, q))
-        reduced = [t @ mass @ t, t @ motion, t @ gravity, potential]
-        if len(self.spins):
-            q, t, c = self.spins.put(q, t, c)
-        return np.concatenate([q, t, c, springs, path.branch.angles, reduced])

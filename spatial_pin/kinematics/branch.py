@@ -31,6 +31,7 @@ TURNED = 0.5  # least cosine between the path directions at the two ends of a st
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
 NEARER = 0.75  # part of the way to where the pivots would vanish that one step may go
+ROOMY = math.inf, math.inf  # down and up to where the pivots would vanish, if they fall
 WORN = 0.2  # reselect redundant rows when the pivots have worn down to this fraction
 
 
@@ -43,7 +44,7 @@ class Branch:
         t: (nv,) dq/ds.
         c: (nv,) d²q/ds².
         angles: relative angle of every screw closure, counting turns.
-        room: how far the driver may go before the last steps' pivots would vanish.
+        rooms: how far the driver may go down and up before the last steps' pivots would vanish.
     """
 
     def __init__(self, state: State, driven: Sequence[Coordinate], accuracy: Accuracy) -> None:
@@ -71,7 +72,7 @@ class Branch:
         self.unit[self.system.driver_rows.start] = 1.0 / self.scale[driven[0].v]
         self._drive = np.zeros(len(driven))
         self._previous: tuple[float, Array] | None = None
-        self._pivot, self.room = pivot, math.inf
+        self._pivot, self.rooms = pivot, ROOMY
         self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
                       for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
@@ -96,19 +97,25 @@ class Branch:
         self.evaluation.update(self.q)
         self.system.factor()
         self._previous = None
-        self._pivot, self.room = self.system.pivots()[1], math.inf
+        self._pivot, self.rooms = self.system.pivots()[1], ROOMY
         self._set_rates()
 
-    def place(self, q: Array) -> None:
-        """Stand at a closed configuration, independent rows chosen anew; spins are left alone.
+    def place(self, q: Array, anew: bool = True) -> None:
+        """Stand at a closed configuration; spins are left alone.
+
+        Args:
+            q: the configuration.
+            anew: choose the independent rows anew; else those in use are known to do.
 
         Raises:
             SingularError: the driver does not determine the motion there.
         """
         self.q, self.s = q, float(q[self.at])
-        self.system.select(q)
+        self.evaluation.update(q)
+        if anew or not self.system.factor():
+            self.system.select(q)
         self.sign, self._pivot = self.system.pivots()
-        self._previous, self.room = None, math.inf
+        self._previous, self.rooms = None, ROOMY
         self._set_rates()
 
     def _begin_spins(self, before: Array, h: float) -> None:
@@ -127,6 +134,10 @@ class Branch:
         q[self.at] = value
         for index, fixed in self.held:
             q[index] = fixed
+
+    def room(self, sense: float) -> float:
+        """Return how far ahead the pivots would vanish if they fell as in the last step, or inf."""
+        return self.rooms[1] if sense > 0.0 else self.rooms[0]
 
     def predict(self, h: float) -> Array:
         """Return the Taylor step (nv,) for a change h of the driver."""
@@ -150,7 +161,7 @@ class Branch:
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))
-        if not size <= LONGEST_STEP or abs(h) > NEARER * self.room:
+        if not size <= LONGEST_STEP or h > NEARER * self.rooms[1] or -h > NEARER * self.rooms[0]:
             return False
         if self.spins and not self.spins[0].continues(h):
             back = (0.5 * h * h) * self.c - h * self.t
@@ -193,7 +204,8 @@ class Branch:
         self._previous = (h, before[2])
         # two branches that cross twice at one place leave the sign of the determinant as it was
         fall = pivot_before - pivot
-        self.room = pivot * abs(h) / fall if fall > 0.0 else math.inf
+        room = pivot * abs(h) / fall if fall > 0.0 else math.inf
+        self.rooms = (math.inf, room) if h > 0.0 else (room, math.inf)
         if not worn:  # else `reselect` has taken it
             self._pivot = pivot
         return True
@@ -282,7 +294,7 @@ class Branch:
             raise Stopped(Arrival("singular", arrival.q, target)) from None
         if self.system.pivots()[1] < SINGULAR_PIVOT:
             raise Stopped(Arrival("singular", arrival.q, target))
-        self._previous, self.room = None, math.inf
+        self._previous, self.rooms = None, ROOMY
         for spin in self.spins:
             spin.forget()
         self._set_rates()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,7 @@ REACHES = (0.12, 0.06, 0.02, 0.004)  # arc lengths from a crossing at which it c
 NODES = 8  # configurations on either side that the curve is continued through
 CLOSED = 1e-12  # closure residual between the nodes, above which they are taken nearer
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
+LOST = 1e-6  # smallest over largest singular value at a crossing
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
@@ -48,10 +49,21 @@ def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | No
     return curve.settle(found, pin.difference(curve.model, base.q, found) / curve.scale)
 
 
-def _polynomial(x: Array, rows: Array) -> Any:
-    from scipy.interpolate import BarycentricInterpolator  # on use: it takes half a second
+def _polynomial(x: Array, rows: Array) -> Callable[[float], Array]:
+    """Return the polynomial through rows (N, k) at places (N,) [BerrutTrefethen2004, 4.2]."""
+    gaps = (4.0 / np.ptp(x)) * (x[:, None] - x)  # products neither large nor small
+    np.fill_diagonal(gaps, 1.0)
+    weights = 1.0 / gaps.prod(axis=1)
 
-    return BarycentricInterpolator(x, rows)
+    def at(value: float) -> Array:
+        away = value - x
+        if not away.all():
+            return rows[np.argmin(np.abs(away))]
+        parts = weights / away
+        found: Array = (parts @ rows) / parts.sum()
+        return found
+
+    return at
 
 
 def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
@@ -100,16 +112,31 @@ class Strip(NamedTuple):
 
     def is_closed(self, branch: Branch, values: Array) -> bool:
         """Whether the loops are closed between the nodes at `values` too."""
-        for value in 0.5 * (values[1:] + values[:-1]):
-            self.put(branch, float(value))
-            if np.abs(branch.residual).max(initial=0.0) > CLOSED:
+        evaluation = branch.evaluation
+        for value in (0.5 * (values[1:] + values[:-1])).tolist():
+            q = self.configuration(branch, value)
+            evaluation.turns[:] = self.angles(value)
+            evaluation.update(q)
+            if np.abs(evaluation.residual).max(initial=0.0) > CLOSED:
                 return False
         return True
 
+    def loses_rank(self, branch: Branch) -> bool:
+        """Whether the equations lose rank at the crossing, as they do if it is one."""
+        if not self.holds(self.crossing):
+            return False
+        self.put(branch, self.crossing)
+        return Curve(branch.system, ROUND_OFF).sigma(branch.q) < LOST
+
+    def configuration(self, branch: Branch, value: float) -> Array:
+        """Return the configuration (nq,) at a driver value between the ends."""
+        q: Array = pin.normalize(branch.model, self.q(value))
+        branch.hold(q, value)
+        return q
+
     def put(self, branch: Branch, value: float) -> None:
         """Write the branch at a driver value between the ends into `branch`."""
-        q = pin.normalize(branch.model, self.q(value))
-        branch.hold(q, value)
+        q = self.configuration(branch, value)
         branch.q, branch.s = q, value
         branch.t, branch.c, branch.angles = (x(value) for x in (self.t, self.c, self.angles))
         branch.evaluation.turns[:] = branch.angles
@@ -187,12 +214,12 @@ def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Sid
     Raises:
         SingularError: the rates are not determined at one of them.
     """
-    rows = []
+    rows: list[tuple[Array, ...]] = []
     for length in reach * np.arange(NODES):
         q = curve.ahead(point, length)
         if q is None:
             raise SingularError("the branch bends away from its crossing")
-        branch.place(q)
+        branch.place(q, anew=not rows)  # further away from the crossing those rows do better still
         rows.append((q, branch.t, branch.c, branch.angles, np.array(curve.sigma(q))))
     return _Side(*(np.array(column) for column in zip(*rows, strict=True)))
 

@@ -89,7 +89,7 @@ def steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
 
 def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
     branch = batch.branch
-    start = branch.q, branch.angles, branch.s, [copy(spin) for spin in branch.spins], branch.room
+    start = branch.q, branch.angles, branch.s, [copy(spin) for spin in branch.spins], branch.rooms
     rows, angles = [(branch.q, branch.t, branch.c)], [branch.angles]
     for j in range(1, n + 1):
         selected = branch.system.rows
@@ -102,7 +102,7 @@ def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
     if len(rows) < FEWEST:
         branch.evaluation.turns[:] = start[1]
         branch.place(start[0])
-        branch.s, branch.spins, branch.room = start[2:]
+        branch.s, branch.spins, branch.rooms = start[2:]
         return None
     q, t, c = (np.ascontiguousarray(np.array(x).T) for x in zip(*rows, strict=True))
     return Skeleton(start[2], h, NodeCurve(start[2], h, q, *batch.tree.entry_rates(q, t, c)),

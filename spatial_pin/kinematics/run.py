@@ -190,4 +190,5 @@ class Runner:
         if self.branch.system.has_redundant_rows:
             self.branch.reselect()
         sense = math.copysign(1.0, skeleton.h)
-        self.branch.room = nodes.room_after(values, points.lu.magnitude, sense)
+        room = nodes.room_after(values, points.lu.magnitude, sense)
+        self.branch.rooms = (math.inf, room) if sense > 0.0 else (room, math.inf)
