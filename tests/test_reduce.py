@@ -54,9 +54,10 @@ def test_the_smallest_model_is_found_and_yields_the_output(name, output, coordin
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LINKAGES)
-def test_every_coordinate_and_link_of_the_library_is_yielded(name):
+def test_coordinates_and_links_of_the_library_are_yielded(name):
     mechanism = sp.load(name)
-    for output in [*mechanism.coordinates, *mechanism.links[1:]]:
+    outputs = [*mechanism.coordinates, *mechanism.links[1:]]
+    for output in outputs[:: 1 + len(outputs) // 12]:
         reduced = sp.reduce(mechanism, output)
         assert sizes(reduced) <= sizes(mechanism)
         found = reduced.verify()

@@ -207,6 +207,14 @@ def test_a_faster_motion_is_as_exact(integrator, tmp_path):
     np.testing.assert_allclose(ends, np.tile(ends[1], (3, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("gravity", [9.81e-6, 9.81, 9.81e6, 9.81e12])
+def test_the_energy_drifts_as_little_at_any_pace(gravity, tmp_path):
+    mech = falling(tmp_path, gravity)
+    motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 10.0 / np.sqrt(gravity))
+    assert motion.energy_drift < 1e-10
+    assert motion.steps < 450
+
+
 def test_work_is_counted_by_the_energy_of_the_bodies(tmp_path):
     """A rod of any mass turned by a motor as strong: as many steps, as small a drift."""
     found = []

@@ -156,7 +156,7 @@ class Mechanism:
     path: Path | None = None
     tree: Path | None = None
     urdf: str = ""
-    memo: dict[Any, Any] = field(default_factory=dict, repr=False)
+    memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but the memo."""
