@@ -121,11 +121,21 @@ class Projected:
 
     def _bias(self, q: Array, v: Array) -> Array:
         """Return gamma (n_rows,), the evaluation standing at q."""
-        self.evaluation.update(q)
-        if self.evaluation.turns.size:
-            self.evaluation.turns[:] = self.evaluation.angles
+        self._update(q)
         gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
         return gamma
+
+    def _update(self, q: Array) -> None:
+        """Evaluate the loops at q, screws in the turn that closes them best: steps may be long."""
+        evaluation = self.evaluation
+        evaluation.update(q)
+        screws = evaluation.constraints.screws
+        if not screws:
+            return
+        for k, (at, _, pitch) in enumerate(screws):
+            open_by = evaluation.residual[at] / pitch if pitch else 0.0
+            evaluation.turns[k] = evaluation.angles[k] + open_by
+        evaluation.update(q)
 
     def settle(self, solver: Any) -> None:
         """Take the solver's state back to closed loops and to velocities that they allow.
@@ -158,11 +168,12 @@ class Projected:
     def _closed(self, q: Array, v: Array) -> tuple[Array, Array]:
         evaluation = self.evaluation
         for k in range(6):
-            evaluation.update(q)
+            self._update(q)
             worst = evaluation.closure_error
             self._corrections, self._opened = k, self._opened if k else worst
             if not worst < OPEN:
-                raise Lost
+                raise Lost(f"a step has opened the loops by {worst:.1e}, too far to be projected "
+                           "back; ask for a smaller step or error")
             svd = decompose(evaluation.jacobian[self.selected])
             if worst <= self.problem.tolerance or k == 5:
                 break
