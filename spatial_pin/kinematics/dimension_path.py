@@ -48,6 +48,9 @@ def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) ->
         SpatialPinError: the branch ends before it.
     """
     drivers = {mechanism.driven_coordinate(name).name: x for name, x in drivers.items()}
+    if mechanism.coordinates != near.mechanism.coordinates:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has other coordinates at dimensions "
+                              f"{dict(mechanism.parameters)}")
     state, done, part = near, 0.0, 1.0
     begin, end = near.mechanism.dimensions, mechanism.dimensions
     changed = {name: (begin.get(name, x), x) for name, x in end.items() if begin.get(name, x) != x}
