@@ -31,6 +31,7 @@ from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.dynamics.sparse import SparseEquations
+from spatial_pin.mechanism.export import content_of
 
 LIBRARY = sp.list_mechanisms()
 G = 9.81
@@ -406,6 +407,16 @@ def test_a_spring_about_a_joint(tmp_path):
     answer = forward_dynamics(mech, state)
     assert answer.a == pytest.approx([torque / (0.02 + 1.5 * 0.16)], rel=1e-13)
     assert answer.reactions["pin"].angular == pytest.approx(np.zeros(3), abs=1e-13)
+
+
+@pytest.mark.parametrize("key", ["free_length", "free_angle"])
+def test_a_spring_along_a_slide(tmp_path, key):
+    tree = heavy(known.sliding("slide", "ground", "block", axis=(1, 0, 0)), block=(1.5,))
+    toml = spring(name="s", joint="slide", stiffness=5.0, damping=0.2, **{key: -0.1})
+    mech = known.load(tmp_path, "block", tree, toml)
+    state = sp.solve_rates(mech, sp.assemble(mech, {"slide": 0.6}), {"slide": -2.0})
+    assert forward_dynamics(mech, state).a == pytest.approx([(-5.0 * 0.7 + 0.2 * 2.0) / 1.5])
+    assert content_of(mech)["springs"][0][key] == -0.1
 
 
 # ---------------------------------------------------------------- actuation

@@ -47,6 +47,17 @@ def test_the_curve_of_a_non_grashof_linkage_is_traced_through_both_limits():
     assert motion.closure_error.max() < 1e-13
 
 
+def test_a_curve_that_is_not_closed_within_its_rows_says_so():
+    mechanism = sp.load("four_bar")
+    whole = sp.trace(mechanism, "crank", step=0.1)
+    assert "not closed" not in {event.kind for event in whole.events}
+    part = sp.trace(mechanism, "crank", step=0.1, most_rows=len(whole) - 2)
+    last = part.events[-1]
+    assert (last.kind, last.row, last.value) == ("not closed", len(part), part.driver[-1])
+    assert f"not closed within {len(part)} rows" in last.text
+    np.testing.assert_array_equal(part.q, whole.q[: len(part)])
+
+
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "rspc"])
 def test_rates_along_a_traced_curve_are_derivatives_with_respect_to_its_length(name):
     mechanism = sp.load(name)

@@ -824,6 +824,10 @@ REFUSED = {
     # springs and passive freedoms
     "spring with joint and frames": bad('joint = "hinge"', 'joint = "hinge"\nframes = ["a", "b"]',
                                         r"springs\[1\]", "frames", "joint"),
+    "spring about a turning joint with a length": bad(
+        "free_angle = 0.5", "free_length = 0.5", "'coil'", "'hinge' turns", "free_angle"),
+    "spring with a length and an angle": bad(
+        "free_angle = 0.5", "free_angle = 0.5\nfree_length = 0.5", r"springs\[1\]", "free_length"),
     "spring with neither": bad('joint = "hinge"', "", r"springs\[1\]", "frames", "joint"),
     "spring about a joint that does not exist": bad(
         'joint = "hinge"', 'joint = "hinges"', "'coil'", "did you mean 'hinge'"),

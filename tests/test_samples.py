@@ -269,7 +269,40 @@ def test_samples_far_away_stay_on_the_branch(tmp_path, by_themselves):
     same = min(gaps, key=lambda gap: np.abs(gap).max())
     assert found.failed == 0
     np.testing.assert_allclose(found.samples["rocker"], nominal + same, rtol=0, atol=3e-14)
-    assert 0 < len(by_themselves) < SAMPLES / 2
+    assert not by_themselves
+
+
+@pytest.mark.parametrize("way", ["together", "one by one"])
+def test_samples_fail_only_where_the_triangle_cannot_be_closed(monkeypatch, by_themselves, way):
+    """Deviations of 5 % turn the rocker by up to a radian; the RSSR's closed form tells it all."""
+    if way == "one by one":
+        monkeypatch.setattr(module._Together, "of", classmethod(lambda *args: None))
+    mechanism = sp.load("rssr")
+    state = sp.assemble(mechanism, {"crank": 0.0})
+    state = sp.solve_rates(mechanism, state, {"crank": 1.0})
+    n = 600 if way == "together" else 60
+    found = sp.tolerance(mechanism, "rocker_pin", {"a": 0.01, "b": 0.02, "d": 0.02}, state,
+                         samples=n, seed=3)
+    a, b, d = (found.dimensions[name] for name in "abd")
+    c = mechanism.dimensions["c"]
+    cosine = (b * b - a * a - c * c - d * d + 2 * a * d) / (2 * c * (d - a))
+    np.testing.assert_array_equal(found.is_closed, np.abs(cosine) <= 1.0)
+    assert found.failed == np.count_nonzero(np.abs(cosine) > 1.0) == (way == "together")
+    expected = np.arccos(cosine[found.is_closed])
+    assert np.abs(expected - found.nominal["rocker_pin"]).max() > (0.3 if n < 600 else 1.0)
+    np.testing.assert_allclose(found.samples["rocker_pin"], expected, rtol=0, atol=2e-14)
+    assert len(by_themselves) == 60 if way == "one by one" else 0 < len(by_themselves) < 10
+
+
+def test_samples_are_told_with_their_dimensions():
+    mechanism = sp.load("rssr")
+    state = sp.assemble(mechanism, {"crank": 1.0})
+    found = sp.tolerance(mechanism, "rocker_pin", {"b": 1e-5, "d": 2e-5}, state, samples=200)
+    by = np.stack([found.dimensions[name][found.is_closed] for name in ("b", "d")])
+    by -= [[mechanism.dimensions["b"]], [mechanism.dimensions["d"]]]
+    slopes = np.linalg.lstsq(by.T, found.samples["rocker_pin"] - found.nominal["rocker_pin"])[0]
+    linear = sp.sensitivity(mechanism, state, "rocker_pin", ["b", "d"]).derivatives
+    np.testing.assert_allclose(slopes, [linear["b"], linear["d"]], rtol=1e-3)
 
 
 @pytest.mark.parametrize("formula", ["${max(a, 0.3)}", "${0.2 if a > 0.3 else 0.21}",

@@ -82,8 +82,7 @@ class Forces:
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
-        free = spring.free_angle if spring.joint else spring.free_length
-        k, c = spring.stiffness, spring.damping
+        free, k, c = spring.free, spring.stiffness, spring.damping
         energy = None if law else lambda x: 0.5 * k * (x - free) ** 2
         storing = None if law else lambda x: k * (x - free)
         law = law or (lambda x, rate: k * (x - free) + c * rate)

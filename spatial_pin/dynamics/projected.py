@@ -136,11 +136,21 @@ class Projected:
 
     def _bias(self, q: Array, v: Array) -> Array:
         """Return gamma (n_rows,), the evaluation standing at q."""
-        self.evaluation.update(q)
-        if self.evaluation.turns.size:
-            self.evaluation.turns[:] = self.evaluation.angles
+        self._update(q)
         gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
         return gamma
+
+    def _update(self, q: Array) -> None:
+        """Evaluate the loops at q, screws in the turn that closes them best: steps may be long."""
+        evaluation = self.evaluation
+        evaluation.update(q)
+        screws = evaluation.constraints.screws
+        if not screws:
+            return
+        for k, (at, _, pitch) in enumerate(screws):
+            open_by = evaluation.residual[at] / pitch if pitch else 0.0
+            evaluation.turns[k] = evaluation.angles[k] + open_by
+        evaluation.update(q)
 
     def settle(self, solver: Any) -> float:
         """Take the solver's state back to closed loops and to velocities that they allow.
@@ -188,7 +198,7 @@ class Projected:
         """
         evaluation, last = self.evaluation, allowed
         for k in range(MOST_CORRECTIONS):
-            evaluation.update(q)
+            self._update(q)
             worst = evaluation.closure_error
             if k == 0:
                 self._opened = worst

@@ -99,10 +99,11 @@ def simulate(
     try:
         for t in run.follow(state):
             bar.update(t - bar.n)
-    except Lost:
+    except Lost as lost:
+        why = str(lost) or "the loops lose rank, or branches cross, there"
         raise SingularError(
             f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
-            "the loops lose rank, or branches cross, there", motion=run.motion(),
+            f"{why}", motion=run.motion(),
         ) from None
     except SingularError as error:
         error.motion = run.motion()

@@ -27,11 +27,13 @@ class Arrival(NamedTuple):
         kind: "reached", "limit", "branch point", "singular" or "lost".
         q: (nq,) the configuration.
         value: the driver value there [rad or m].
+        is_far: whether it was lost only because the way is too long.
     """
 
     kind: str
     q: Array
     value: float
+    is_far: bool = False
 
 
 class CurvePoint(NamedTuple):

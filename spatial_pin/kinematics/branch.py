@@ -28,6 +28,8 @@ ROUND_OFF = 1e-14  # correction after which there is no closer
 CLOSED = 1e-22  # square of the closure residual that round-off may leave
 CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
+STRETCH = 64.0  # rad, characteristic lengths, that joints move between new estimates of the way
+MOST_STRETCHES = 1e4  # a value farther away is not followed to in one row
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
 NEARER = 0.75  # part of the way to where the pivots would vanish that one step may go
@@ -265,9 +267,21 @@ class Branch:
         """Move to `target` by as many steps as the branch needs.
 
         Raises:
-            Stopped: a limit or a singular configuration lies before it.
+            Stopped: a limit or a singular configuration lies before it, or it is too far away.
         """
-        if target == self.s or self.step(target):
+        while target != self.s:
+            stretches = self._stretches(target)
+            if not stretches <= MOST_STRETCHES:
+                raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
+            self._reach(target if stretches <= 1.0 else self.s + (target - self.s) / stretches)
+
+    def _stretches(self, target: float) -> float:
+        """Return how many stretches away a target is at the present rates."""
+        return abs(target - self.s) * float(np.linalg.norm(self.t / self.scale)) / STRETCH
+
+    def _reach(self, target: float) -> None:
+        """Move over one stretch, whose length the halvings of a step can deal with."""
+        if self.step(target):
             return
         self.reselect()
         h = target - self.s

@@ -116,7 +116,8 @@ def trace(
     Returns:
         A Motion whose rates are with respect to the arc length; limit positions, and crossings
         with other branches that are passed straight on, are its events.
-        The last row is the first one again, unless the curve was not closed within `most_rows`.
+        The last row is the first one again; if the curve was not closed within `most_rows`, the
+        last event is of kind "not closed".
 
     Raises:
         AssemblyError: the guess does not close.
@@ -153,6 +154,8 @@ def trace(
             rows.add_first_again()
             break
         rows.add(point)
+    else:
+        rows.note("not closed", float(point.q[curve.driver.q]))
     return rows.motion()
 
 
@@ -277,10 +280,11 @@ class _TracedRows:
         self.errors.append(self.errors[0])
 
     def note(self, kind: str, value: float) -> None:
-        """Keep a limit position or a crossing as an event."""
+        """Keep a limit position, a crossing, or an end before the curve is closed, as an event."""
         unit = self.mechanism.coordinate(self.driver).unit
         words = {"limit": "limit position (dead centre)",
-                 "branch point": "branch point, passed straight on,"}
+                 "branch point": "branch point, passed straight on,",
+                 "not closed": f"not closed within {len(self.points)} rows: left off"}
         text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
         self.events.append(Event(kind, value, len(self.points), text))
 

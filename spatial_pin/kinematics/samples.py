@@ -1,9 +1,10 @@
 """Many mechanisms that differ in their dimensions, closed together near one configuration.
 
-`assemble` from that configuration is the specification: damped least motion, then Newton. Here
-all samples take the same steps over flat arrays (`kinematics.batch`), each with its own geometry
-(`kinematics.geometry`). A sample that does not go straight to its closed configuration, or comes
-to a singular one, is left to `assemble`.
+`dimension_path` from that configuration is the specification: damped least motion, then Newton.
+Here all samples take the same steps over flat arrays (`kinematics.batch`), each with its own
+geometry (`kinematics.geometry`). A sample that does not go straight to its closed configuration is
+taken there by sets of dimensions between; one that comes to a singular configuration is left to
+`dimension_path`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from spatial_pin.settings import Accuracy
 DAMPING = 1e-2  # as `newton.close` begins with, and takes a tenth of after every step
 LEAST_DAMPING = 1e-9  # where rows are redundant
 STEPS = 12
-LONGEST = 0.25  # rad, characteristic lengths, that a joint may move in all
+LONGEST = 0.25  # rad, characteristic lengths, that a joint may move from one set of dimensions
 WAY = 1.0  # the same of all joints together, which leaves axes pointing the same way
 CONTRACTION = 0.2  # a step may be this fraction of the one before
 CLOSED = 1e-13  # closure residual of a closed sample
@@ -119,13 +120,19 @@ class Solver:
                 {mechanism.driven_coordinate(k).name: x for k, x in given.items()}
                 for given in (speeds, accelerations)))
 
-    def solve(self, geometry: Geometry, m: int) -> tuple[Moving, NDArray[np.bool_]]:
-        """Close m samples; return them, and which of them (m,) are good."""
+    def solve(
+        self, geometry: Geometry, m: int, near: Placed | None = None
+    ) -> tuple[Moving, NDArray[np.bool_]]:
+        """Close m samples, from the state or from where they were at dimensions on the way.
+
+        Returns:
+            The samples, and which of them (m,) are good.
+        """
         batch = self.batch.of_other_dimensions(
             geometry.joints, geometry.coefficients, times(geometry.constants, np.ones((1, m))))
         metric = self._metric(geometry, m)
         with np.errstate(all="ignore"):  # of samples that go astray
-            placed, good = self._closed(batch, metric, m)
+            placed, good = self._closed(batch, metric, m, near)
             good &= self._in_place(placed.q, geometry)
             if not self.moves:
                 rest = np.zeros((self.batch.tree.nv, m))
@@ -147,10 +154,10 @@ class Solver:
     # ------------------------------------------------------------ closing
 
     def _closed(
-        self, batch: Batch, metric: Metric, m: int
+        self, batch: Batch, metric: Metric, m: int, begin: Placed | None
     ) -> tuple[Placed, NDArray[np.bool_]]:
-        start = np.repeat(self.state.q[:, None], m, axis=1)
-        near = np.repeat(self.state.angles[:, None], m, axis=1)
+        start = np.repeat(self.state.q[:, None], m, axis=1) if begin is None else begin.q
+        near = np.repeat(self.state.angles[:, None], m, axis=1) if begin is None else begin.angles
         p = batch.place(start, near)
         good, last, damping = np.ones(m, dtype=bool), np.full(m, np.inf), DAMPING
         farthest, way = np.zeros(m), np.zeros(m)

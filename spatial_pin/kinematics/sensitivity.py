@@ -14,20 +14,18 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError, UnknownNameError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.dimension_path import followed, varied
 from spatial_pin.kinematics.limits import limits
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.rates import solve_rates
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 
 STEP = 2e-3  # of the dimension; of the characteristic length (1 for angles) when it is zero
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 ROUND_OFF = 4e-15  # relative error of an output, for the error estimate
-BRANCH = 0.3  # rad, characteristic lengths: coordinates that move more have left the branch
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +116,6 @@ def _derivative(at: Mapping[int, Array], h: float) -> tuple[Any, float]:
     return (float(eighth) if eighth.ndim == 0 else eighth), error
 
 
-def varied(mechanism: Mechanism, dimensions: Mapping[str, float]) -> Mechanism:
-    """Return the mechanism with some dimensions changed, loaded anew from its files."""
-    if mechanism.path is None:
-        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
-    return load(mechanism.path, **{**mechanism.parameters, **dimensions})
-
-
 @dataclass(frozen=True)
 class Drive:
     """The drivers' motion of a state: values, speeds, accelerations by coordinate."""
@@ -140,7 +131,13 @@ class Drive:
         return cls(*({name: r[k] for name, r in rates.items()} for k in range(3)))
 
     def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
-        """Return outputs of a mechanism whose drivers move as here, on the branch of `near`."""
+        """Return outputs of a mechanism whose drivers move as here.
+
+        Args:
+            mechanism: the mechanism.
+            near: a closed state of it at these or other dimensions, whose branch is followed.
+            outputs: as for `sensitivity`.
+        """
         row: Motion | None = None
         found = []
         for output in outputs:
@@ -159,15 +156,7 @@ class Drive:
         return found
 
     def _state(self, mechanism: Mechanism, near: State) -> State:
-        state = assemble(mechanism, self.values, near)
-        linear = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
-        moved = max((abs(state.q[c.q] - near.q[c.q]) / mechanism.velocity_scale[c.v]
-                     for c in linear), default=0.0)
-        if moved > BRANCH:
-            raise SpatialPinError(
-                f"mechanism {mechanism.name!r}: no closed configuration of this branch at "
-                f"dimensions {dict(mechanism.parameters)}; the nearest is {moved:.2g} away"
-            )
+        state = followed(mechanism, self.values, near)
         if any(self.speeds.values()) or any(self.accelerations.values()):
             state = solve_rates(mechanism, state, self.speeds, self.accelerations)
         return state

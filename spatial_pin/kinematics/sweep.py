@@ -10,11 +10,11 @@ import numpy as np
 from tqdm import tqdm
 
 from spatial_pin.checks import as_array, finite_array
-from spatial_pin.errors import AssemblyError, LimitError, SingularError
+from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.branch import TIGHT, Branch, Stopped
+from spatial_pin.kinematics.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rates import ROUNDINGS, check_finite, driven_coordinates
@@ -102,6 +102,8 @@ def sweep(
         LimitError: a later value cannot be reached; has the limit and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
+        SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
+            that moves most, away from the row before.
         UnknownNameError: a name does not exist.
         ValueError: values or speeds are not finite, or make rates that are not.
     """
@@ -310,7 +312,7 @@ def _event(stop: Arrival, row: int, driver: str, coordinate: Coordinate) -> Even
 
 def _error(
     motion: Motion, stop: Arrival, driver: str, coordinate: Coordinate, value: float
-) -> LimitError | SingularError | AssemblyError:
+) -> SpatialPinError:
     name, unit = motion.mechanism.name, coordinate.unit
     where = f"mechanism {name!r}: {driver} = {value:.9g} {unit}"
     last = f"last closed at {motion.swept[-1]:.9g} {unit}"
@@ -330,6 +332,11 @@ def _error(
             f"{where}: singular configuration at {driver} = {stop.value:.12g} {unit} ({last}); "
             "the rates are not determined there", motion=motion,
         )
+    if stop.is_far:
+        return SpatialPinError(
+            f"{where} is too far from the row before to be followed to ({last}): joints move by "
+            f"more than {STRETCH * MOST_STRETCHES:g} rad or characteristic lengths between them; "
+            "ask for values between")
     return SingularError(
         f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "
         "ask for values nearer to each other", motion=motion,

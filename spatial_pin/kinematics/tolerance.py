@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +15,11 @@ from tqdm import tqdm
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.dimension_path import varied
 from spatial_pin.kinematics.fitted import FittedGeometry, fit
 from spatial_pin.kinematics.sample_outputs import is_possible, output, points_of
 from spatial_pin.kinematics.samples import Solver
-from spatial_pin.kinematics.sensitivity import Drive, sensitivities, varied
+from spatial_pin.kinematics.sensitivity import Drive, sensitivities
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_number
@@ -25,6 +28,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
 LOADS = 0.25  # mechanisms to learn a geometry from, at most, by samples
+WAYS = 4, 16  # steps of the dimensions by which samples are tried that move far
+
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
@@ -35,8 +40,11 @@ class Tolerance:
         linear: standard deviations by linear propagation.
         sampled: standard deviations of the samples; None without samples.
         mean: mean of the samples; None without.
-        samples: (n,) or (n, 3) values by output.
-        failed: samples in which the mechanism could not be closed.
+        samples: (n,) or (n, 3) values by output, of the samples that could be closed.
+        failed: number of samples in which the mechanism could not be closed.
+        dimensions: (N,) drawn values of each dimension, of all samples [m, rad].
+        is_closed: (N,) which samples could be closed: `samples[output]` are those at
+            `dimensions[name][is_closed]`.
     """
 
     nominal: dict[str, Any]
@@ -45,6 +53,8 @@ class Tolerance:
     mean: dict[str, Any] | None
     samples: dict[str, Array]
     failed: int
+    dimensions: dict[str, Array]
+    is_closed: NDArray[np.bool_]
 
     def __str__(self) -> str:
         lines = []
@@ -75,10 +85,12 @@ def tolerance(
     number of samples) are loaded at the ends of the range of each dimension and between, and the
     places and directions that the file computes are fitted by polynomials in the dimensions.
     These must give the places and directions of other samples, the farthest among them, to 4e-15.
-    Then all samples take together the steps that `assemble` takes from the state. A sample is
-    loaded and assembled by itself where the steps do not shrink fast, move a joint by more than
-    0.25 rad or characteristic lengths, or end at a determinant of another sign than the state's,
-    or of less than a fiftieth; so it is on the state's branch, as it always was. All samples are
+    Then all samples take together Newton's steps from the state; those that move a joint by more
+    than 0.25 rad or characteristic lengths, or do not go straight, go again from the nominal
+    dimensions to their own in 4 and then 16 steps. A sample is loaded and followed by itself, in
+    as many steps of its dimensions as it takes, where that does not do either, or the determinant
+    of the loops has less than a fiftieth of the state's size; so it is on the state's branch, or
+    fails because the branch ends before it, however far it moves. All samples are
     solved one by one if they are few for the number of dimensions, if the file's formulas are not
     smooth (an `if` or `max` that changes over among the samples), if the state is all but
     singular, and for jerks, transmission angles and limits. Results agree to round-off. A change
@@ -109,7 +121,8 @@ def tolerance(
     nominal = {one.output: one.value for one in found}
     linear = {one.output: _propagated(one.derivatives, spread) for one in found}
     if not samples:
-        return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0)
+        return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
+                         {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool))
     drawn = _drawn(mechanism, spread, samples, seed)
     values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
                                 executor, progress)
@@ -118,7 +131,7 @@ def tolerance(
         nominal, linear,
         {name: x.std(axis=0, ddof=1)[()] for name, x in good.items()},
         {name: x.mean(axis=0)[()] for name, x in good.items()},
-        good, int(np.count_nonzero(~is_closed)),
+        good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
     )
 
 
@@ -155,9 +168,10 @@ def _solved(
                 values[name][some] = x
             bar.update(int(np.count_nonzero(is_closed[some])))
     rest = np.flatnonzero(~is_closed)
-    jobs = [(str(mechanism.path),
-             {**mechanism.parameters, **dict(zip(spread, drawn[k].tolist(), strict=True))},
-             (np.array(state.q), np.array(state.angles)), drive, names) for k in rest]
+    start, mark = (np.array(state.q), np.array(state.angles)), uuid4().hex
+    jobs = [_Job(str(mechanism.path), dict(mechanism.parameters),
+                 dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
+            for k in rest]
     futures = [executor.submit(_sample, job) for job in jobs] if executor else []
     rows = (future.result() for future in futures) if executor else map(_sample, jobs)
     for k, row in zip(rest, rows, strict=True):
@@ -170,17 +184,43 @@ def _solved(
     return values, is_closed
 
 
-def _sample(
-    job: tuple[str, dict[str, float], tuple[Array, Array], Drive, list[str]]
-) -> list[Any] | None:
+class _Job(NamedTuple):
+    """One sample to solve in any process.
+
+    Attributes:
+        path: the mechanism's file.
+        parameters: of the nominal mechanism.
+        dimensions: of the sample.
+        nominal: q and angles of screws.
+        drive: the drivers' motion.
+        names: of the outputs.
+        mark: of the call of `tolerance`.
+    """
+
+    path: str
+    parameters: dict[str, Any]
+    dimensions: dict[str, float]
+    nominal: tuple[Array, Array]
+    drive: Drive
+    names: list[str]
+    mark: str
+
+
+def _sample(job: _Job) -> list[Any] | None:
     """Solve one sample; None when it cannot be closed. Runs in any process."""
-    path, parameters, (q, angles), drive, names = job
+    path, parameters, dimensions, (q, angles), drive, names, mark = job
     try:
-        mechanism = load(path, **parameters)
-        near = State(mechanism, q, closure_error=np.nan, angles=angles)
-        return drive.evaluate(mechanism, near, names)
+        nominal = _loaded(path, tuple(sorted(parameters.items())), mark)
+        near = State(nominal, q, closure_error=np.nan, angles=angles)
+        return drive.evaluate(varied(nominal, dimensions), near, names)
     except SpatialPinError:
         return None
+
+
+@lru_cache(maxsize=1)
+def _loaded(path: str, parameters: tuple[tuple[str, Any], ...], mark: str) -> Mechanism:
+    """Load the nominal mechanism, once for all samples of one call, which has its own mark."""
+    return load(path, **dict(parameters))
 
 
 class _Together(NamedTuple):
@@ -232,6 +272,22 @@ class _Together(NamedTuple):
 
     def solve(self, drawn: Array) -> tuple[NDArray[np.bool_], dict[str, Array]]:
         """Return which samples (m,) are good, and the outputs of all, (m, ...)."""
-        geometry = self.geometry(((drawn[:, self.varies] - self.nominal) / self.reach).T)
-        moving, good = self.solver.solve(geometry, len(drawn))
+        x = ((drawn[:, self.varies] - self.nominal) / self.reach).T
+        good, values = self._way(x, 1)
+        for steps in WAYS:
+            far = np.flatnonzero(~good)
+            if not len(far):
+                break
+            good[far], found = self._way(x[:, far], steps)
+            for name, some in found.items():
+                values[name][far] = some
+        return good, values
+
+    def _way(self, x: Array, steps: int) -> tuple[NDArray[np.bool_], dict[str, Array]]:
+        """Solve samples at fitted dimensions (k, m), going there in equal steps from nominal."""
+        good, placed = np.ones(x.shape[1], dtype=bool), None
+        for k in range(1, steps + 1):
+            geometry = self.geometry(x * (k / steps))
+            moving, closed = self.solver.solve(geometry, x.shape[1], placed)
+            good, placed = good & closed, moving.placed
         return good, {name: output(moving, geometry, self.points, name) for name in self.names}

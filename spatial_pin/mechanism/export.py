@@ -124,7 +124,8 @@ def _spring(spring: Spring) -> dict[str, Any]:
     table: dict[str, Any] = {"name": spring.name, "stiffness": spring.stiffness,
                              "damping": spring.damping}
     if spring.joint is not None:
-        return {**table, "joint": spring.joint, "free_angle": spring.free_angle}
+        free = "free_length" if spring.free_length else "free_angle"
+        return {**table, "joint": spring.joint, free: spring.free}
     return {**table, "frames": list(spring.frames), "free_length": spring.free_length}
 
 

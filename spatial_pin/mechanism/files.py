@@ -233,13 +233,15 @@ def _spring(table: _Table) -> Spring:
     if ("joint" in table) == ("frames" in table):
         table.fail("frames", "or joint: a spring needs exactly one of the two")
     about_joint = "joint" in table
+    if about_joint and "free_length" in table and "free_angle" in table:
+        table.fail("free_length", "or free_angle: a spring has one of the two")
     spring = Spring(
         name,
         frames=() if about_joint else table.two_names("frames"),
         joint=table.text("joint") if about_joint else None,
         stiffness=table.number("stiffness", 0.0, least=0.0),
         damping=table.number("damping", 0.0, least=0.0),
-        free_length=table.number("free_length", 0.0, least=0.0) if not about_joint else 0.0,
+        free_length=table.number("free_length", 0.0, least=-math.inf if about_joint else 0.0),
         free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
     )
     table.close()

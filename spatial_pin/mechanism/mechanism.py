@@ -97,7 +97,14 @@ class Driver:
 
 @dataclass(frozen=True)
 class Spring:
-    """A spring and damper between two frames, or about a joint (SI units)."""
+    """A spring and damper between two frames, or about or along a joint (SI units).
+
+    Attributes:
+        name, frames, joint, stiffness, damping: as in the mechanism file; either two frames or a
+            joint's coordinate, whose value is the spring's length or angle.
+        free_length: between frames, or of a coordinate that slides, at no force [m].
+        free_angle: of a coordinate that turns [rad]; of one that slides it is taken as [m].
+    """
 
     name: str
     frames: tuple[str, ...] = ()
@@ -106,6 +113,11 @@ class Spring:
     damping: float = 0.0
     free_length: float = 0.0
     free_angle: float = 0.0
+
+    @property
+    def free(self) -> float:
+        """The length or angle without force [m or rad]: one of the two, the other is zero."""
+        return self.free_length + self.free_angle
 
 
 @dataclass(frozen=True)
@@ -366,8 +378,12 @@ def check_mechanism(mechanism: Mechanism, where: str) -> None:
                 f"{spring.frames[1]!r} are fixed to the same body"
             )
         if spring.joint is not None:
-            _named(mechanism.driven_coordinate, spring.joint,
-                   f"{where}: spring {spring.name!r}: ")
+            coordinate = _named(mechanism.driven_coordinate, spring.joint,
+                                f"{where}: spring {spring.name!r}: ")
+            if spring.free_length and coordinate.unit == "rad":
+                raise MechanismFileError(
+                    f"{where}: spring {spring.name!r}: {spring.joint!r} turns; give free_angle, "
+                    "not free_length")
     for passive in mechanism.passives:
         _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
 
