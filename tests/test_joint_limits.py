@@ -12,6 +12,7 @@ from scipy.special import ellipj, ellipk
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.kinematics.joint_limits import (
+    first_passing,
     joint_limit_events,
     joint_limits,
     joint_limits_passed,
@@ -119,6 +120,42 @@ def test_a_joint_without_room_between_its_limits_has_none(tmp_path):
     assert not joint_limits(mech)
     assert [(x.value, x.side, x.unit) for x in joint_limits(hanging(tmp_path, -1.0, 2.0))] == [
         (-1.0, -1, "rad"), (2.0, 1, "rad")]
+
+
+def test_legs_that_begin_at_rest_are_no_trouble():
+    """Their rates of 1e-17 at the start have any sign; five of six then fall to their limits."""
+    mech = sp.load("stewart")
+    state = sp.solve_rates(mech, sp.assemble(mech), {"leg_1": 0.1})
+    motion = sp.simulate(mech, state, 0.2)
+    assert {p.limit.name for p in motion.joint_limits} == {f"slide_{k}" for k in range(2, 7)}
+    there = sp.simulate(mech, state, 0.2, times=[p.value for p in motion.joint_limits])
+    for p, q in zip(motion.joint_limits, there.q, strict=True):
+        assert abs(p.limit.room(q)) < 5e-12 * p.limit.size
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_lies_between_two_rows_may_differ_from_them_by_noise(sign, tmp_path):
+    """A joint at rest at its limit, or near it, whose place and rate between rows are round-off."""
+    mech = hanging(tmp_path, -0.7, 1.3)
+    for upper in (x for x in joint_limits(mech) if x.side > 0):
+        def at(t, upper=upper):
+            return np.array([upper.value - sign * 1e-16]), np.array([sign * (t - 0.5) * 1e-17])
+
+        for q0, v0 in ((upper.value, 1e-17), (upper.value - 1e-3, 1e-17), (upper.value, -1e-17)):
+            ends = (np.array([q0]), np.array([v0])), (np.array([q0]), np.array([-v0]))
+            assert first_passing(upper, at, (0.0, 1.0), ends) is None
+    # an end just beyond, where the way there says just before
+    ends = (np.array([1.2]), np.array([0.1])), (np.array([1.3 + 2e-11]), np.array([0.1]))
+    assert first_passing(upper, lambda t: (np.array([1.2 + 0.1 * t]), np.array([0.1])),
+                         (0.0, 1.0), ends) == 1.0
+
+
+def test_a_stop_function_whose_sign_at_the_start_is_noise_stops_there(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    noise = iter([1e-17])
+    motion = sp.simulate(mech, sp.assemble(mech, {"pin": 1.2}), 1.0,
+                         stop_when=lambda t, s: next(noise, -1e-17 - t))
+    assert motion.time[-1] == 0.0 and motion.events[-1].kind == "stopped"
 
 
 def test_the_command_line_stops_at_limits(tmp_path, capsys):

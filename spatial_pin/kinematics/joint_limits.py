@@ -99,9 +99,23 @@ def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passin
             if limit.room(q) < -SLACK * limit.size]
 
 
+def falls(function: Callable[[float], float], first: float, last: float) -> float:
+    """Return where a function falls through zero that is positive before and negative after.
+
+    An end that is zero but for round-off may have either sign: then it is the place.
+    """
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
+    if not function(first) > 0.0:
+        return first
+    if not function(last) < 0.0:
+        return last
+    return float(brentq(function, first, last, xtol=1e-14, rtol=1e-14))
+
+
 def first_passing(
     limit: JointLimit, at: Callable[[float], tuple[Array, Array]], span: tuple[float, float],
-    ends: tuple[tuple[Array, Array], tuple[Array, Array]],
+    ends: tuple[tuple[Array, Array], tuple[Array, Array]], noise: float = 0.0,
 ) -> float | None:
     """Return when a limit is first passed outwards in a span of time, if it is.
 
@@ -112,26 +126,20 @@ def first_passing(
         limit: the limit.
         at: function of the time to (q, v).
         span: first and last time.
-        ends: (q, v) at these.
+        ends: (q, v) at these; `at` may differ from them by round-off.
+        noise: rate of a joint that stands still [rad/s, characteristic lengths per second].
     """
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
-    def root(function: Callable[[float], float], last: float) -> float:
-        return float(brentq(function, span[0], last, xtol=1e-14, rtol=1e-14))
-
     (q0, v0), (q1, v1) = ends
-    slack, last = SLACK * limit.size, span[1]
+    slack, still, last = SLACK * limit.size, noise * limit.size, span[1]
     if limit.room(q0) < -slack:
         return None
     if not limit.room(q1) < -slack:
-        if not limit.closing(v0) > 0.0 > limit.closing(v1):
+        if not limit.closing(v0) > still >= -still > limit.closing(v1):
             return None
-        last = root(lambda t: float(limit.closing(at(t)[1])), span[1])
+        last = falls(lambda t: float(limit.closing(at(t)[1])), *span)
         if not limit.room(at(last)[0]) < -slack:
             return None
-    if limit.room(q0) <= 0.0:
-        return span[0]
-    return root(lambda t: float(limit.room(at(t)[0])), last)
+    return falls(lambda t: float(limit.room(at(t)[0])), span[0], last)
 
 
 def joint_limits_passed(motion: Motion) -> list[Passing]:
