@@ -7,7 +7,6 @@ import numpy as np
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -73,9 +72,7 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
 
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
     output = mechanism.coordinate(name)
-    driven = driven_coordinates(mechanism, [driver])
-    driven.sort(key=lambda c: c.name != mechanism.coordinate(driver).name)
-    branch = Branch(motion.state(first), driven, Accuracy.named("reference"))
+    branch = Branch.along(motion.state(first), driver, Accuracy.named("reference"))
 
     def rate(value: float) -> float:
         branch.reach(value)
