@@ -391,7 +391,7 @@ def _simulate(options: argparse.Namespace) -> None:
     _write(options, motion)
     if options.json != "-":
         print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
-              f"in {', '.join(motion.coordinates)}")
+              f"of the integrator in {', '.join(motion.coordinates)}")
 
 
 def _tradeoff(options: argparse.Namespace) -> None:

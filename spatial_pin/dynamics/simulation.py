@@ -12,6 +12,7 @@ import pinocchio as pin
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.summary import effort_lines, first_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -66,7 +67,7 @@ def driver_names(mechanism: Mechanism) -> dict[str, str]:
     return {mechanism.driven_coordinate(d.joint).name: d.name for d in mechanism.drivers.values()}
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Simulation(Motion):
     """A Motion in time, with its energies.
 
@@ -96,6 +97,14 @@ class Simulation(Motion):
     by_drivers: bool = True
     joint_limits: list[Passing] = field(default_factory=list)
     projection: Projection | None = None
+
+    def __str__(self) -> str:
+        used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
+        lines = [super().__str__(),
+                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps of the integrator{used}"]
+        efforts = effort_lines(self, self.efforts)
+        return "\n".join([*lines, *(["efforts:"] if efforts else []),
+                          *first_of(efforts, "efforts")])
 
 
 def energy_drift(mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array) -> float:

@@ -15,6 +15,7 @@ import pinocchio as pin
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.jerks import Jerks, solve_jerks
 from spatial_pin.kinematics.state import State, center_of_mass
+from spatial_pin.kinematics.summary import summary
 from spatial_pin.kinematics.transmission import transmission_angle
 from spatial_pin.kinematics.views import accelerations, placements, twists
 from spatial_pin.linalg import Array
@@ -338,5 +339,8 @@ class Motion:
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
         over = self.driver_name or "time"
-        return (f"Motion({self.mechanism.name!r}: {len(self)} rows over {over}, "
+        return (f"{type(self).__name__}({self.mechanism.name!r}: {len(self)} rows over {over}, "
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
+
+    def __str__(self) -> str:
+        return summary(self)
