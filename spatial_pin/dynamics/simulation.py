@@ -101,7 +101,8 @@ class Simulation(Motion):
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
         lines = [super().__str__(),
-                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps of the integrator{used}"]
+                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps "
+                 f"of the integrator{used}"]
         efforts = effort_lines(self, self.efforts)
         return "\n".join([*lines, *(["efforts:"] if efforts else []),
                           *first_of(efforts, "efforts")])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.fitted import FittedGeometry, fit
 from spatial_pin.kinematics.sample_outputs import is_possible, output, points_of
 from spatial_pin.kinematics.samples import Solver
-from spatial_pin.kinematics.sensitivity import Drive, sensitivities, varied
+from spatial_pin.kinematics.sensitivity import Drive, sensitivities, varied, with_spread
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_number
@@ -37,6 +37,7 @@ class Tolerance:
         mean: mean of the samples; None without.
         samples: (n,) or (n, 3) values by output.
         failed: samples in which the mechanism could not be closed.
+        units: of the outputs, "1" for none.
     """
 
     nominal: dict[str, Any]
@@ -45,13 +46,16 @@ class Tolerance:
     mean: dict[str, Any] | None
     samples: dict[str, Array]
     failed: int
+    units: dict[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         lines = []
         for name, value in self.nominal.items():
-            line = f"{name} = {value} ± {self.linear[name]} (linear)"
-            if self.sampled is not None:
-                line += f", ± {self.sampled[name]} ({len(self.samples[name])} samples)"
+            unit = self.units.get(name, "")
+            line = f"{name} = {with_spread(value, self.linear[name], unit)} (linear)"
+            if self.sampled is not None and self.mean is not None:
+                spread = with_spread(self.mean[name], self.sampled[name], unit)
+                line += f"; {spread} ({len(self.samples[name])} samples)"
             lines.append(line)
         if self.failed:
             lines.append(f"{self.failed} samples cannot be closed")
@@ -107,9 +111,11 @@ def tolerance(
         raise ValueError("a standard deviation is negative")
     found = sensitivities(mechanism, state, names, spread)
     nominal = {one.output: one.value for one in found}
+    units = {one.output: one.unit for one in found}
     linear = {one.output: _propagated(one.derivatives, spread) for one in found}
     if not samples:
-        return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0)
+        return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
+                         units)
     drawn = _drawn(mechanism, spread, samples, seed)
     values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
                                 executor, progress)
@@ -118,7 +124,7 @@ def tolerance(
         nominal, linear,
         {name: x.std(axis=0, ddof=1)[()] for name, x in good.items()},
         {name: x.mean(axis=0)[()] for name, x in good.items()},
-        good, int(np.count_nonzero(~is_closed)),
+        good, int(np.count_nonzero(~is_closed)), units,
     )
 
 
