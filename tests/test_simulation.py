@@ -1,6 +1,7 @@
 """Simulated motions against exact solutions, and against equations written by hand."""
 
 import pickle
+from dataclasses import replace
 from itertools import pairwise
 
 import mechanisms as known
@@ -12,6 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import spatial_pin as sp
+from spatial_pin import settings
+from spatial_pin.dynamics.simulate import FORMULATIONS
 from spatial_pin.dynamics.steppers import STEPPERS
 from spatial_pin.mechanism.laws import LAWS
 
@@ -619,7 +622,7 @@ def test_what_is_refused(tmp_path):
         with pytest.raises(ValueError, match="times"):
             sp.simulate(mech, state, 1.0, times=times)
     with pytest.raises(ValueError, match="no integrator 'Euler'; there are DOP853"):
-        sp.simulate(mech, state, 1.0, accuracy=sp.Accuracy(integrator="Euler"))
+        sp.Accuracy(integrator="Euler")
     with pytest.raises(ValueError, match="effort at 'pin'"):
         sp.simulate(mech, state, 1.0, {"pin": np.nan})
     for keys in ({"efforts": {"pim": 1.0}}, {"drives": {"pim": sp.laws.sine(0, 1, 1)}},
@@ -697,3 +700,12 @@ def test_freedoms_without_inertia_keep_their_speed_or_are_refused(name, tmp_path
     np.testing.assert_allclose(moved.v[1, free], moved.v[0, free], atol=1e-12)
     with pytest.raises(sp.SingularError, match="no inertia but a force works on it"):
         sp.simulate(mechanism, state, 0.1, {case.driver: 1.0})
+
+
+def test_settings_know_the_names_of_what_there_is():
+    assert set(settings.INTEGRATORS) == set(STEPPERS)
+    assert set(settings.FORMULATIONS) == set(FORMULATIONS)
+    with pytest.raises(ValueError, match="no formulation 'Foo'; there are independent, projected"):
+        replace(sp.Accuracy(), formulation="Foo")
+    with pytest.raises(ValueError, match="no integrator None; there are DOP853"):
+        sp.Accuracy(integrator=None)
