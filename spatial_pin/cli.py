@@ -10,6 +10,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from spatial_pin.view import Viewer
 from spatial_pin.view.plots import usual_outputs
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
+FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf")  # options that name a file to write
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
 
 
@@ -35,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args([f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
     warnings.showwarning = _show_warning
     try:
+        _check_files(options)
         options.run(options)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough; nothing is left to flush at exit
@@ -49,6 +52,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Refuse files that cannot be written before any work is done for them.
+
+    Raises:
+        ValueError: there is no such folder, it is not to be written in, or it is a folder; or a
+            figure's name has no suffix that tells how to write it.
+    """
+    for name in FILES:
+        path = getattr(options, name, None)
+        if not path or (name == "json" and path == "-"):
+            continue
+        if name == "plot":
+            _check_figure(path)
+        folder = Path(path).parent
+        if Path(path).is_dir():
+            raise ValueError(f"--{name} {path}: this is a folder; give the name of a file")
+        if not folder.is_dir():
+            raise ValueError(f"--{name} {path}: there is no folder {str(folder)!r}")
+        if not os.access(path if Path(path).exists() else folder, os.W_OK):
+            raise ValueError(f"--{name} {path}: not allowed to write there")
+
+
+def _check_figure(path: str) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
+
+    known = FigureCanvasAgg.get_supported_filetypes()
+    if Path(path).suffix.lower().removeprefix(".") not in known:
+        raise ValueError(f"--plot {path}: its suffix says how to write a figure: .png, .svg, .pdf "
+                         f"(or .{', .'.join(sorted(set(known) - {'png', 'svg', 'pdf'}))})")
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -391,7 +425,7 @@ def _simulate(options: argparse.Namespace) -> None:
     _write(options, motion)
     if options.json != "-":
         print(f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
-              f"in {', '.join(motion.coordinates)}")
+              f"of the integrator in {', '.join(motion.coordinates)}")
 
 
 def _tradeoff(options: argparse.Namespace) -> None:
@@ -535,3 +569,7 @@ def _write_json(content: Any, path: str) -> None:
     else:
         with open(path, "w", encoding="utf-8") as file:
             file.write(text + "\n")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -8,6 +8,10 @@ from typing import Protocol
 
 from spatial_pin.errors import SpatialPinError
 
+# names of what `dynamics` has; an entry in its registries needs its name here
+FORMULATIONS = ("independent", "projected")
+INTEGRATORS = ("DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss")
+
 
 class Row(Protocol):
     """A setting that was measured."""
@@ -64,6 +68,8 @@ class Accuracy:
             raise ValueError(f"tolerance is {self.tolerance}; it must be positive")
         if not (math.isfinite(self.time_tolerance) and self.time_tolerance > 0.0):
             raise ValueError(f"time_tolerance is {self.time_tolerance}; it must be positive")
+        _check_name("formulation", self.formulation, FORMULATIONS)
+        _check_name("integrator", self.integrator, INTEGRATORS)
         if self.step is not None and not (math.isfinite(self.step) and self.step > 0.0):
             raise ValueError(f"step is {self.step}; it must be positive")
 
@@ -117,6 +123,11 @@ class Accuracy:
             f"no setting is known to reach an error of {error:.3g} on every mechanism of the "
             f"library; the most exact one reaches {best:.0e} ({task}). Measure your own with "
             "spatial_pin.tradeoff(mechanism, task) and pass it as `measured`")
+
+
+def _check_name(what: str, name: str, known: tuple[str, ...]) -> None:
+    if name not in known:
+        raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
 
 
 LEVELS = {

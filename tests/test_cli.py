@@ -6,6 +6,7 @@ import csv
 import importlib
 import json
 import os
+import subprocess
 import sys
 import warnings
 
@@ -373,3 +374,32 @@ def test_seconds_and_newtons_are_no_angles(words, capsys):
 def test_durations_efforts_and_speeds_are_asked_for_in_their_units(words, message, capsys):
     assert main(["simulate", "four_bar", *words]) == 1
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "name", "says"), [
+    ("--plot", "turn.foo", "turn.foo: its suffix says how to write a figure: .png, .svg, .pdf"),
+    ("--plot", "turn", "turn: its suffix says how"),
+    ("--csv", "gone/turn.csv", "there is no folder"),
+    ("--html", ".", "this is a folder; give the name of a file"),
+    ("--npz", "locked/turn.npz", "not allowed to write there"),
+    ("--json", "locked/there.json", "not allowed to write there"),
+])
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(
+    option, name, says, fail, tmp_path, monkeypatch
+):
+    (tmp_path / "locked").mkdir()
+    (tmp_path / "locked" / "there.json").write_text("kept", encoding="utf-8")
+    allowed = os.access  # whoever runs this may be allowed everything
+    monkeypatch.setattr("spatial_pin.cli.os.access", lambda path, mode: "locked" not in str(path)
+                        and allowed(path, mode))
+    monkeypatch.setattr(sp, "sweep", lambda *_, **__: pytest.fail("work was done"))
+    code, err = fail("sweep", "four_bar", "crank", "0", "1", option, tmp_path / name)
+    assert code == 1 and err.startswith(f"spatial-pin: {option} ") and says in err
+    assert (tmp_path / "locked" / "there.json").read_text(encoding="utf-8") == "kept"
+
+
+@pytest.mark.parametrize("module", ["spatial_pin", "spatial_pin.cli"])
+def test_the_package_runs_as_a_module(module):
+    done = subprocess.run([sys.executable, "-m", module, "--version"], capture_output=True,
+                          text=True, check=True)
+    assert done.stdout == f"spatial-pin {sp.__version__}\n" and not done.stderr

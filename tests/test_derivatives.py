@@ -1,5 +1,7 @@
 """Third derivatives, the rate of the closed-loop Jacobian, and how well motion is transmitted."""
 
+from functools import partial
+
 import closed_forms
 import mechanisms
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from mpmath import acos, cos, diff, mp, mpf
 
 import spatial_pin as sp
+from spatial_pin.kinematics.rates import rate_error
 from spatial_pin.kinematics.split import split
 from spatial_pin.kinematics.state import State
 
@@ -250,13 +253,29 @@ def test_dead_centres_of_a_crank_rocker_are_where_crank_and_coupler_align():
 
 def test_dead_centres_at_rows_are_found_once():
     motion = sp.sweep(sp.load("slider_crank"), "crank", np.linspace(0.0, 2 * np.pi, 361))
-    values = [event.value for event in sp.dead_centres(motion, "slide")]
-    np.testing.assert_allclose(values, [0.0, np.pi, 2 * np.pi], atol=1e-12)
+    found = sp.dead_centres(motion, "slide")
+    np.testing.assert_allclose([e.value for e in found], [0.0, np.pi, 2 * np.pi], atol=1e-12)
+    assert [e.row for e in found] == [0, 180, 360]
 
 
 def test_what_always_moves_one_way_has_no_dead_centre():
     motion = sp.sweep(sp.load("hooke_joint"), "input", np.linspace(0.0, 6.0, 50))
     assert sp.dead_centres(motion) == []
+
+
+def test_a_row_of_a_sweep_knows_the_error_of_its_rates_as_solve_rates_does():
+    mech = sp.load("four_bar")
+    limit = sp.limits(mech, "rocker_pin").upper.value
+    motion = sp.sweep(mech, "rocker_pin", limit - np.array([0.3, 1e-3, 1e-8]))
+    for k in range(3):
+        state = sp.solve_rates(mech, motion.state(k), {"rocker_pin": 1.0})
+        assert motion.state(k).rate_error == pytest.approx(state.rate_error, rel=1e-6)
+    assert motion.state(2).rate_error > 1e-9 and "rates to" in repr(motion.state(2))
+    fall = sp.simulate(mech, sp.assemble(mech), 0.1, times=[0.1])
+    assert np.isnan(fall.state(0).rate_error)
+    stretched = sp.State(mech, sp.assemble(mech, {"rocker_pin": limit}).q, closure_error=0.0,
+                         rate_error=partial(rate_error, "rocker_pin"))
+    assert np.isnan(stretched.rate_error)
 
 
 @pytest.mark.parametrize("gap", [1e-6, 1e-8, 1e-10])

@@ -3,15 +3,18 @@
 import json
 
 import mechanisms as known
+import mpmath
 import numpy as np
 import pytest
 from masses import heavy
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
+from test_seven_bodies import poses, rsup
 
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.kinematics.joint_limits import (
+    first_passing,
     joint_limit_events,
     joint_limits,
     joint_limits_passed,
@@ -121,6 +124,42 @@ def test_a_joint_without_room_between_its_limits_has_none(tmp_path):
         (-1.0, -1, "rad"), (2.0, 1, "rad")]
 
 
+def test_legs_that_begin_at_rest_are_no_trouble():
+    """Their rates of 1e-17 at the start have any sign; five of six then fall to their limits."""
+    mech = sp.load("stewart")
+    state = sp.solve_rates(mech, sp.assemble(mech), {"leg_1": 0.1})
+    motion = sp.simulate(mech, state, 0.2)
+    assert {p.limit.name for p in motion.joint_limits} == {f"slide_{k}" for k in range(2, 7)}
+    there = sp.simulate(mech, state, 0.2, times=[p.value for p in motion.joint_limits])
+    for p, q in zip(motion.joint_limits, there.q, strict=True):
+        assert abs(p.limit.room(q)) < 5e-12 * p.limit.size
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_lies_between_two_rows_may_differ_from_them_by_noise(sign, tmp_path):
+    """A joint at rest at its limit, or near it, whose place and rate between rows are round-off."""
+    mech = hanging(tmp_path, -0.7, 1.3)
+    for upper in (x for x in joint_limits(mech) if x.side > 0):
+        def at(t, upper=upper):
+            return np.array([upper.value - sign * 1e-16]), np.array([sign * (t - 0.5) * 1e-17])
+
+        for q0, v0 in ((upper.value, 1e-17), (upper.value - 1e-3, 1e-17), (upper.value, -1e-17)):
+            ends = (np.array([q0]), np.array([v0])), (np.array([q0]), np.array([-v0]))
+            assert first_passing(upper, at, (0.0, 1.0), ends) is None
+    # an end just beyond, where the way there says just before
+    ends = (np.array([1.2]), np.array([0.1])), (np.array([1.3 + 2e-11]), np.array([0.1]))
+    assert first_passing(upper, lambda t: (np.array([1.2 + 0.1 * t]), np.array([0.1])),
+                         (0.0, 1.0), ends) == 1.0
+
+
+def test_a_stop_function_whose_sign_at_the_start_is_noise_stops_there(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    noise = iter([1e-17])
+    motion = sp.simulate(mech, sp.assemble(mech, {"pin": 1.2}), 1.0,
+                         stop_when=lambda t, s: next(noise, -1e-17 - t))
+    assert motion.time[-1] == 0.0 and motion.events[-1].kind == "stopped"
+
+
 def test_the_command_line_stops_at_limits(tmp_path, capsys):
     hanging(tmp_path, -0.7, 1.3)
     words = ["simulate", str(tmp_path / "hanging.toml"), "--duration", "1", "--at", "pin=1.2",
@@ -153,9 +192,10 @@ def crank_at(x):
     return float(np.arccos((x * x + 0.05**2 - 0.16**2) / (2.0 * x * 0.05)))
 
 
-@pytest.mark.parametrize(("n", "limit"), [(361, 1e-13), (91, 1e-10), (37, 1e-8)])
+@pytest.mark.parametrize("n", [361, 37, 12, 5, 4])
 @pytest.mark.parametrize("way", ["forward", "backward", "faster and faster"])
-def test_a_sweep_passes_limits_where_the_triangle_says(slider_crank, n, limit, way):
+def test_a_sweep_passes_limits_where_the_triangle_says(slider_crank, n, way):
+    """However far its rows are apart."""
     values = np.linspace(0.0, 2.0 * np.pi, n)
     speed = np.linspace(1.0, 3.0, n) if way == "faster and faster" else 2.0
     motion = sp.sweep(slider_crank, "crank", values[::-1] if way == "backward" else values, speed)
@@ -164,7 +204,7 @@ def test_a_sweep_passes_limits_where_the_triangle_says(slider_crank, n, limit, w
     low, high = crank_at(LOWER), crank_at(UPPER)
     want = [low, 2.0 * np.pi - high] if way != "backward" else [2.0 * np.pi - low, high]
     assert [p.limit.value for p in passed] == [LOWER, UPPER]
-    assert [p.value for p in passed] == pytest.approx(want, abs=limit)
+    assert [p.value for p in passed] == pytest.approx(want, abs=2e-13)
     for p in passed:
         before, after = motion.swept[p.row - 1], motion.swept[p.row]
         assert min(before, after) <= p.value <= max(before, after)
@@ -179,10 +219,53 @@ def test_a_traced_curve_passes_limits_too(slider_crank):
         [crank_at(LOWER), 2.0 * np.pi - crank_at(UPPER)], abs=1e-12)
 
 
-def test_rows_without_rates_are_joined_by_straight_lines(slider_crank):
-    motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 100), 0.0)
+def test_rows_without_rates_pass_limits_at_the_same_place(slider_crank):
+    motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 4), 0.0)
     (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
-    assert lower.value == pytest.approx(crank_at(LOWER), abs=2e-3)
+    assert lower.value == pytest.approx(crank_at(LOWER), abs=1e-13)
+
+
+def test_rows_that_cannot_be_followed_again_give_an_estimate_with_few_digits(slider_crank):
+    """As if another coordinate had been held: the branch does not lead from row to row."""
+    motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 200), 0.0)
+    rows = np.flatnonzero(motion.coordinate("slide").value < LOWER)
+    motion.q[rows, slider_crank.coordinate("coupler_pin").q] += 1e-3
+    (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
+    assert lower.value == pytest.approx(crank_at(LOWER), abs=1e-3)  # by a straight line
+    assert lower.where == f"at crank = {lower.value:.6g} rad"
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("beyond", [1e-5, -1e-5])
+def test_a_slide_that_turns_back_between_far_rows_is_looked_at_where_it_does(
+    slider_crank, way, beyond
+):
+    """The polynomial through these rows errs by more than the slide goes beyond, or stops short."""
+    at, model = slider_crank.coordinate("slide").q, slider_crank.model
+    limits = model.upperPositionLimit.copy()
+    limits[at] = 0.21 - beyond
+    model.upperPositionLimit = limits
+    motion = sp.sweep(slider_crank, "crank", np.linspace(-0.9, 1.1, 2)[::way])
+    passed = [p.value for p in joint_limits_passed(motion)]
+    want = [-way * crank_at(0.21 - beyond)] if beyond > 0.0 else []
+    assert passed == pytest.approx(want, abs=1e-11)
+
+
+@pytest.mark.parametrize("n", [4, 7, 30])
+def test_an_rsup_passes_the_limits_of_its_slide_where_closed_forms_say(n, tmp_path):
+    mech = rsup(tmp_path, "S", 0.3)
+    at, lower = mech.coordinate("P").q, -0.33
+    limits = mech.model.lowerPositionLimit.copy()
+    limits[at] = lower
+    mech.model.lowerPositionLimit = limits
+    motion = sp.sweep(mech, "motor", np.linspace(0.3, 0.3 + 2.0 * np.pi, n))
+    angles = np.linspace(0.3, 0.3 + 2.0 * np.pi, 721)
+    room = [float(poses(mpmath.mpf(x))[1][0]) - lower for x in angles]
+    (k,) = np.flatnonzero((np.array(room[:-1]) > 0.0) & (np.array(room[1:]) < 0.0))
+    want = float(mpmath.findroot(lambda x: poses(x)[1][0] - lower, tuple(angles[k : k + 2]),
+                                 solver="anderson", tol=1e-28))
+    assert [p.value for p in joint_limits_passed(motion) if p.limit.name == "P"] == pytest.approx(
+        [want], abs=1e-12)
 
 
 # ---------------------------------------------------------------- how far a driver can go

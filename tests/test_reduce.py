@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 import mechanisms
 import numpy as np
 import pytest
+from test_seven_bodies import rsup
 
 import spatial_pin as sp
 from spatial_pin.cli import main
@@ -254,6 +255,15 @@ def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
     assert f"{rod.mass * 0.381**2 / 4:.4g}" in lost.why
     forces = next(d for d in lumped.verify().differences if d.driver == "forward dynamics")
     assert 1e-3 < forces.acceleration < 0.5
+
+
+def test_a_lumped_rod_with_a_universal_joint_says_how_far_its_centre_of_mass_moves(tmp_path):
+    """It lies (0.02, -0.01) m beside the line between the centres of the two pairs."""
+    lumped = sp.reduce(rsup(tmp_path, "S", 0.3), "P", dynamics=True, lump=True)
+    (lost,) = [x for x in lumped.left_out if x.what == "inertia"]
+    assert lost.name == "rod" and "0.5 kg lumped at the centres of its two pairs; " in lost.why
+    assert lost.why.endswith(f"; the centre of mass moves {np.hypot(0.02, 0.01):.3g} m, square to "
+                             "the line between them")
 
 
 def test_planar_equations_change_no_motion_under_gravity():

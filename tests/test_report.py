@@ -1,6 +1,7 @@
 """The report as text: what it says, and that nothing leads out of it. No browser needed."""
 
 import html
+import itertools
 import re
 from dataclasses import replace
 
@@ -94,6 +95,46 @@ def test_report_of_a_limit_tells_it_and_marks_it(tmp_path):
     assert html.escape(event.text) in text and number(event.value, "rad", 10) in text
     lines = plot(motion, "crank_pin").axes[0].lines
     assert lines[-1].get_xdata()[0] == pytest.approx(np.rad2deg(event.value))
+
+
+def test_a_legend_says_what_the_lines_at_events_mean():
+    mech = sp.load("slider_crank")
+    at, model = mech.coordinate("slide").q, mech.model
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    lower[at], upper[at] = 0.1103, 0.3
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    motion = sp.sweep(mech, "crank", np.linspace(0.2, 6.0, 61))
+    (legend,) = (figure := plot(motion, ["slide", "slide.ratio"])).legends
+    assert [text.get_text() for text in legend.get_texts()] == ["joint limit"]
+    for axes in figure.axes:
+        assert axes.lines[-1].get_xdata()[0] == pytest.approx(np.rad2deg(motion.events[0].value))
+    quiet = sp.sweep(mech, "crank", np.linspace(0.2, 1.0, 5))
+    assert not plot(quiet, "slide").legends
+
+
+def test_events_of_a_simulation_are_marked_at_their_times():
+    mech = sp.load("stewart")
+    state = sp.solve_rates(mech, sp.assemble(mech), {"leg_1": 0.1})
+    motion = sp.simulate(mech, state, 0.2, on_joint_limit="stop")
+    figure = plot(motion, "slide_1")
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["joint limit", "stopped"]
+    assert figure.axes[0].lines[-1].get_xdata()[0] == motion.events[-1].value == motion.time[-1]
+
+
+def test_ticks_tell_whole_numbers_where_a_coordinate_hardly_changes():
+    """Nothing is to be added to them in one's head, and they have room."""
+    motion = sp.sweep(sp.load("slider_crank"), "crank", np.linspace(1.0, 1.00001, 31))
+    figure = plot(motion, ["slide", "slide.ratio"])
+    figure.canvas.draw()
+    for axes in figure.axes:
+        assert not axes.yaxis.get_offset_text().get_text()
+        for label in axes.get_yticklabels():
+            low, high = axes.get_ylim()
+            if low <= label.get_position()[1] <= high:
+                assert float(label.get_text().replace("\u2212", "-")) == pytest.approx(
+                    label.get_position()[1], rel=1e-12)
+    boxes = [t.get_window_extent() for t in figure.axes[-1].get_xticklabels() if t.get_text()]
+    assert all(a.x1 < b.x0 for a, b in itertools.pairwise(boxes)) and len(boxes) > 2
 
 
 def test_outputs_are_those_asked_for(rssr, tmp_path):

@@ -1,5 +1,7 @@
 """Simulated motions against exact solutions, and against equations written by hand."""
 
+import pickle
+from dataclasses import replace
 from itertools import pairwise
 
 import mechanisms as known
@@ -11,6 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import spatial_pin as sp
+from spatial_pin import settings
+from spatial_pin.dynamics.simulate import FORMULATIONS
 from spatial_pin.dynamics.steppers import STEPPERS
 from spatial_pin.mechanism.laws import LAWS
 
@@ -403,7 +407,7 @@ def test_a_driver_moves_by_its_law_with_the_effort_of_inverse_dynamics(name, tmp
     assert np.column_stack(motion.coordinate("crank")) == pytest.approx(want, abs=1e-11)
     for k in range(0, 46, 5):
         answer = sp.inverse_dynamics(mech, motion.state(k))
-        assert motion.efforts["main_pin"][k] == pytest.approx(answer.efforts["crank"], abs=1e-9)
+        assert motion.efforts["crank"][k] == pytest.approx(answer.efforts["crank"], abs=1e-9)
 
 
 def test_with_every_freedom_prescribed_it_is_kinematics(tmp_path):
@@ -445,15 +449,37 @@ def test_drivers_of_the_library_bear_the_efforts_of_inverse_dynamics(name):
     motion = run(mech, state, 1.0, drives=laws, times=np.linspace(0, 1, 21), drift=1e-8)
     for k in range(0, 21, 4):
         efforts = sp.inverse_dynamics(mech, motion.state(k)).efforts
-        found = {driver: motion.efforts[mech.driven_coordinate(driver).name][k]
-                 for driver in mech.drivers}
+        found = {driver: rows[k] for driver, rows in motion.efforts.items()}
         assert found == pytest.approx(efforts, rel=1e-10, abs=1e-10)
+
+
+def test_efforts_are_named_as_drivers_are_and_found_by_the_joint_too(tmp_path):
+    mech, law = heavy_slider_crank(tmp_path), sp.laws.constant_speed(0.5, 6.0)
+    efforts = sp.simulate(mech, starting(mech, law), 0.1, drives={"main_pin": law}).efforts
+    assert list(efforts) == ["crank"]
+    assert "main_pin" in efforts and "slide" not in efforts and efforts.get("slide") is None
+    assert efforts["main_pin"] is efforts["crank"] is efforts.get("main_pin")
+    with pytest.raises(sp.SpatialPinError, match="no prescribed driver 'slide'"):
+        efforts["slide"]
+    again = pickle.loads(pickle.dumps(efforts))
+    np.testing.assert_array_equal(again["main_pin"], efforts["crank"])
+
+
+def test_a_state_that_is_at_zero_but_for_round_off_is_said_to_be_at_zero():
+    mech = sp.load("four_bar")
+    state = sp.assemble(mech, {"crank": -1.08034167e-28})
+    with pytest.raises(sp.SpatialPinError, match=r"the law of crank starts at 0\.5 rad, the state "
+                       "is at 0: assemble it there"):
+        sp.simulate(mech, state, 1.0, drives={"crank": sp.laws.constant_speed(0.5, 1.0)})
+    with pytest.raises(sp.SpatialPinError, match="the law of crank starts with 1 rad/s, the state "
+                       "moves with 0: solve its rates"):
+        sp.simulate(mech, state, 1.0, drives={"crank": sp.laws.constant_speed(0.0, 1.0)})
 
 
 @pytest.mark.parametrize("law", [sp.laws.constant_speed(0.5, 6.0), sp.laws.sine(0.4, 0.2, 1.0)])
 def test_a_state_must_start_as_the_law_does(law, tmp_path):
     mech = heavy_slider_crank(tmp_path)
-    with pytest.raises(sp.SpatialPinError, match="the law of main_pin starts"):
+    with pytest.raises(sp.SpatialPinError, match="the law of crank starts"):
         sp.simulate(mech, sp.assemble(mech, {"crank": 0.4}), 1.0, drives={"crank": law})
 
 
@@ -596,7 +622,7 @@ def test_what_is_refused(tmp_path):
         with pytest.raises(ValueError, match="times"):
             sp.simulate(mech, state, 1.0, times=times)
     with pytest.raises(ValueError, match="no integrator 'Euler'; there are DOP853"):
-        sp.simulate(mech, state, 1.0, accuracy=sp.Accuracy(integrator="Euler"))
+        sp.Accuracy(integrator="Euler")
     with pytest.raises(ValueError, match="effort at 'pin'"):
         sp.simulate(mech, state, 1.0, {"pin": np.nan})
     for keys in ({"efforts": {"pim": 1.0}}, {"drives": {"pim": sp.laws.sine(0, 1, 1)}},
@@ -674,3 +700,12 @@ def test_freedoms_without_inertia_keep_their_speed_or_are_refused(name, tmp_path
     np.testing.assert_allclose(moved.v[1, free], moved.v[0, free], atol=1e-12)
     with pytest.raises(sp.SingularError, match="no inertia but a force works on it"):
         sp.simulate(mechanism, state, 0.1, {case.driver: 1.0})
+
+
+def test_settings_know_the_names_of_what_there_is():
+    assert set(settings.INTEGRATORS) == set(STEPPERS)
+    assert set(settings.FORMULATIONS) == set(FORMULATIONS)
+    with pytest.raises(ValueError, match="no formulation 'Foo'; there are independent, projected"):
+        replace(sp.Accuracy(), formulation="Foo")
+    with pytest.raises(ValueError, match="no integrator None; there are DOP853"):
+        sp.Accuracy(integrator=None)

@@ -152,8 +152,10 @@ def reduce(
             their names only to lock them where the guess has them.
         dynamics: keep all that has mass, springs and damped joints; what is then left out is
             massless, and forward dynamics is exact.
-        lump: with `dynamics`, replace rods with two balls all the same: their mass goes to the
-            two ends, which keeps mass and centre of mass; `left_out` tells what inertia is lost.
+        lump: with `dynamics`, replace rods between balls or universal joints all the same: their
+            mass goes to the centres of the two pairs, which keeps the mass, and the centre of mass
+            where that lies on the line between them; `left_out` tells how far it moves otherwise,
+            and what inertia is lost.
         guess: where to assemble; welded joints are welded there.
 
     Raises:

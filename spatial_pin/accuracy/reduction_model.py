@@ -28,7 +28,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 
 OPEN_CONFIGURATIONS = 4
 ZERO = 1e-12  # derivative of a row that is none
-SLENDER = 1e-9  # distance of a centre of mass from the line between two balls [of its length]
+SLENDER = 1e-9  # distance of a centre of mass from the line between two pairs [of its length]
 
 Omitted = tuple[str, str, str]
 
@@ -163,9 +163,9 @@ class Model:
                 self.masses.append((f"{self._link(i)}_mass", Place(place.body, place.centre), mass))
         self.notes.append((
             "inertia", self._link(i),
-            f"{body.mass:.6g} kg lumped at its two balls; inertia across the rod becomes "
-            f"{lumped:.4g} instead of {across:.4g} kg·m², about it 0 instead of {spin:.4g}"
-            + f", and the centre of mass moves {aside:.3g} m to the line" * (
+            f"{body.mass:.6g} kg lumped at the centres of its two pairs; inertia across the rod "
+            f"becomes {lumped:.4g} instead of {across:.4g} kg·m², about it 0 instead of {spin:.4g}"
+            + f"; the centre of mass moves {aside:.3g} m, square to the line between them" * (
                 aside > SLENDER * length)))
         return True
 

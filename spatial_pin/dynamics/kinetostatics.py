@@ -16,6 +16,7 @@ from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.summary import effort_lines, first_of, heading, tidy, where
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -44,6 +45,31 @@ class Kinetostatics(NamedTuple):
     on_ground: Array
     multipliers: Array
     determined: dict[str, NDArray[np.bool_]]
+
+    def __repr__(self) -> str:
+        return (f"Kinetostatics({self.motion!r}, efforts {list(self.efforts)}, reactions "
+                f"{list(self.reactions)})")
+
+    def __str__(self) -> str:
+        parts = [heading(self.motion), "efforts:", *first_of(
+            effort_lines(self.motion, self.efforts), "efforts")]
+        loads = [self._largest(name, x) for name, x in self.reactions.items()]
+        parts += ["largest reactions:", *first_of(loads, "pairs"),
+                  self._largest("on the fixed link, all together", self.on_ground)]
+        if any(not x.all() for x in self.determined.values()):
+            parts.append("  * one of many: the loops can be under stress by themselves; the least")
+        return "\n".join(parts)
+
+    def _largest(self, name: str, wrench: Array) -> str:
+        """Return the largest force and moment (N, 6) of a pair, as a line."""
+        found = []
+        for sizes, unit in zip(np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).T, ("N", "N·m"),
+                               strict=True):
+            size = tidy(sizes.max(initial=0.0), self.on_ground) if len(sizes) else "0"
+            at = f" {where(self.motion, int(sizes.argmax()))}" if size != "0" else ""
+            found.append(f"{size} {unit}{at}")
+        mark = " *" * (not np.all(self.determined.get(name, True)))
+        return f"  {name}{mark}: {', '.join(found)}"
 
 
 class _Rows:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.dynamics.problem import Problem, Row, System
-from spatial_pin.dynamics.simulation import Projection, Simulation, energy_drift
+from spatial_pin.dynamics.simulation import ByDriver, Projection, Simulation, energy_drift
 from spatial_pin.dynamics.steppers import FIXED, STEPPERS
 from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
@@ -253,7 +253,8 @@ class Run:
             closure_error=error, driver_speed=np.empty(0), events=self.events,
             angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
             energy_drift=energy_drift(problem.mechanism, q, v, energy, work),
-            efforts=dict(zip(names, efforts.reshape(n, len(names)).T, strict=True)),
+            efforts=ByDriver(problem.mechanism, dict(
+                zip(names, efforts.reshape(n, len(names)).T, strict=True))),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self.passed,
             projection=self._projection(),

@@ -15,9 +15,8 @@ from spatial_pin.dynamics.one_freedom import OneFreedom
 from spatial_pin.dynamics.problem import EffortLaw, Problem, System
 from spatial_pin.dynamics.projected import Projected
 from spatial_pin.dynamics.run import Run
-from spatial_pin.dynamics.simulation import Projection, Simulation
+from spatial_pin.dynamics.simulation import Projection, Simulation, driver_names
 from spatial_pin.dynamics.spinning import Spins, spinning_bodies
-from spatial_pin.dynamics.steppers import STEPPERS
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.state import State, of_mechanism
@@ -84,8 +83,6 @@ def simulate(
     accuracy = accuracy or Accuracy.named("engineering")
     state = of_mechanism(mechanism, state)
     times = _times(duration, times)
-    if accuracy.integrator not in STEPPERS:
-        raise ValueError(f"no integrator {accuracy.integrator!r}; there are {', '.join(STEPPERS)}")
     _check_formulation(accuracy)
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
@@ -114,9 +111,6 @@ def simulate(
 
 
 def _check_formulation(accuracy: Accuracy) -> None:
-    if accuracy.formulation not in FORMULATIONS:
-        raise ValueError(f"no formulation {accuracy.formulation!r}; there are "
-                         f"{', '.join(FORMULATIONS)}")
     if accuracy.formulation == "projected" and accuracy.integrator not in SETTLING:
         raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
                          f"for the projected formulation there are {', '.join(SETTLING)}")
@@ -137,18 +131,19 @@ def _times(duration: float, times: Any) -> Array:
 
 def _check_start(problem: Problem, state: State) -> None:
     """Refuse a state that does not start as the laws of its prescribed drivers do."""
-    name = problem.mechanism.name
+    name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
     for c, law in problem.drives:
         value, rate, _ = law(0.0)
-        scale = problem.scale[c.v]
+        scale, driver = problem.scale[c.v], drivers.get(c.name, c.name)
+        at, pace = (0.0 if abs(x) < 1e-12 * scale else x for x in (state.q[c.q], state.v[c.v]))
         if abs(value - state.q[c.q]) > 1e-9 * scale:
             raise SpatialPinError(
-                f"mechanism {name!r}: the law of {c.name} starts at {value:.9g} {c.unit}, the "
-                f"state is at {state.q[c.q]:.9g}: assemble it there")
+                f"mechanism {name!r}: the law of {driver} starts at {value:.9g} {c.unit}, the "
+                f"state is at {at:.9g}: assemble it there")
         if abs(rate - state.v[c.v]) > 1e-9 * scale * (1.0 + abs(rate)):
             raise SpatialPinError(
-                f"mechanism {name!r}: the law of {c.name} starts with {rate:.9g} {c.unit}/s, the "
-                f"state moves with {state.v[c.v]:.9g}: solve its rates")
+                f"mechanism {name!r}: the law of {driver} starts with {rate:.9g} {c.unit}/s, the "
+                f"state moves with {pace:.9g}: solve its rates")
 
 
 def _independent(problem: Problem, state: State) -> System:

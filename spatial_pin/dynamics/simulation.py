@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.summary import effort_lines, first_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -33,7 +36,38 @@ class Projection(NamedTuple):
     share: float
 
 
-@dataclass(eq=False)
+class ByDriver(dict[str, Array]):
+    """Rows (N,) by driver; a driver's joint or coordinate finds its rows too.
+
+    Args:
+        mechanism: the mechanism.
+        rows: by coordinate.
+    """
+
+    def __init__(self, mechanism: Mechanism, rows: Mapping[str, Array]) -> None:
+        names = driver_names(mechanism)
+        self._names = {name: names.get(name, name) for name in rows}
+        super().__init__({self._names[name]: x for name, x in rows.items()})
+
+    def __missing__(self, name: str) -> Array:
+        if name in self._names:
+            return self[self._names[name]]
+        raise UnknownNameError("prescribed driver", name, self, "efforts: ")
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or name in self._names
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the rows of a driver, joint or coordinate, or a default."""
+        return super().get(self._names.get(name, name), default)
+
+
+def driver_names(mechanism: Mechanism) -> dict[str, str]:
+    """Return the names of drivers by the coordinates that they drive."""
+    return {mechanism.driven_coordinate(d.joint).name: d.name for d in mechanism.drivers.values()}
+
+
+@dataclass(eq=False, repr=False)
 class Simulation(Motion):
     """A Motion in time, with its energies.
 
@@ -42,7 +76,8 @@ class Simulation(Motion):
         work: (N,) of efforts, dampers, prescribed drivers and spring laws since the start [J].
         energy_drift: largest difference of energy and work to the energy at the start, by the
             largest kinetic energy or change of the rest [-].
-        efforts: (N,) of every prescribed driver [N·m, N].
+        efforts: (N,) of every prescribed driver [N·m, N], by its name; one that is no driver of
+            the mechanism by its coordinate. A driver's joint finds them too.
         coordinates: independent coordinates that were used, in their order.
         evaluations: how often the equations of motion were evaluated.
         steps: how many steps were taken.
@@ -62,6 +97,15 @@ class Simulation(Motion):
     by_drivers: bool = True
     joint_limits: list[Passing] = field(default_factory=list)
     projection: Projection | None = None
+
+    def __str__(self) -> str:
+        used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
+        lines = [super().__str__(),
+                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps "
+                 f"of the integrator{used}"]
+        efforts = effort_lines(self, self.efforts)
+        return "\n".join([*lines, *(["efforts:"] if efforts else []),
+                          *first_of(efforts, "efforts")])
 
 
 def energy_drift(mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array) -> float:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from spatial_pin.dynamics.problem import Problem, System
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.joint_limits import (
+    NOISE,
     JointLimit,
     Passing,
+    falls,
     first_passing,
     joint_limits,
     passed_at_start,
@@ -55,6 +59,7 @@ class Watch:
         self, problem: Problem, state: State, stop_when: StopFunction | None, on_joint_limit: str
     ) -> None:
         self.stop_when, self.on_joint_limit = stop_when, on_joint_limit
+        self._scale = problem.mechanism.velocity_scale
         ignored = on_joint_limit == "ignore"
         self.limits = [] if ignored else joint_limits(problem.mechanism)
         self.at_start: list[Passing] = (
@@ -90,8 +95,9 @@ class Watch:
             return system.place(t, dense[0](t))
 
         span, found = (solver.t_old, solver.t), []
+        noise = NOISE * float(np.abs(np.array([before[1], self._end[1]]) / self._scale).max())
         for limit in self.limits:
-            t = first_passing(limit, at, span, (before, self._end))
+            t = first_passing(limit, at, span, (before, self._end), noise)
             if t is not None:
                 found.append((t, limit))
         return sorted(found, key=lambda pair: pair[0])
@@ -104,8 +110,6 @@ class Watch:
         before, self._last = self._last, function(solver.t, system.state(solver.t, solver.y))
         if before == 0.0 or before * self._last > 0.0:
             return None
-        from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
-        dense = solver.dense_output()
-        return float(brentq(lambda t: function(t, system.state(t, dense(t))), solver.t_old,
-                            solver.t, xtol=1e-14, rtol=1e-14))
+        dense, sign = solver.dense_output(), float(np.sign(before))
+        return falls(lambda t: sign * function(t, system.state(t, dense(t))), solver.t_old,
+                     solver.t)

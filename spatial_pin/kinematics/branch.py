@@ -12,6 +12,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Arrival, march
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
+from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -78,6 +79,13 @@ class Branch:
         self.spins = [Spin(self.evaluation.placements[joint, :3], axis)
                       for joint, axis in self.evaluation.constraints.spins]
         self._set_rates()
+
+    @classmethod
+    def along(cls, state: State, driver: str, accuracy: Accuracy) -> Branch:
+        """Return the branch through a state along which one driver changes, the others held."""
+        driven = driven_coordinates(state.mechanism, [driver])
+        own = state.mechanism.coordinate(driver).name
+        return cls(state, sorted(driven, key=lambda c: c.name != own), accuracy)
 
     @property
     def tolerance(self) -> float:

@@ -7,7 +7,6 @@ import numpy as np
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -26,8 +25,8 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         output: a coordinate; default every one-freedom joint on the fixed link but the driver.
 
     Returns:
-        Events of kind "dead centre" with the driver's values, in the order of the rows; the text
-        says where the output is.
+        Events of kind "dead centre" with the driver's values, in the order of the rows; `row` is
+        the first row that is there or beyond; the text says where the output is.
 
     Raises:
         UnknownNameError: there is no such coordinate.
@@ -73,9 +72,7 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
 
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
     output = mechanism.coordinate(name)
-    driven = driven_coordinates(mechanism, [driver])
-    driven.sort(key=lambda c: c.name != mechanism.coordinate(driver).name)
-    branch = Branch(motion.state(first), driven, Accuracy.named("reference"))
+    branch = Branch.along(motion.state(first), driver, Accuracy.named("reference"))
 
     def rate(value: float) -> float:
         branch.reach(value)
@@ -90,7 +87,7 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
             f"mechanism {mechanism.name!r}: {stopped.arrival.kind} between {driver} = "
             f"{ends[0]:.9g} and {ends[1]:.9g} {unit}, where {name} turns back", motion=motion,
         ) from None
-    return _event(motion, name, last, value, float(branch.q[output.q]))
+    return _event(motion, name, first + 1, value, float(branch.q[output.q]))
 
 
 def _event(motion: Motion, name: str, row: int, value: float, turned: float) -> Event:

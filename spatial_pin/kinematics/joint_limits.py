@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
 NOISE = 1e-11  # rate of a joint that stands still, by that of the fastest
 SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
+DOUBT = 4.0  # room left, by how far a joint swings between rows, that polynomials are trusted with
+ELSEWHERE = 1e-6  # difference of joints that tells another way [rad, characteristic lengths]
+
+_Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
+_Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends
 
 
 class JointLimit(NamedTuple):
@@ -99,9 +108,22 @@ def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passin
             if limit.room(q) < -SLACK * limit.size]
 
 
+def falls(function: Callable[[float], float], first: float, last: float) -> float:
+    """Return where a function falls through zero that is positive before and negative after.
+
+    An end that is zero but for round-off may have either sign: then it is the place.
+    """
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
+    if not function(first) > 0.0:
+        return first
+    if not function(last) < 0.0:
+        return last
+    return float(brentq(function, first, last, xtol=1e-14, rtol=1e-14))
+
+
 def first_passing(
-    limit: JointLimit, at: Callable[[float], tuple[Array, Array]], span: tuple[float, float],
-    ends: tuple[tuple[Array, Array], tuple[Array, Array]],
+    limit: JointLimit, at: _Way, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
 ) -> float | None:
     """Return when a limit is first passed outwards in a span of time, if it is.
 
@@ -112,36 +134,34 @@ def first_passing(
         limit: the limit.
         at: function of the time to (q, v).
         span: first and last time.
-        ends: (q, v) at these.
+        ends: (q, v) at these; `at` may differ from them by round-off.
+        noise: rate of a joint that stands still [rad/s, characteristic lengths per second].
     """
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
-    def root(function: Callable[[float], float], last: float) -> float:
-        return float(brentq(function, span[0], last, xtol=1e-14, rtol=1e-14))
-
     (q0, v0), (q1, v1) = ends
-    slack, last = SLACK * limit.size, span[1]
+    slack, still, last = SLACK * limit.size, noise * limit.size, span[1]
     if limit.room(q0) < -slack:
         return None
     if not limit.room(q1) < -slack:
-        if not limit.closing(v0) > 0.0 > limit.closing(v1):
+        if not limit.closing(v0) > still >= -still > limit.closing(v1):
             return None
-        last = root(lambda t: float(limit.closing(at(t)[1])), span[1])
+        last = falls(lambda t: float(limit.closing(at(t)[1])), *span)
         if not limit.room(at(last)[0]) < -slack:
             return None
-    if limit.room(q0) <= 0.0:
-        return span[0]
-    return root(lambda t: float(limit.room(at(t)[0])), last)
+    return falls(lambda t: float(limit.room(at(t)[0])), span[0], last)
 
 
 def joint_limits_passed(motion: Motion) -> list[Passing]:
     """Return where a motion passes joint limits outwards, in the order of its rows.
 
-    Between rows a coordinate is the polynomial of fifth degree through values, rates and
-    accelerations of the two rows: with a row for every degree of a crank the place is good to
-    1e-13 of the driver, for every four to 1e-10, for every ten to 1e-8. A joint that turns back
-    between two rows is looked at where it does. Rows without rates (a sweep at speed 0) are joined
-    by straight lines.
+    Where the motion of a swept driver passes one between two rows, the branch is followed again
+    from the first of them, to where the joint is at its limit: however far rows are apart, the
+    driver's value is as exact as the limit allows, 1e-12 where the joint moves as fast as the
+    driver. Where that is impossible (coordinates held that are no drivers, branches that cross in
+    between), and in simulations, whose `joint_limits` are exact, a coordinate is taken for the
+    polynomial of fifth degree through values, rates and accelerations of the two rows, or for a
+    straight line without rates; then sentences have six digits. A joint that turns back between
+    two rows is looked at where it does; one that goes out and back between two rows while its
+    rates at both have the same sign is missed: give rows nearer to each other.
 
     Args:
         motion: from `sweep`, `trace` or `simulate`.
@@ -155,10 +175,12 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
     start = float(values[0]) if values is not None else 0.0
     found = passed_at_start(motion.mechanism, motion.q[0], start)
     noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
+    sense = _sense(motion)
     for limit in joint_limits(motion.mechanism):
         closing = limit.closing(motion.v)
+        before, after = sense * closing[:-1], sense * closing[1:]
         outside = limit.room(motion.q) < -SLACK * limit.size
-        turning = (closing[:-1] > noise * limit.size) & (closing[1:] < -noise * limit.size)
+        turning = (before > noise * limit.size) & (after < -noise * limit.size)
         for k in np.flatnonzero(~outside[:-1] & (outside[1:] | turning)).tolist():
             passing = _between(motion, limit, k)
             found += [passing] if passing is not None else []
@@ -168,6 +190,15 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
 def joint_limit_events(motion: Motion) -> list[Event]:
     """Return the events, of kind "joint limit", of `joint_limits_passed`."""
     return [passing.event for passing in joint_limits_passed(motion)]
+
+
+def _sense(motion: Motion) -> Array:
+    """Return, for every step (N - 1,), whether rows go with their rates (1) or against them."""
+    if motion.driver is None or motion.time is not None:
+        return np.ones(len(motion) - 1)
+    v = motion.v[:, motion.mechanism.coordinate(motion.driver_name).v]
+    with_it = np.diff(motion.driver) * (v[:-1] + v[1:]) >= 0.0
+    return np.where(with_it, 1.0, -1.0)
 
 
 def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
@@ -180,18 +211,62 @@ def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
         row[limit.q], moving[limit.v] = q(x), v(x)
         return row, moving
 
-    before, after = ((motion.q[k + i], rates[i]) for i in (0, 1))
-    x = first_passing(limit, at, (0.0, 1.0), (before, after))
+    ends = (motion.q[k], rates[0]), (motion.q[k + 1], rates[1])
+    if motion.driver is not None:
+        if not _may_pass(limit, at, ends):
+            return None
+        with contextlib.suppress(Stopped, SpatialPinError):
+            value = _followed(motion, limit, k, ends)
+            return None if value is None else _at_driver(motion, limit, k, value, 12)
+    x = first_passing(limit, at, (0.0, 1.0), ends)
     if x is None:
         return None
     if motion.driver is None:
         time = float(motion.time[k] + x * h) if motion.time is not None else float(k + x)
-        return Passing(limit, time, k + 1, f"at {time:.12g} s")
+        return Passing(limit, time, k + 1, f"at {time:.6g} s")
     c = motion.mechanism.coordinate(motion.driver_name)
     driver, _ = _hermite(motion.q[k : k + 2, c.q], rates[:, c.v], seconds[:, c.v], h)
-    value = float(driver(x))
+    return _at_driver(motion, limit, k, float(driver(x)), 6)
+
+
+def _at_driver(motion: Motion, limit: JointLimit, k: int, value: float, digits: int) -> Passing:
     return Passing(limit, value, k + 1,
-                   f"at {motion.driver_name} = {value:.12g} {motion.driver_unit}")
+                   f"at {motion.driver_name} = {value:.{digits}g} {motion.driver_unit}")
+
+
+def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
+    """Whether a limit may be passed between two rows, by polynomials good to a part of the way."""
+    (q0, v0), (q1, v1) = ends
+    if limit.room(q1) < -SLACK * limit.size:
+        return True
+    if not limit.closing(v0) > 0.0 > limit.closing(v1):
+        return False
+    turn = falls(lambda x: float(limit.closing(at(x)[1])), 0.0, 1.0)
+    left = limit.room(at(turn)[0])
+    swing = min(limit.room(q0), limit.room(q1)) - left
+    return bool(left < DOUBT * swing)
+
+
+def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float | None:
+    """Return the driver's value at which a limit is passed between rows k and k + 1, if it is.
+
+    Raises:
+        Stopped: the branch of row k does not lead to row k + 1.
+        SpatialPinError: the driver does not determine it.
+    """
+    branch = Branch.along(motion.state(k), motion.driver_name, Accuracy.named("reference"))
+    first, last = motion.swept[k : k + 2].tolist()
+    branch.reach(last)
+    moved = (branch.q - motion.q[k + 1])[branch.linear[0]] / branch.scale[branch.linear[1]]
+    if np.abs(moved).max(initial=0.0) > ELSEWHERE:
+        raise SpatialPinError("the rows were taken with other coordinates held")
+    sense = float(np.sign(last - first))
+
+    def at(value: float) -> tuple[Array, Array]:
+        branch.reach(value)
+        return branch.q, sense * branch.t
+
+    return first_passing(limit, at, (first, last), ends)
 
 
 def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.joint_limits import (
     Passing,
+    falls,
     joint_limits,
     joint_limits_passed,
     passed_at_start,
@@ -73,8 +74,6 @@ def _nearer(
 
 def _exactly(motion: Motion, passing: Passing) -> float:
     """Return where a limit is passed between two rows, loops closed at every trial."""
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
     row, limit = passing.row, passing.limit
     rooms = limit.room(motion.q[row - 1 : row + 1])
     if not rooms[0] > 0.0 > rooms[1]:
@@ -85,7 +84,7 @@ def _exactly(motion: Motion, passing: Passing) -> float:
         way = sweep(motion.mechanism, motion.driver_name, [ends[0], value], guess=before)
         return float(limit.room(way.q[-1]))
 
-    return float(brentq(room, *ends, xtol=1e-14, rtol=1e-14))
+    return falls(room, *ends.tolist())
 
 
 def _returns(motion: Motion) -> bool:

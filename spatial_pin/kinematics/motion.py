@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +14,9 @@ import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.jerks import Jerks, solve_jerks
+from spatial_pin.kinematics.rates import rate_error
 from spatial_pin.kinematics.state import State, center_of_mass
+from spatial_pin.kinematics.summary import summary
 from spatial_pin.kinematics.transmission import transmission_angle
 from spatial_pin.kinematics.views import accelerations, placements, twists
 from spatial_pin.linalg import Array
@@ -147,10 +149,11 @@ class Motion:
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     def state(self, row: int) -> State:
-        """Return one row as a State."""
+        """Return one row as a State; its `rate_error` is known where a driver was swept."""
+        lost = partial(rate_error, self.driver_name) if self.driver is not None else np.nan
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
-                     angles=self.angles[row] if self.angles.size else None)
+                     angles=self.angles[row] if self.angles.size else None, rate_error=lost)
 
     @cached_property
     def _bodies(self) -> _Bodies:
@@ -338,5 +341,8 @@ class Motion:
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
         over = self.driver_name or "time"
-        return (f"Motion({self.mechanism.name!r}: {len(self)} rows over {over}, "
+        return (f"{type(self).__name__}({self.mechanism.name!r}: {len(self)} rows over {over}, "
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
+
+    def __str__(self) -> str:
+        return summary(self)

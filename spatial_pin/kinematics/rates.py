@@ -124,6 +124,15 @@ def round_off(system: SquareSystem, rates: np.ndarray) -> float:
     return ROUNDINGS * float(np.finfo(float).eps) * pace * max(pace, 1.0 / max(pivot, 1e-300))
 
 
+def rate_error(driver: str, state: State) -> float:
+    """Return `round_off` of rates that a driver makes; NaN where it does not determine them."""
+    try:
+        with square_system(state, [driver]) as system:
+            return round_off(system, system.driver_rates())
+    except SingularError:
+        return float(np.nan)
+
+
 def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
     """Refuse velocities that open a loop, as happens where redundant rows become independent.
 

@@ -13,6 +13,7 @@ from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.summary import heading, ranges
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
@@ -126,22 +127,9 @@ def assembly_summary(state: State) -> str:
 
 
 def motion_summary(motion: Motion) -> str:
-    """Return the ranges of a motion's coordinates, its accuracy and its events."""
-    mechanism = motion.mechanism
-    width = max(map(len, mechanism.coordinates), default=0)
-    driven = motion.driver is not None
-    name, unit = (motion.driver_name, motion.driver_unit) if driven else ("time", "s")
-    over = motion.driver if driven else motion.time
-    first, last = (over[0], over[-1]) if over is not None and len(over) else (np.nan, np.nan)
-    lines = [f"{mechanism.name}: {len(motion)} steps, {name} {first:.6g} to "
-             f"{last:.6g} {unit}, closure error at most {motion.closure_error.max(initial=0):.1e}"]
-    for name, c in mechanism.coordinate_table.items():
-        value, rate, _ = motion.coordinate(name)
-        if len(motion):
-            lines.append(f"  {name:{width}}  {value.min():+.6f} to {value.max():+.6f} {c.unit}, "
-                         f"rate {rate.min():+.6g} to {rate.max():+.6g} {c.unit}/s")
+    """Return the ranges of a motion's coordinates, its accuracy, its events and dead centres."""
     events = [*_dead_centres(motion), *motion.events]
-    return "\n".join([*lines, *(f"  {event.text}" for event in events)])
+    return "\n".join([heading(motion), *ranges(motion), *(f"  {event.text}" for event in events)])
 
 
 def _dead_centres(motion: Motion) -> list[Event]:

@@ -26,6 +26,7 @@ STEP = 2e-3  # of the dimension; of the characteristic length (1 for angles) whe
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 ROUND_OFF = 4e-15  # relative error of an output, for the error estimate
+NO_SPREAD = 1e-14  # standard deviation, by the value, that is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +38,22 @@ class Sensitivity:
         value: the output itself, a number or (3,) [SI, rad].
         derivatives: by dimension, shaped like the value [output unit per m or rad].
         errors: estimated largest error of each derivative.
+        unit: of the value, "" or "1" when it has none.
     """
 
     output: str
     value: Any
     derivatives: dict[str, Any]
     errors: dict[str, float]
+    unit: str = ""
 
     def __str__(self) -> str:
-        lines = [f"{self.output} = {np.array2string(np.asarray(self.value), precision=10)}"]
-        lines += [f"  d/d {name} = {np.array2string(np.asarray(d), precision=10)}"
-                  f"  (± {self.errors[name]:.0e})" for name, d in self.derivatives.items()]
+        lines = [f"{self.output} = {np.array2string(np.asarray(self.value), precision=10)}"
+                 f" {self.unit.removeprefix('1')}".rstrip()]
+        for name, derivative in self.derivatives.items():
+            error = self.errors[name]
+            d = np.where(np.abs(derivative) <= error, 0.0, derivative)  # what is left is noise
+            lines.append(f"  d/d {name} = {np.array2string(d, precision=10)}  (± {error:.0e})")
         return "\n".join(lines)
 
 
@@ -92,8 +98,9 @@ def sensitivities(
                                    f"mechanism {mechanism.name!r}: ")
     state = of_mechanism(mechanism, state)
     drive = Drive.of(mechanism, state)
-    found = [Sensitivity(output, value, {}, {}) for output, value in
-             zip(outputs, drive.evaluate(mechanism, state, outputs), strict=True)]
+    found = [Sensitivity(output, value, {}, {}, _unit(mechanism, state, output))
+             for output, value in zip(outputs, drive.evaluate(mechanism, state, outputs),
+                                      strict=True)]
     for name in names:
         value = mechanism.dimensions[name]
         h = STEP * (abs(value) or mechanism.characteristic_length)
@@ -105,6 +112,38 @@ def sensitivities(
             at = {k: np.asarray(values[i]) for k, values in around.items()}
             one.derivatives[name], one.errors[name] = _derivative(at, h)
     return found
+
+
+def _unit(mechanism: Mechanism, state: State, output: str) -> str:
+    """Return the unit of an output that exists."""
+    kind, _, rest = output.partition(".")
+    end, _, driver = rest.partition(".")
+    if kind == "limit" and end in ("lower", "upper"):
+        return mechanism.coordinate(driver).unit
+    return _single_row(mechanism, state).output(output).unit
+
+
+def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
+    """Return a value, or a vector, ± its standard deviation, digits as that warrants.
+
+    Of a deviation two digits are told, of its value as many places; 12 digits where none scatters.
+    """
+    if np.ndim(value):
+        parts = [with_spread(x, dx) for x, dx in zip(value, deviation, strict=True)]
+        return f"[{', '.join(parts)}] {unit.removeprefix('1')}".rstrip()
+    size = max(abs(value), deviation)
+    if not np.isfinite(size):
+        text = f"{value:.6g} ± {deviation:.2g}"
+    elif deviation <= NO_SPREAD * abs(value):
+        text = f"{value:.12g} ± 0"
+    elif 1e-4 <= size < 1e6 and deviation > 1e-9:
+        places = max(1 - int(np.floor(np.log10(deviation))), 0)
+        text = f"{value:.{places}f} ± {deviation:.{places}f}"
+    else:
+        power = int(np.floor(np.log10(size)))
+        places = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
+        text = f"({value / 10.0**power:.{places}f} ± {deviation / 10.0**power:.{places}f})e{power}"
+    return f"{text} {unit.removeprefix('1')}".rstrip()
 
 
 def _derivative(at: Mapping[int, Array], h: float) -> tuple[Any, float]:

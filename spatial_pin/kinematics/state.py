@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
@@ -77,7 +78,8 @@ class State:
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         rate_error: estimated round-off of v and a, by their size; it grows near a limit position
-            of a driver. NaN until `solve_rates`.
+            of a driver. NaN until `solve_rates`; of a row of a sweep it is worked out when asked
+            for, of a row of a simulation it is NaN.
     """
 
     def __init__(
@@ -90,7 +92,7 @@ class State:
         closure_error: float,
         angles: Array | None = None,
         branch: str = "",
-        rate_error: float = np.nan,
+        rate_error: float | Callable[[State], float] = np.nan,
     ) -> None:
         nv = mechanism.model.nv
         self.mechanism = mechanism
@@ -100,7 +102,13 @@ class State:
         self.closure_error = float(closure_error)
         self.angles = _frozen(np.empty(0) if angles is None else angles)
         self.branch = branch
-        self.rate_error = float(rate_error)
+        self._rate_error = rate_error
+
+    @cached_property
+    def rate_error(self) -> float:
+        """Estimated round-off of v and a, by their size; NaN where it is not known."""
+        known, self._rate_error = self._rate_error, np.nan  # an error on the way may print us
+        return float(known(self) if callable(known) else known)
 
     @cached_property
     def data(self) -> pin.Data:

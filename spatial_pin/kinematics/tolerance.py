@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 from uuid import uuid4
@@ -19,7 +19,7 @@ from spatial_pin.kinematics.dimension_path import varied
 from spatial_pin.kinematics.fitted import FittedGeometry, fit
 from spatial_pin.kinematics.sample_outputs import is_possible, output, points_of
 from spatial_pin.kinematics.samples import Solver
-from spatial_pin.kinematics.sensitivity import Drive, sensitivities
+from spatial_pin.kinematics.sensitivity import Drive, sensitivities, with_spread
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_number
@@ -45,6 +45,7 @@ class Tolerance:
         dimensions: (N,) drawn values of each dimension, of all samples [m, rad].
         is_closed: (N,) which samples could be closed: `samples[output]` are those at
             `dimensions[name][is_closed]`.
+        units: of the outputs, "1" for none.
     """
 
     nominal: dict[str, Any]
@@ -55,13 +56,16 @@ class Tolerance:
     failed: int
     dimensions: dict[str, Array]
     is_closed: NDArray[np.bool_]
+    units: dict[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         lines = []
         for name, value in self.nominal.items():
-            line = f"{name} = {value} ± {self.linear[name]} (linear)"
-            if self.sampled is not None:
-                line += f", ± {self.sampled[name]} ({len(self.samples[name])} samples)"
+            unit = self.units.get(name, "")
+            line = f"{name} = {with_spread(value, self.linear[name], unit)} (linear)"
+            if self.sampled is not None and self.mean is not None:
+                spread = with_spread(self.mean[name], self.sampled[name], unit)
+                line += f"; {spread} ({len(self.samples[name])} samples)"
             lines.append(line)
         if self.failed:
             lines.append(f"{self.failed} samples cannot be closed")
@@ -119,10 +123,11 @@ def tolerance(
         raise ValueError("a standard deviation is negative")
     found = sensitivities(mechanism, state, names, spread)
     nominal = {one.output: one.value for one in found}
+    units = {one.output: one.unit for one in found}
     linear = {one.output: _propagated(one.derivatives, spread) for one in found}
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
-                         {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool))
+                         {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
     drawn = _drawn(mechanism, spread, samples, seed)
     values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
                                 executor, progress)
@@ -132,6 +137,7 @@ def tolerance(
         {name: x.std(axis=0, ddof=1)[()] for name, x in good.items()},
         {name: x.mean(axis=0)[()] for name, x in good.items()},
         good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
+        units,
     )
 
 

@@ -16,6 +16,7 @@ from spatial_pin.kinematics.motion import Output
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     from spatial_pin.kinematics.motion import Motion
     from spatial_pin.mechanism.mechanism import Mechanism
@@ -25,8 +26,11 @@ Array = NDArray[np.floating]
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # of Okabe and Ito: x, y, z
 INK, FAINT = "#2b3138", "#d5d9de"
 NEGLIGIBLE = 1e-9  # variation, by the largest value, that is round-off and not blown up
+NARROW = 1e-3  # range of the abscissa, by its values, whose labels take room
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
+OF_TIME = ("joint limit", "stopped")  # events of a simulation that have a time
+DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
 MOST_OUTPUTS = 3  # drawn when none are named
 STILL = 1e-9  # change [rad, or of the characteristic length] that is no motion
 
@@ -69,6 +73,7 @@ def _style(axes: Axes) -> None:
     axes.spines[["left", "bottom"]].set_color("#8a939c")
     axes.tick_params(colors=INK)
     axes.margins(x=0)
+    axes.ticklabel_format(useOffset=False)  # no heading such as 1e-5-2.1379e1 to add in one's head
 
 
 def _draw(axes: Axes, x: Array, output: Any) -> None:
@@ -85,11 +90,29 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
     _style(axes)
 
 
-def _mark_events(axes: Axes, motion: Motion, unit: str) -> None:
-    """Draw a line at the driver value of every event."""
-    for event in getattr(motion, "events", ()):
-        value = np.rad2deg(event.value) if unit == "°" else event.value
-        axes.axvline(value, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+def _marks(motion: Motion, over: str) -> dict[str, Array]:
+    """Return where on the abscissa, the driver's or the time's, events lie, by their kind."""
+    if over == motion.driver_name:
+        events = motion.events
+    elif motion.driver is None:
+        events = [event for event in motion.events if event.kind in OF_TIME]
+    else:
+        return {}
+    return {kind: np.array([e.value for e in events if e.kind == kind])
+            for kind in dict.fromkeys(event.kind for event in events)}
+
+
+def _mark_events(figure: Figure, motion: Motion, name: str, unit: str) -> None:
+    """Draw a line at every event in all panels, and below them what the lines mean."""
+    handles: dict[str, Line2D] = {}
+    for k, (kind, values) in enumerate(_marks(motion, name).items()):
+        for value in _in_degrees(values, "rad")[0] if unit == "°" else values:
+            for axes in figure.axes:
+                handles[kind] = axes.axvline(value, color=INK, linewidth=0.9, label=kind,
+                                             linestyle=DASHES[k % len(DASHES)])
+    if handles:
+        figure.legend(list(handles.values()), list(handles), loc="outside lower right",
+                      ncols=len(handles), fontsize=9, frameon=False, handlelength=2.4)
 
 
 def _moves(motion: Motion, name: str) -> bool:
@@ -194,9 +217,10 @@ def plot(
     panels = figure.subplots(len(found), sharex=True, squeeze=False)[:, 0]
     for axes, output in zip(panels, found, strict=True):
         _draw(axes, x, output)
-        if driver == motion.driver_name:
-            _mark_events(axes, motion, unit)
-    if unit == "°":
+    _mark_events(figure, motion, driver, unit)
+    if len(x) and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0):
+        panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
+    elif unit == "°":
         panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
     panels[-1].set_xlabel(_label(driver, unit))
     if title:
