@@ -95,7 +95,9 @@ def sweep(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Motion, one row per value.
+        The Motion, one row per value. Joint limits passed are events, exact however far rows are
+        apart; a joint that goes out and back between two rows, with rates of the same sign at
+        both, is missed.
 
     Raises:
         AssemblyError: the first value cannot be assembled.
