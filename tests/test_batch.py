@@ -181,9 +181,9 @@ FULL_TURN = ["crane", "crank_collar", "double_cardan", "four_bar", "geared_five_
 
 @pytest.mark.parametrize("name", FULL_TURN)
 @pytest.mark.parametrize("values", [
-    TURN, TURN[::-1], np.sort(np.random.default_rng(1).uniform(0.0, 6.3, 400)),
-    np.concatenate([TURN, TURN[::-1], TURN[:90]]), np.repeat(TURN[:60], 2)],
-    ids=["on", "back", "uneven", "to and fro", "every value twice"])
+    np.sort(np.random.default_rng(1).uniform(0.0, 6.3, 300)),
+    np.concatenate([TURN[::2], TURN[::-2], np.repeat(TURN[:20], 2)])],
+    ids=["uneven", "to and fro, and every value twice"])
 def test_rows_together_are_rows_one_by_one(name, values, monkeypatch):
     together, one_by_one = both_ways(monkeypatch, sp.load(name), values)
     np.testing.assert_array_equal(together.driver, one_by_one.driver)

@@ -58,7 +58,7 @@ def test_the_smallest_model_is_found_and_yields_the_output(name, output, coordin
 def test_coordinates_and_links_of_the_library_are_yielded(name):
     mechanism = sp.load(name)
     outputs = [*mechanism.coordinates, *mechanism.links[1:]]
-    for output in outputs[:: 1 + len(outputs) // 12]:
+    for output in outputs[:: 1 + len(outputs) // 6]:
         reduced = sp.reduce(mechanism, output)
         assert sizes(reduced) <= sizes(mechanism)
         found = reduced.verify()
