@@ -106,8 +106,9 @@ def entries(task: str, tables: list[Table]) -> list[Entry]:
         base = next(row["time_per_step"] for row in table["rows"]
                     if all(row["accuracy"][key] == getattr(BASE, key) for key in SAME[task]))
         for row in table["rows"]:
+            time = row["time_per_step"]  # None where it failed, or where none was left for it
             rows.setdefault(sp.Accuracy(**row["accuracy"]), {})[table["mechanism"]] = (
-                known_error(table, row), row["time_per_step"] / base)
+                (math.inf, math.inf) if time is None else (known_error(table, row), time / base))
     found = []
     for accuracy, by_name in rows.items():
         good = {name: x for name, x in by_name.items() if math.isfinite(x[0])}

@@ -20,6 +20,7 @@ AHEAD = 0.25  # arc length from a crossing at which its place is surely enough k
 FASTER = 2.0  # times that joints move as fast as before, where it is no crossing but a limit
 SAME = 1e-6  # difference of limits that are one
 ROUND_OFF = 1e-15  # closure residual: places are few and all else is made of them
+FARTHEST = 20.0  # stretches of a branch that one trial may go
 
 
 class Path:
@@ -92,6 +93,8 @@ class Path:
 
     def _go(self, value: float) -> None:
         branch = self.branch
+        if not branch.stretches(value) <= FARTHEST:
+            raise Lost  # a wild trial of an integrator, which is then tried with a shorter step
         inside = next((strip for strip in self._strips if strip.holds(value)), None)
         if inside is not None:
             inside.put(branch, value)

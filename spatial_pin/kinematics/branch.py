@@ -278,12 +278,12 @@ class Branch:
             Stopped: a limit or a singular configuration lies before it, or it is too far away.
         """
         while target != self.s:
-            stretches = self._stretches(target)
+            stretches = self.stretches(target)
             if not stretches <= MOST_STRETCHES:
                 raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
             self._reach(target if stretches <= 1.0 else self.s + (target - self.s) / stretches)
 
-    def _stretches(self, target: float) -> float:
+    def stretches(self, target: float) -> float:
         """Return how many stretches away a target is at the present rates."""
         return abs(target - self.s) * float(np.linalg.norm(self.t / self.scale)) / STRETCH
 
