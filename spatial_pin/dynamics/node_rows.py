@@ -160,7 +160,12 @@ class NodeRows:
             path.stand(*start)
             return []
         path.stand(p.q[:, good - 1].copy(), p.angles[:, good - 1], anew=False)
-        sizes = np.exp(points.lu.magnitude - points.lu.magnitude[good - 1])
+        magnitude = points.lu.magnitude
+        if good > 1:
+            last = slice(good - 2, good)
+            room = nodes.room_after(values[last], magnitude[last], skeleton.h)
+            branch.limit_room(room, skeleton.h)
+        sizes = np.exp(magnitude - magnitude[good - 1])
         pivots = (branch.system.pivots()[1] * sizes).tolist()
         parts = (x.T[:good] for x in (p.q, points.t, points.c, p.angles))
         return list(zip(map(Place, *parts), pivots[:good], strict=True))

@@ -93,8 +93,6 @@ class Path:
 
     def _go(self, value: float) -> None:
         branch = self.branch
-        if not branch.stretches(value) <= FARTHEST:
-            raise Lost  # a wild trial of an integrator, which is then tried with a shorter step
         inside = next((strip for strip in self._strips if strip.holds(value)), None)
         if inside is not None:
             inside.put(branch, value)
@@ -110,7 +108,7 @@ class Path:
             found = self._crossing_ahead(value)
             if found is None:
                 try:
-                    branch.reach(value)
+                    branch.reach(value, FARTHEST)
                     return
                 except Stopped as stopped:
                     found = self._crossing_at(stopped.arrival)
@@ -154,6 +152,8 @@ class Path:
         Raises:
             Lost: it is none.
         """
+        if arrival.is_far:  # a wild trial of an integrator, which tries a shorter step then
+            raise Lost("a step goes too far to be followed; ask for a smaller error or step")
         found = None
         if arrival.kind in ("branch point", "singular"):
             found = crossing.strip(self.branch, arrival.value)

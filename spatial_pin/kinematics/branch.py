@@ -145,6 +145,10 @@ class Branch:
         for index, fixed in self.held:
             q[index] = fixed
 
+    def limit_room(self, room: float, sense: float) -> None:
+        """Take note that a singular configuration is due after so much more in a sense."""
+        self.rooms = (math.inf, room) if sense > 0.0 else (room, math.inf)
+
     def room(self, sense: float) -> float:
         """Return how far ahead the pivots would vanish if they fell as in the last step, or inf."""
         return self.rooms[1] if sense > 0.0 else self.rooms[0]
@@ -215,7 +219,7 @@ class Branch:
         # two branches that cross twice at one place leave the sign of the determinant as it was
         fall = pivot_before - pivot
         room = pivot * abs(h) / fall if fall > 0.0 else math.inf
-        self.rooms = (math.inf, room) if h > 0.0 else (room, math.inf)
+        self.limit_room(room, h)
         if not worn:  # else `reselect` has taken it
             self._pivot = pivot
         return True
@@ -271,19 +275,19 @@ class Branch:
         self.system.select(self.q)
         self.sign, self._pivot = self.system.pivots()
 
-    def reach(self, target: float) -> None:
-        """Move to `target` by as many steps as the branch needs.
+    def reach(self, target: float, most: float = MOST_STRETCHES) -> None:
+        """Move to `target` by as many steps as the branch needs, over at most so many stretches.
 
         Raises:
             Stopped: a limit or a singular configuration lies before it, or it is too far away.
         """
         while target != self.s:
-            stretches = self.stretches(target)
-            if not stretches <= MOST_STRETCHES:
+            stretches = self._stretches(target)
+            if not stretches <= most:
                 raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
             self._reach(target if stretches <= 1.0 else self.s + (target - self.s) / stretches)
 
-    def stretches(self, target: float) -> float:
+    def _stretches(self, target: float) -> float:
         """Return how many stretches away a target is at the present rates."""
         return abs(target - self.s) * float(np.linalg.norm(self.t / self.scale)) / STRETCH
 

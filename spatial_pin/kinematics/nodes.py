@@ -26,16 +26,13 @@ SPIN_LEFT = 1e-8  # spin after which another pass would find none
 
 
 class Skeleton(NamedTuple):
-    """Steps of a branch, n + 1 of them from s0 on at equal distances h.
+    """Equal steps of a branch.
 
     Attributes:
-        s0, h: first driver value and step, of either sign.
-        curve: configurations (nq, m) between as a function of driver values.
-        turns: (n_angles, n + 1) angles of screw closures.
+        curve: configurations (nq, m) between them as a function of driver values.
+        turns: (n_angles, steps + 1) angles of screw closures.
     """
 
-    s0: float
-    h: float
     curve: NodeCurve
     turns: Array
 
@@ -43,6 +40,16 @@ class Skeleton(NamedTuple):
     def n(self) -> int:
         """Number of steps."""
         return self.curve.n - 1
+
+    @property
+    def s0(self) -> float:
+        """First driver value."""
+        return self.curve.s0
+
+    @property
+    def h(self) -> float:
+        """Step, of either sign."""
+        return self.curve.h
 
     @property
     def end(self) -> float:
@@ -105,8 +112,8 @@ def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
         branch.s, branch.spins, branch.rooms = start[2:]
         return None
     q, t, c = (np.ascontiguousarray(np.array(x).T) for x in zip(*rows, strict=True))
-    return Skeleton(start[2], h, NodeCurve(start[2], h, q, *batch.tree.entry_rates(q, t, c)),
-                    np.array(angles).T)
+    curve = NodeCurve(start[2], h, q, *batch.tree.entry_rates(q, t, c))
+    return Skeleton(curve, np.array(angles).T)
 
 
 def divided(batch: BranchBatch, skeleton: Skeleton, parts: int) -> tuple[Skeleton | None, float]:
@@ -118,7 +125,7 @@ def divided(batch: BranchBatch, skeleton: Skeleton, parts: int) -> tuple[Skeleto
     h, n = skeleton.h / parts, skeleton.n * parts
     values = skeleton.s0 + h * np.arange(n + 1)
     points = closed(batch, skeleton, values)
-    n = min(points.good, before_zero(values, points.lu.magnitude))
+    n = points.good
     if n < FEWEST:
         return None, points.off
     q = points.placed.q
@@ -127,13 +134,14 @@ def divided(batch: BranchBatch, skeleton: Skeleton, parts: int) -> tuple[Skeleto
         points = _evaluated(batch, batch.place(q, points.placed.angles), points.off)
     q, t, c, angles = (x[:, :n] for x in (q, points.t, points.c, points.placed.angles))
     curve = NodeCurve(skeleton.s0, h, q, *batch.tree.entry_rates(q, t, c))
-    return Skeleton(skeleton.s0, h, curve, angles), points.off
+    return Skeleton(curve, angles), points.off
 
 
 def closed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> Points:
-    """Return the points of the branch at driver values (m,) on a skeleton."""
+    """Return the points of the branch at driver values (m,), in order, on a skeleton."""
     placed, off = _placed(batch, skeleton, values)
-    return _evaluated(batch, placed, off)
+    points = _evaluated(batch, placed, off)
+    return points._replace(good=min(points.good, before_zero(values, points.lu.magnitude)))
 
 
 def _placed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> tuple[Placed, float]:
@@ -191,9 +199,15 @@ def before_zero(values: Array, magnitude: Array) -> int:
 
 
 def room_after(values: Array, magnitude: Array, sense: float) -> float:
-    """Return how far beyond the last of two points a singular configuration is due, in a sense."""
+    """Return how far beyond the last of two points a singular configuration is due, in a sense.
+
+    Args:
+        values: (2,) driver values.
+        magnitude: (2,) logarithms of the determinants.
+        sense: a number of the sign of the way on.
+    """
     root = np.exp(0.5 * (magnitude - magnitude[-1]))
-    fall = -sense * float((root[1] - root[0]) / (values[1] - values[0]))
+    fall = -math.copysign(1.0, sense) * float((root[1] - root[0]) / (values[1] - values[0]))
     return 1.0 / fall if fall > 0.0 else math.inf
 
 

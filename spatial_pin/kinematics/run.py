@@ -189,6 +189,5 @@ class Runner:
         self.branch.jump(p.q[:, 0], p.q[:, 1], s, h)
         if self.branch.system.has_redundant_rows:
             self.branch.reselect()
-        sense = math.copysign(1.0, skeleton.h)
-        room = nodes.room_after(values, points.lu.magnitude, sense)
-        self.branch.rooms = (math.inf, room) if sense > 0.0 else (room, math.inf)
+        room = nodes.room_after(values, points.lu.magnitude, skeleton.h)
+        self.branch.limit_room(room, skeleton.h)
