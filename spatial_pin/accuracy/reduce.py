@@ -271,8 +271,9 @@ def _agrees(made: Mechanism, influence: Influence) -> bool:
     for q, motions in zip(influence.configurations, influence.motions(), strict=True):
         influence.evaluation.update(q)
         state = State(full, q, closure_error=0.0, angles=influence.evaluation.angles)
-        evaluation.turns[:] = carried_over(made, state).angles
-        evaluation.update(carried_over(made, state).q)
+        own = carried_over(made, state)
+        evaluation.turns[:] = own.angles
+        evaluation.update(own.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_rows]
         if evaluation.closure_error > OPEN or evaluation.mirrored() \
                 or len(null_space(rows, 1e-8)) != rank(motions[:, at], 1e-7):

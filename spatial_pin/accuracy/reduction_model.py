@@ -19,7 +19,7 @@ from spatial_pin.accuracy.reduction_links import (
     Surroundings,
     relation,
 )
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.linalg import Array, null_space
 from spatial_pin.mechanism.export import content_of
 from spatial_pin.mechanism.files import from_text
@@ -194,34 +194,17 @@ class Model:
     def drop_equations(self) -> None:
         """Leave out equations whose derivative is zero wherever the joints are put."""
         made = self.mechanism(frozenset())
-        evaluation = Evaluation(constraints_of(made))
-        jacobians = []
-        for q in _random(made):
-            evaluation.update(q)
-            jacobians.append(evaluation.jacobian[: evaluation.constraints.n_rows].copy())
-        stacked = np.hstack(jacobians) if jacobians else np.zeros((0, 0))
-        labels = evaluation.constraints.labels
+        slopes = _slopes(made)
         for closure in made.closures:
-            if closure.type == COUPLING or closure.equations is not None:
-                continue
-            rows = [r for r, label in enumerate(labels) if label.closure == closure.name]
-            self._drop_equations(made, closure, stacked[rows])
+            if closure.type != COUPLING and closure.equations is None:
+                self._drop_equations(closure, slopes[closure.name])
 
-    def _drop_equations(self, made: Mechanism, closure: Closure, slopes: Array) -> None:
+    def _drop_equations(self, closure: Closure, slopes: Array) -> None:
         """Leave out equations of one closure, its axes turned so that as many as can be go."""
         turn = _turned(closure, slopes)
         if turn is not None:
             self.tables[closure.name] = {"turn": turn}
-            made = self.mechanism(frozenset())
-            closure = next(c for c in made.closures if c.name == closure.name)
-            evaluation = Evaluation(constraints_of(made))
-            found = []
-            for q in _random(made):
-                evaluation.update(q)
-                rows = [r for r, x in enumerate(evaluation.constraints.labels)
-                        if x.closure == closure.name]
-                found.append(evaluation.jacobian[rows].copy())
-            slopes = np.hstack(found)
+            slopes = _slopes(self.mechanism(frozenset()))[closure.name]
         needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > ZERO).tolist())
         if len(needed) == len(slopes):
             self.tables.pop(closure.name, None)
@@ -303,6 +286,18 @@ class Model:
                 joint, point_on_body(self.full, joint, name)))
                 for k, name in enumerate(passive.axis, 1)]
             yield passive.name, {"body": passive.body, "axis": axis}
+
+
+def _slopes(made: Mechanism) -> dict[str, Array]:
+    """Return the derivatives of the equations of every closure, side by side at some places."""
+    with evaluation_of(made) as evaluation:
+        jacobians = []
+        for q in _random(made):
+            evaluation.update(q)
+            jacobians.append(evaluation.jacobian[: evaluation.constraints.n_rows].copy())
+        labels = evaluation.constraints.labels
+    stacked = np.hstack(jacobians)
+    return {c.name: stacked[[label.closure == c.name for label in labels]] for c in made.closures}
 
 
 def _random(mechanism: Mechanism) -> Iterator[Array]:

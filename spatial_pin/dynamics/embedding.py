@@ -73,7 +73,6 @@ class Embedding:
         Raises:
             SingularError: the coordinates do not determine the motion there.
         """
-        self.n_free = len(independent)
         self.held = [*independent, *prescribed]
         self.linear = not self.curved or all(v in self.places for v in self.held)
         self.at = np.array([self.places.get(v, -1) for v in self.held], dtype=int)

@@ -22,7 +22,7 @@ from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
 from spatial_pin.dynamics.saddle import SINGULAR, IndependentCoordinates, SaddlePoint
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
 from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.views import forces as force_view
@@ -136,7 +136,8 @@ class Equations:
         if rank == len(self.scaled):
             return
         if "rank" not in m.memo:
-            m.memo["rank"] = generic_rank(Evaluation(constraints_of(m)), self.state.q)
+            with evaluation_of(m, self.state.angles) as evaluation:
+                m.memo["rank"] = generic_rank(evaluation, self.state.q)
         if rank < m.memo["rank"]:
             raise SingularError(
                 f"mechanism {m.name!r}: singular configuration, {self.state}: the loops lose "

@@ -82,8 +82,7 @@ def assemble(
     guess = mechanism.start(held) if guess is None else guess
     start = _read_guess(mechanism, guess)
     named = {name: value for name, value in start.named.items() if name not in held}
-    with evaluation_of(mechanism) as evaluation:
-        evaluation.turns[:] = guess.angles if isinstance(guess, State) else 0.0
+    with evaluation_of(mechanism, guess.angles if isinstance(guess, State) else 0.0) as evaluation:
         search = _Search(evaluation, held, named, limits, accuracy)
         for k, q in enumerate(_starts(mechanism, start.q, held, named)):
             search.attempt(q)

@@ -22,7 +22,8 @@ about a line fixed in it.
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -243,9 +244,12 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
     return found
 
 
-def evaluation_of(mechanism: Mechanism) -> AbstractContextManager[Evaluation]:
-    """Lend an `Evaluation` of a mechanism, screws counting turns from wherever they were."""
-    return lent(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism)))
+@contextmanager
+def evaluation_of(mechanism: Mechanism, angles: Array | float = 0.0) -> Iterator[Evaluation]:
+    """Lend an `Evaluation` of a mechanism, its screws counting turns from `angles` (n_angles,)."""
+    with lent(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism))) as evaluation:
+        evaluation.turns[:] = angles
+        yield evaluation
 
 
 # columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
@@ -270,7 +274,6 @@ class Evaluation:
             one in `turns`.
         turns: (n_angles,) the angles to which `angles` stays nearest.
         angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
-        is_plain: whether all rows are products (no screw, no coupling, at least one row).
         wrenches: (rows, 6) force and moment about the world origin of each product row.
         placements: (njoints, 4, 3) view on the joint placements.
     """
@@ -293,7 +296,6 @@ class Evaluation:
         self._joint_jacobian = joint_jacobian(self.data, nv)
         self._make_buffers(n, nv, r)
         self._plain = not (c.screws or c.couplings)
-        self.is_plain = self._plain and r > 0 and isinstance(c.c_abx, np.ndarray)
         self._offset = bool(np.any(c.constants))
         self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
         self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))

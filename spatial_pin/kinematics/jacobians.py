@@ -31,7 +31,6 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
     needed(mechanism)
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
     with evaluation_of(mechanism) as evaluation:
-        evaluation.turns[:] = 0.0
         evaluation.update(x)
         rows = evaluation.jacobian[: evaluation.constraints.n_rows]
         return rows / mechanism.velocity_scale

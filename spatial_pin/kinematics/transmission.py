@@ -81,8 +81,7 @@ def transmission_angle(
         raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
     joint = _own_joint(mechanism, coordinate)
     at, point = _moved_at(mechanism, joint, at)
-    with evaluation_of(mechanism) as evaluation:
-        evaluation.turns[:] = state.angles
+    with evaluation_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         own, allowed = _velocities(evaluation, joint, coordinate, [c.v for c in driven])
         place = evaluation.data.oMi[joint].act(point)
