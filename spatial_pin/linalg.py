@@ -10,6 +10,7 @@ from scipy.linalg import lapack
 
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
+EPS = float(np.finfo(float).eps)
 RANK_TOLERANCE = 1e-10  # singular values below this fraction of the largest count as zero
 ROUND_OFF = 1e-13  # as do all below this: matrices are scaled to order one
 LARGEST_STACKED = 14  # rows of matrices that are factored together faster than one by one

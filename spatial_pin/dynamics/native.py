@@ -18,9 +18,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
-from spatial_pin.dynamics.saddle import EPS, ROUNDING
+from spatial_pin.dynamics.saddle import ROUNDING
 from spatial_pin.errors import ClosureTypeError
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS

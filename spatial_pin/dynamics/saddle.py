@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from spatial_pin.linalg import Array, Factors, decompose, independent_rows
+from spatial_pin.linalg import EPS, Array, Factors, decompose, independent_rows
 
-EPS = float(np.finfo(float).eps)
 ROUNDING = 128.0 * EPS  # of an entry, with all that is added to it
 SINGULAR = 1e-13  # smallest over largest pivot below which nothing is determined
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms

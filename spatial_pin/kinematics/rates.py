@@ -11,11 +11,12 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.linalg import EPS
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
-ROUNDINGS = 8.0  # of a closure row, in eps
+ROUND_OFF = 8.0 * EPS  # of a closure row
 
 
 def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
@@ -121,7 +122,7 @@ def round_off(system: SquareSystem, rates: np.ndarray) -> float:
     """
     paces = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
     pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
-    return ROUNDINGS * float(np.finfo(float).eps) * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    return ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
 
 
 def rate_error(driver: str, state: State) -> float:

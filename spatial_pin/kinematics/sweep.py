@@ -17,7 +17,7 @@ from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.rates import ROUNDINGS, check_finite, driven_coordinates
+from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, driven_coordinates
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
@@ -25,7 +25,6 @@ from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
-ROUND_OFF = ROUNDINGS * float(np.finfo(float).eps)
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 

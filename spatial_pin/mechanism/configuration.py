@@ -16,11 +16,9 @@ import pinocchio as pin
 
 from spatial_pin.checks import finite_array, finite_number
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-
-EPS = float(np.finfo(float).eps)
 
 
 def needed(mechanism: object) -> None:
