@@ -127,12 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("simulate", _simulate, "let it move under gravity, springs and efforts")
     sub.add_argument("--duration", type=_quantity, required=True, help="how long, as 10 or 500ms")
     sub.add_argument("--rows", type=_count, default=1001, help="number of rows (1001)")
-    sub.add_argument("--at", action="append", default=[], type=_setting, metavar="DRIVER=VALUE",
-                     help="where it starts")
-    sub.add_argument("--speed", action="append", default=[], type=_setting,
-                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
-    sub.add_argument("--effort", action="append", default=[], type=_setting,
-                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N]")
+    _start_options(sub, "--speed")
     sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
                      help="where a joint passes a limit of the URDF (report)")
     sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
@@ -146,12 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--simulate", nargs="?", const=0.0, type=_quantity, metavar="DURATION",
                      help="a simulation instead of a sweep, as 10 or 500ms "
                           "(a few seconds under gravity)")
-    sub.add_argument("--at", action="append", default=[], type=_setting, metavar="DRIVER=VALUE",
-                     help="where the simulation starts")
-    sub.add_argument("--begin", action="append", default=[], type=_setting,
-                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
-    sub.add_argument("--effort", action="append", default=[], type=_setting,
-                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
+    _start_options(sub, "--begin")  # --speed is that of a sweep
     sub.add_argument("--rows", type=_count, help="number of its rows (201)")
     sub.add_argument("--repeats", type=_count, default=5, help="runs of each setting (5)")
     sub.add_argument("--error", type=_positive, help="name the cheapest setting for this error")
@@ -219,6 +209,15 @@ def _look_options(sub: argparse.ArgumentParser) -> None:
 def _look(options: argparse.Namespace) -> sp.Look:
     return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
                    arrows=tuple(options.arrow), centres=options.centres)
+
+
+def _start_options(sub: argparse.ArgumentParser, speed: str) -> None:
+    sub.add_argument("--at", action="append", default=[], type=_setting, metavar="DRIVER=VALUE",
+                     help="where the simulation starts")
+    sub.add_argument(speed, action="append", default=[], type=_setting,
+                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
+    sub.add_argument("--effort", action="append", default=[], type=_setting,
+                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
 
 
 def _guess_option(sub: argparse.ArgumentParser) -> None:

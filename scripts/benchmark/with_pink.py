@@ -57,13 +57,9 @@ def run(tool: SimpleNamespace) -> tuple[Array, Array]:
     return np.array(angles), np.array(closures)
 
 
-def judge(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
-    angles, closures = result
-    return rssr.judge(tool.problem, (closures, angles, None, None, None, None))
-
-
 CASES = tuple(Case("sweep", NAME, "FrameTask to the end with daqp, q only",
-                   partial(setup, Problem(steps=n)), run, judge, n, n) for n in rssr.STEPS)
+                   partial(setup, Problem(steps=n)), run, rssr.judge_positions, n, n)
+              for n in rssr.STEPS)
 ABSENT = (
     Absent("rates", NAME, "solve_ik gives velocities towards a target, no accelerations"),
     Absent("jacobian", NAME, "gives Jacobians of the open tree only"),
