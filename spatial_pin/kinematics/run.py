@@ -160,10 +160,10 @@ class Runner:
         """Yield rows from k to `end`, shortened by the first that fails."""
         n, curve = self._parts * skeleton.n, skeleton
         if self.branch.spins or end - k > MANY * n:
-            stride = _stride(self.values[k - 1 : end], skeleton.s0, n)
-            values = (np.linspace(skeleton.s0, skeleton.end, n + 1) if not stride else
-                      np.interp(np.arange((end - k) * stride + 1) / stride,
-                                np.arange(end - k + 1), self.values[k - 1 : end]))
+            rows = self.values[k - 1 : end]
+            stride = _stride(rows, skeleton.s0, n)
+            values = (_subdivided(rows, stride) if stride else
+                      np.linspace(skeleton.s0, skeleton.end, n + 1))
             points = nodes.divided(self.batch, skeleton, values)
             self._off = points.off
             if stride and points.good > stride:
@@ -174,7 +174,8 @@ class Runner:
                 return
             self._curve = curve = joined
             end = min(end, self._until(curve, n, k, end))
-        yield from self._on_curve(curve, k, end)
+        if end > k:
+            yield from self._on_curve(curve, k, end)
 
     def _on_curve(self, skeleton: Skeleton, k: int, end: int) -> Iterator[Rows]:
         """Yield rows from k to `end` in chunks, the last one shortened by the first that fails."""
@@ -222,3 +223,9 @@ def _stride(values: Array, s0: float, n: int) -> int:
         return 0
     stride = math.ceil(n / len(gaps))
     return stride if stride * len(gaps) <= MANY * n else 0
+
+
+def _subdivided(values: Array, parts: int) -> Array:
+    """Return values with each gap between them in equal parts."""
+    m = len(values)
+    return np.interp(np.arange((m - 1) * parts + 1) / parts, np.arange(m), values)
