@@ -20,7 +20,8 @@ from spatial_pin.kinematics.arc import Curve, CurvePoint
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.linalg import Array
 
-REACHES = (0.12, 0.06, 0.02, 0.004)  # arc lengths from a crossing at which it can be solved
+# rad, characteristic lengths of the joint that moves most, from a crossing: there it can be solved
+REACHES = (0.12, 0.06, 0.02, 0.004)
 NODES = 8  # configurations on either side that the curve is continued through
 CLOSED = 1e-12  # closure residual between the nodes, above which they are taken nearer
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
@@ -68,7 +69,7 @@ def _polynomial(x: Array, rows: Array) -> Callable[[float], Array]:
 
 def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
     """Return a point of the curve beyond the crossing just ahead of a point; None if none is."""
-    for reach in REACHES:
+    for reach in _arcs(point.t):
         behind = curve.ahead(point, -reach)
         base = curve.settle(behind, point.t) if behind is not None else None
         halfway = curve.ahead(base, 0.5 * reach) if base is not None else None
@@ -81,6 +82,11 @@ def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
             if far is not None:
                 return far
     return None
+
+
+def _arcs(t: Array) -> list[float]:
+    """Return the arc lengths along a path of direction t (nv,) that have the `REACHES`."""
+    return [reach * float(np.linalg.norm(t) / np.abs(t).max()) for reach in REACHES]
 
 
 class Strip(NamedTuple):
@@ -163,9 +169,10 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
         crossing: driver value of the crossing [rad or m].
     """
     sense = 1.0 if crossing >= branch.s else -1.0
-    pace = float(np.linalg.norm(branch.t / branch.scale))
+    pace = float(np.abs(branch.t / branch.scale).max())
     clear = branch.q, branch.angles  # where the equations are solvable, before the crossing
-    for k, reach in enumerate(REACHES):
+    arcs = _arcs(branch.t / branch.scale)
+    for k, (reach, arc) in enumerate(zip(REACHES, arcs, strict=True)):
         try:
             if k:
                 branch.evaluation.turns[:] = clear[1]
@@ -173,7 +180,7 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
             branch.reach(crossing - sense * reach / pace)
             if k == 0:
                 clear = branch.q, branch.angles
-            sides = _sides(branch, sense, reach)
+            sides = _sides(branch, sense, arc)
         except (Stopped, SingularError):
             continue
         if sides is not None:
