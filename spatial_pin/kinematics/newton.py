@@ -108,6 +108,7 @@ class SquareSystem:
         scale: (nv,) velocity of a unit of each unknown.
         passive: (k, nv) unresolved passive freedoms at the last `refresh_passive`, orthonormal.
         selected_pivot: smallest over largest pivot where the rows were selected.
+        size: length of the longest independent closure row wherever they were selected.
     """
 
     def __init__(
@@ -123,6 +124,7 @@ class SquareSystem:
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.matrix = np.zeros((nv, nv))
         self._whole = False
+        self.size = 0.0
         if q is not None:
             self.select(q)
 
@@ -137,6 +139,8 @@ class SquareSystem:
         n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.driven)
         self.rows = independent_rows(evaluation.jacobian[:n])
         r = len(self.rows)
+        lengths = np.linalg.norm(evaluation.jacobian[self.rows], axis=1)
+        self.size = max(self.size, float(lengths.max(initial=0.0)))
         regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:], self._drive])
         svd = decompose(regular)
         if svd.rank < r + p + d:
