@@ -124,6 +124,7 @@ class SquareSystem:
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.matrix = np.zeros((nv, nv))
         self._whole = False
+        self._usual_rank = -1
         self.size = 0.0
         if q is not None:
             self.select(q)
@@ -196,21 +197,35 @@ class SquareSystem:
         mechanism, null_space = self.evaluation.mechanism, self.passive
         passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space * self.scale))
         missing = len(null_space) - passive
+        lost = self._lost(q, likely=missing > 0)
+        if lost:
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: singular configuration: the loops lose "
+                f"{missing or lost} independent equation(s) there and branches cross; the motion "
+                "is not determined by the drivers"
+            )
         if not missing:
             self._check_free()
             return
-        if rank_loss(self.evaluation, q, len(self.rows)):
-            raise SingularError(
-                f"mechanism {mechanism.name!r}: singular configuration: the loops lose "
-                f"{missing} independent equation(s) there and branches cross; the motion is not "
-                "determined by the drivers"
-            )
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
         raise SingularError(
             f"mechanism {mechanism.name!r}: {missing} of its freedoms are not "
             f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
         )
+
+    def _lost(self, q: Array, likely: bool) -> int:
+        """Return how many independent equations the loops lose at q.
+
+        Also where the freedom won moves one link only, like a passive one: a single distance whose
+        row vanishes frees the link it holds. The usual rank is looked up but once if none is lost.
+        """
+        rank = len(self.rows)
+        if not likely and rank == self._usual_rank:
+            return 0
+        lost = rank_loss(self.evaluation, q, rank)
+        self._usual_rank = rank + lost
+        return lost
 
     def _check_free(self) -> None:
         """Refuse passive freedoms that closures do hold, by a lever too short to be of use."""
