@@ -22,7 +22,7 @@ from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
@@ -108,7 +108,7 @@ def sweep(
         UnknownNameError: a name does not exist.
         ValueError: values or speeds are not finite, or make rates that are not.
     """
-    accuracy = accuracy or Accuracy.named("engineering")
+    accuracy = accuracy_of(accuracy)
     needed(mechanism)
     _check_choice("on_limit", on_limit, ("raise", "stop"))
     _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
