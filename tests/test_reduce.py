@@ -316,3 +316,35 @@ def test_sweep_only_from_the_command_line(tmp_path, capsys):
     assert "coordinates 24 -> 9" in capsys.readouterr().out
     assert main(["sweep", "rssr", "crank", "0", "1", "--only", "rocker_pim"]) == 1
     assert "did you mean 'rocker_pin'" in capsys.readouterr().err
+
+
+def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place():
+    full = sp.load("stewart")
+    reduced = sp.reduce(full, "slide_1")
+    state, motion = sp.assemble(reduced), sp.sweep(reduced, "leg_1", [0.39, 0.4])
+    for ask in (lambda: state.placement("piston_1"), lambda: state.velocity("cylinder_1"),
+                lambda: motion.frame("slide_1"), lambda: sp.jacobian(reduced, state, "piston_1"),
+                lambda: motion.output("piston_1.acceleration"),
+                lambda: sp.solve_jerks(reduced, state).frame("piston_1")):
+        with pytest.raises(sp.SpatialPinError, match=r"joint 'hook_1'.*reduce to .*'slide_1', '"):
+            ask()
+    asked = sp.reduce(full, ["slide_1", "piston_1"])
+    known = sp.assemble(full)
+    assert np.allclose(asked.state(known).placement("piston_1").homogeneous,
+                       known.placement("piston_1").homogeneous, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_every_link_that_tells_its_place_is_there(name):
+    full = sp.load(name)
+    state = sp.assemble(full)
+    if full.drivers:
+        driver = next(iter(full.drivers))
+        state = sp.sweep(full, driver, state.coordinate(driver).value + np.linspace(0, 0.02, 3),
+                         guess=state).state(2)
+    for coordinate in full.coordinates:
+        reduced = sp.reduce(full, coordinate)
+        own = reduced.state(state)
+        for frame in set(reduced.frame_ids) & set(full.frame_ids) - set(reduced.unplaced):
+            assert np.allclose(own.placement(frame).homogeneous, state.placement(frame).homogeneous,
+                               rtol=0.0, atol=1e-9)

@@ -192,7 +192,7 @@ class Motion:
         Raises:
             UnknownNameError: there is none.
         """
-        return self._at(*self.mechanism.frame_on_joint(name))
+        return self._at(*self.mechanism.frame_on_joint(self.mechanism.placed(name)))
 
     def com(self, name: str) -> FrameMotion:
         """Return the motion of a link's own centre of mass.
@@ -202,7 +202,7 @@ class Motion:
             SpatialPinError: it has no mass.
         """
         offset = pin.SE3(np.eye(3), center_of_mass(self.mechanism, name))
-        joint, placement = self.mechanism.frame_on_joint(name)
+        joint, placement = self.mechanism.frame_on_joint(self.mechanism.placed(name))
         return self._at(joint, placement * offset)
 
     def output(self, spec: str) -> Output:

@@ -128,7 +128,7 @@ class State:
 
     def _find(self, name: str) -> tuple[pin.Model, pin.Data, int]:
         """Return a model and its data, and the place in it, of a link, frame or joint."""
-        frame = self.mechanism.frame_id(name)
+        frame = self.mechanism.frame_id(self.mechanism.placed(name))
         if self._located.is_whole:
             return self.mechanism.model, self.data, frame
         return self._located.find(frame)
