@@ -58,12 +58,13 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
     m, n = a.shape
     if m == 0:
         return Decomposition(np.empty((0, 0)), np.empty(0), np.eye(n), 0)
-    if m < n:  # pad, so that vt spans the null space too at the cost of the economic form
-        a = np.vstack([a, np.zeros((n - m, n))])
-    u, s, vt = np.linalg.svd(a, full_matrices=False)
-    s = s[:m]  # what the padding adds is round-off, not a singular value of `a`
-    rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))) if s.size else 0
-    return Decomposition(u[:m, : len(s)], s, vt, rank)
+    if n == 0:
+        return Decomposition(np.empty((m, 0)), np.empty(0), np.empty((0, 0)), 0)
+    u, s, vt, info = lapack.dgesdd(a, 1, m < n)  # vt is to span the null space too
+    if info:
+        raise np.linalg.LinAlgError("singular values of a matrix with entries that are no numbers")
+    rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF)))
+    return Decomposition(u, s, vt, rank)
 
 
 def full_decomposition(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:

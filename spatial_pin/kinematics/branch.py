@@ -50,11 +50,14 @@ class Branch:
         rooms: how far the driver may go down and up before the last steps' pivots would vanish.
     """
 
-    def __init__(self, state: State, driven: Sequence[Coordinate], accuracy: Accuracy) -> None:
+    def __init__(
+        self, state: State, driven: Sequence[Coordinate], accuracy: Accuracy,
+        evaluation: Evaluation | None = None,
+    ) -> None:
         self.mechanism = state.mechanism
         self.model = state.mechanism.model
         self.accuracy = accuracy
-        self.evaluation = Evaluation(constraints_of(state.mechanism))
+        self.evaluation = evaluation or Evaluation(constraints_of(state.mechanism))
         self.evaluation.turns[:] = state.angles
         self.driven = driven
         self.held = [(c.q, float(state.q[c.q])) for c in driven[1:]]

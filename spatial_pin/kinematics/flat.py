@@ -20,6 +20,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 WRAPPED = [0, 1, 2, 0, 1]
 
+# The C library gives large blocks back to the system when they are freed, to be zeroed again for
+# the next array, until one of this size has been freed; that took a quarter of the time.
+np.empty(1 << 21)
+
 
 def dot(x: Array, y: Array) -> Array:
     """Return x . y of world vectors (..., 5, m)."""
@@ -41,6 +45,7 @@ class FlatJoint(NamedTuple):
     Attributes:
         at, parent: joints of the split model.
         q, v: its first places in configuration and velocity.
+        n: number of its freedoms.
         turned: (9, 3) parts of its rotation that are constant, times cosine and times sine, each
             three columns in the parent's axes; (3, 3) the placement alone if it does not turn
             about an axis.
@@ -54,6 +59,7 @@ class FlatJoint(NamedTuple):
     parent: int
     q: int
     v: int
+    n: int
     turned: Any
     offset: Any
     axis: Any
@@ -224,8 +230,8 @@ def _joint(model: pin.Model, i: int) -> FlatJoint:
     if kind in ("turn", "screw"):
         parts = along, np.eye(3) - along, pin.skew(axis)
         turned = np.vstack([(rotation @ part).T for part in parts])
-    return FlatJoint(kind, i, int(model.parents[i]), model.idx_qs[i], model.idx_vs[i], turned,
-                  placement.translation.copy(), axis, pitch)
+    return FlatJoint(kind, i, int(model.parents[i]), model.idx_qs[i], model.idx_vs[i], model.nvs[i],
+                  turned, placement.translation.copy(), axis, pitch)
 
 
 def _kind(joint: Any, name: str) -> tuple[str, Array, float]:
@@ -279,6 +285,14 @@ def _slid(u: Array, w: Array, half: Array) -> Array:
     c = np.where(half < 0.1, series, (t - np.sin(t)) / t**3)
     once = np.cross(w, u, axis=0)
     return u + b * once + c * np.cross(w, once, axis=0)
+
+
+def turned_back(x: Array, w: Array) -> Array:
+    """Return vectors x (3, m) in axes that have turned by rotation vectors w (3, m) [Rodrigues]."""
+    angle, line = np.sqrt((w * w).sum(axis=0)), w[WRAPPED]
+    once = cross(line, x[WRAPPED])
+    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    return x - np.sinc(angle / np.pi) * once[:3] + b * cross(line, once)[:3]
 
 
 def _times(p: Array, w: Array) -> Array:

@@ -12,7 +12,15 @@ from scipy.linalg import lapack
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.views import joint_jacobian
-from spatial_pin.linalg import ROUND_OFF, Array, aligned, decompose, independent_rows, pivots_of
+from spatial_pin.linalg import (
+    EPS,
+    ROUND_OFF,
+    Array,
+    aligned,
+    decompose,
+    independent_rows,
+    pivots_of,
+)
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
@@ -79,7 +87,7 @@ def _polish(
     error = evaluation.closure_error
     step = np.zeros(evaluation.model.nv)
     for _ in range(6):
-        if error == 0.0 or not n:
+        if error <= EPS or not n:
             break
         svd = decompose(evaluation.jacobian[:n, free])
         step[free] = -scale * svd.minimum_norm(evaluation.residual)

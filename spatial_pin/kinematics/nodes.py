@@ -11,7 +11,7 @@ import numpy as np
 
 from spatial_pin.kinematics.batch import BranchBatch, Placed
 from spatial_pin.kinematics.branch import Branch
-from spatial_pin.kinematics.flat import WRAPPED, cross, dot
+from spatial_pin.kinematics.flat import WRAPPED, cross, dot, turned_back
 from spatial_pin.kinematics.interpolation import NodeCurve, integrals
 from spatial_pin.linalg import Array, StackedLU
 from spatial_pin.mechanism.configuration import blur
@@ -23,6 +23,7 @@ OFF = 1e-4  # closure residual of an interpolated point that is no longer a smal
 CORRECTIONS = 3
 SPIN_PASSES = 6
 SPIN_LEFT = 1e-8  # spin after which another pass would find none
+NEGLIGIBLE = 1e-9  # of the displacement of other joints: round-off
 
 
 class Skeleton(NamedTuple):
@@ -116,39 +117,57 @@ def _steps(batch: BranchBatch, h: float, n: int) -> Skeleton | None:
     return Skeleton(curve, np.array(angles).T)
 
 
-def divided(batch: BranchBatch, skeleton: Skeleton, parts: int) -> tuple[Skeleton | None, float]:
-    """Return a skeleton with its steps divided, free of spin, as far as its points are good.
-
-    None if these are too few. Second, the largest closure residual of the points before they were
-    closed.
-    """
-    h, n = skeleton.h / parts, skeleton.n * parts
-    values = skeleton.s0 + h * np.arange(n + 1)
+def divided(batch: BranchBatch, skeleton: Skeleton, values: Array) -> Points:
+    """Return points of the branch, free of spin, at equal distances from a skeleton's start on."""
     points = closed(batch, skeleton, values)
+    if batch.branch.spins:
+        h = float(values[-1] - values[0]) / (len(values) - 1)
+        points = _displaced(batch, points, batch.spinning(points.lu, -_spun(batch, h, points)))
+    return points
+
+
+def _displaced(batch: BranchBatch, points: Points, step: Array) -> Points:
+    """Return points moved by passive displacements (nv, m), which leave all other bodies alone."""
+    q, tree = points.placed.q, batch.tree
+    q, sizes = tree.displace(q, step), np.abs(step).max(axis=1)
+    moved = [j for j in tree.joints
+             if sizes[j.v : j.v + j.n].max() > NEGLIGIBLE * sizes.max()]
+    if len(moved) == len(batch.branch.spins) and all(j.kind == "ball" for j in moved):
+        # each turns in its own ball alone: rates are as they were, in axes that have turned
+        t, c = points.t.copy(), points.c.copy()
+        for j in moved:
+            at = slice(j.v, j.v + 3)
+            t[at], c[at] = (turned_back(x[at], step[at]) for x in (t, c))
+        return points._replace(placed=points.placed._replace(q=q), t=t, c=c)
+    placed, _ = _closed(batch, q, points.placed.angles, q[batch.branch.at])
+    again = _evaluated(batch, placed, points.off)
+    return again._replace(good=min(points.good, again.good))
+
+
+def joined(batch: BranchBatch, points: Points, values: Array) -> Skeleton | None:
+    """Return a skeleton of the good ones of `divided` points, None if these are too few."""
     n = points.good
     if n < FEWEST:
-        return None, points.off
-    q = points.placed.q
-    if batch.branch.spins:
-        q = batch.tree.integrate(q, batch.spinning(points.lu, -_spun(batch, h, points)))
-        points = _evaluated(batch, batch.place(q, points.placed.angles), points.off)
-    q, t, c, angles = (x[:, :n] for x in (q, points.t, points.c, points.placed.angles))
-    curve = NodeCurve(skeleton.s0, h, q, *batch.tree.entry_rates(q, t, c))
-    return Skeleton(curve, angles), points.off
+        return None
+    q, t, c, angles = (x[:, :n] for x in
+                       (points.placed.q, points.t, points.c, points.placed.angles))
+    h = float(values[-1] - values[0]) / (len(values) - 1)
+    curve = NodeCurve(float(values[0]), h, q, *batch.tree.entry_rates(q, t, c))
+    return Skeleton(curve, angles)
 
 
 def closed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> Points:
     """Return the points of the branch at driver values (m,), in order, on a skeleton."""
-    placed, off = _placed(batch, skeleton, values)
-    points = _evaluated(batch, placed, off)
+    q = skeleton.curve(values)
+    batch.tree.normalize(q)
+    batch.branch.hold(q, values)
+    points = _evaluated(batch, *_closed(batch, q, skeleton.angles(values), values))
     return points._replace(good=min(points.good, before_zero(values, points.lu.magnitude)))
 
 
-def _placed(batch: BranchBatch, skeleton: Skeleton, values: Array) -> tuple[Placed, float]:
+def _closed(batch: BranchBatch, q: Array, near: Array, values: Array) -> tuple[Placed, float]:
+    """Return configurations q (nq, m) closed by small corrections, and how open they were."""
     branch = batch.branch
-    near, q = skeleton.angles(values), skeleton.curve(values)
-    batch.tree.normalize(q)
-    branch.hold(q, values)
     placed = batch.place(q, near)
     residual = np.abs(placed.residual).max(axis=0, initial=0.0)
     enough = 0.1 * tolerance(branch)
@@ -230,33 +249,37 @@ def _spun(batch: BranchBatch, h: float, points: Points) -> Array:
         columns = points.placed.g[at, :3]
         support = constraints.support(joint)
         alpha = np.einsum("ivm,vm,v->im", turning, points.c, support)[WRAPPED]
-        w, alpha = points.rates[0][at, 0, None], (points.rates[1][at, 0] + alpha)[None]
+        w, alpha = points.rates[0][at, 0], points.rates[1][at, 0] + alpha
         line = np.einsum("k,kxm->xm", axis, columns)
+        mark = np.einsum("k,kxm->xm", _normal(axis), columns)
         for _ in range(SPIN_PASSES):
-            spin = _spin(h, columns, w, alpha, line)
+            spin = _spin(h, mark, w, alpha, line)
             total += spin
             if np.abs(spin).max() < SPIN_LEFT:
                 break
-            columns = _turned(columns, line, -spin)
+            mark = _turned(mark, line, -spin)
     return spun
 
 
-def _spin(h: float, columns: Array, w: Array, alpha: Array, line: Array) -> Array:
-    """Return how much the columns (3, 5, n) of a rotation have turned about a line (5, n).
+def _normal(axis: Array) -> Array:
+    """Return a unit vector (3,) normal to an axis."""
+    normal = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return normal / np.linalg.norm(normal)
 
-    More than their rates tell, since the first point.
+
+def _spin(h: float, mark: Array, w: Array, alpha: Array, line: Array) -> Array:
+    """Return how much a body has turned about a line (5, m), more than its rates tell.
+
+    Since the first point, told by a unit vector `mark` (5, m) of the body, normal to the line.
     """
-    first = cross(w, columns)
-    second = cross(w, first) + cross(alpha, columns)
-    missing = np.diff(columns[:, :3], axis=-1) - integrals(h, first[:, :3], second[:, :3])
-    missing = np.concatenate([missing, missing[:, :2]], axis=1)
-    middle = 0.5 * (columns[..., :-1] + columns[..., 1:])
-    along = 0.5 * (line[:, :-1] + line[:, 1:])
-    turned = 0.5 * dot(along, cross(middle, missing).sum(axis=0))
+    first = cross(w, mark)
+    second = cross(w, first) + cross(alpha, mark)
+    missing = np.diff(mark[:3]) - integrals(h, first[:3], second[:3])
+    middle, along = (0.5 * (x[:, :-1] + x[:, 1:]) for x in (mark, line))
+    turned = dot(along, cross(middle, missing[WRAPPED]))
     return np.concatenate([[0.0], np.cumsum(turned)])
 
 
-def _turned(columns: Array, line: Array, angle: Array) -> Array:
-    """Return the columns (3, 5, n) turned about unit vectors (5, n) [Rodrigues]."""
-    along = line * dot(line[None], columns)[:, None]
-    return along + np.cos(angle) * (columns - along) + np.sin(angle) * cross(line[None], columns)
+def _turned(vector: Array, line: Array, angle: Array) -> Array:
+    """Return vectors (5, m), normal to unit vectors (5, m), turned about these."""
+    return np.cos(angle) * vector + np.sin(angle) * cross(line, vector)

@@ -19,20 +19,21 @@ import numpy as np
 from spatial_pin.kinematics import nodes
 from spatial_pin.kinematics.batch import BranchBatch
 from spatial_pin.kinematics.branch import Branch
-from spatial_pin.kinematics.nodes import Skeleton
+from spatial_pin.kinematics.nodes import Points, Skeleton
 from spatial_pin.linalg import Array
 
 REST = 8  # rows step by step after a failure
-CHUNK = 512  # rows that are computed together: their arrays fit a processor's cache
+CHUNK = 1200  # rows that are computed together at most: their arrays fit a processor's cache
 TRIES = 3  # each with half the length, before rows are followed step by step
 LONGEST = 24  # steps that make a curve
 FIRST_STEP = 0.4  # rad, characteristic lengths, that a joint moves in the first steps
 LONGEST_STEP = 0.7  # the same in any step
 OFF = 3e-6  # closure residual between steps that their length is chosen for: one correction
 CLOSED = 1e-15  # the same for divided steps: none
+EVEN = 1e-15  # of the driver, by which rows at equal distances may be elsewhere
 MANY = 3.0  # rows by steps after a division above which steps are divided
 # costs [µs] of a row step by step, of a long step, of a row together with others, of all else
-STEP_COST, LONG_COST, ROW_COST, START_COST = 55.0, 100.0, 3.5, 1500.0
+STEP_COST, LONG_COST, ROW_COST, START_COST = 70.0, 100.0, 3.5, 1500.0
 
 
 class Rows(NamedTuple):
@@ -121,20 +122,14 @@ class Runner:
             if until == k:  # shorter than the rows are apart: these are faster one by one
                 self._stand(skeleton, k)
                 break
-            curve, self._off = skeleton, 0.0
-            if branch.spins or until - k > MANY * self._parts * skeleton.n:
-                fine, self._off = nodes.divided(self.batch, skeleton, self._parts)
-                if fine is None:
-                    self._stand(skeleton, k)
-                    break
-                curve, until = fine, self._until(fine, n * self._parts, k, end)
-            for rows in self._rows(curve, k, until):
+            self._curve, self._off = skeleton, 0.0
+            for rows in self._rows(skeleton, k, until):
                 yield k, rows
                 k += len(rows.q)
-            if k == len(values):
-                return
-            self._stand(curve, k if k < until else None)
-            if k < until or abs(curve.end - skeleton.end) > 0.5 * abs(curve.h):
+                if k == len(values):
+                    return
+            self._stand(self._curve, k if k < until else None)
+            if k < until:
                 break
             tries = TRIES
             self._adapt(abs(h), skeleton.n == min(n, LONGEST))
@@ -162,17 +157,37 @@ class Runner:
             self._length = min(self._length, 0.5 * h)
 
     def _rows(self, skeleton: Skeleton, k: int, end: int) -> Iterator[Rows]:
+        """Yield rows from k to `end`, shortened by the first that fails."""
+        n, curve = self._parts * skeleton.n, skeleton
+        if self.branch.spins or end - k > MANY * n:
+            rows = self.values[k - 1 : end]
+            stride = _stride(rows, skeleton.s0, n)
+            values = (_subdivided(rows, stride) if stride else
+                      np.linspace(skeleton.s0, skeleton.end, n + 1))
+            points = nodes.divided(self.batch, skeleton, values)
+            self._off = points.off
+            if stride and points.good > stride:
+                yield _rows_of(points, slice(stride, points.good, stride))
+            joined = nodes.joined(self.batch, points, values)
+            if stride or joined is None:
+                self._curve = joined or skeleton
+                return
+            self._curve = curve = joined
+            end = min(end, self._until(curve, n, k, end))
+        if end > k:
+            yield from self._on_curve(curve, k, end)
+
+    def _on_curve(self, skeleton: Skeleton, k: int, end: int) -> Iterator[Rows]:
         """Yield rows from k to `end` in chunks, the last one shortened by the first that fails."""
         seen = np.empty((2, 0))
-        for begin in range(k, end, CHUNK):
-            values = self.values[begin : min(begin + CHUNK, end)]
+        for values in np.array_split(self.values[k:end], math.ceil((end - k) / CHUNK)):
             points = nodes.closed(self.batch, skeleton, values)
             self._off = max(self._off, points.off)
             seen = np.hstack([seen[:, -2:], [values, points.lu.magnitude]])
             before = seen.shape[1] - len(values)
-            n, p = max(min(points.good, nodes.before_zero(*seen) - before), 0), points.placed
+            n = max(min(points.good, nodes.before_zero(*seen) - before), 0)
             if n:
-                yield Rows(*(x.T[:n] for x in (p.q, points.t, points.c, p.residual, p.angles)))
+                yield _rows_of(points, slice(n))
             if n < len(values):
                 return
 
@@ -191,3 +206,26 @@ class Runner:
             self.branch.reselect()
         room = nodes.room_after(values, points.lu.magnitude, skeleton.h)
         self.branch.limit_room(room, skeleton.h)
+
+
+def _rows_of(points: Points, which: slice) -> Rows:
+    p = points.placed
+    return Rows(*(x.T[which] for x in (p.q, points.t, points.c, p.residual, p.angles)))
+
+
+def _stride(values: Array, s0: float, n: int) -> int:
+    """Return into how many parts equal gaps of values from s0 on make n points, or not many more.
+
+    0 if they make far more, or are not equal.
+    """
+    gaps = np.diff(values)
+    if s0 != values[0] or np.ptp(gaps) > EVEN * np.abs(values).max():
+        return 0
+    stride = math.ceil(n / len(gaps))
+    return stride if stride * len(gaps) <= MANY * n else 0
+
+
+def _subdivided(values: Array, parts: int) -> Array:
+    """Return values with each gap between them in equal parts."""
+    m = len(values)
+    return np.interp(np.arange((m - 1) * parts + 1) / parts, np.arange(m), values)

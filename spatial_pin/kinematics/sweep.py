@@ -15,6 +15,7 @@ from spatial_pin.kinematics import crossing, run
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
+from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, driven_coordinates
@@ -123,19 +124,19 @@ def sweep(
     state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
     driven = driven_coordinates(mechanism, [driver, *hold])
     driven.sort(key=lambda c: c.name != coordinate.name)
-    branch = Branch(state, driven, accuracy)
-    record = _Record.empty(len(values), branch)
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
                disable=None if progress else True)
-    try:
-        for done in _follow(branch, values, record, crossed if on_crossing == "straight" else None):
-            bar.update(done - bar.n)
-    except Stopped as caught:
-        stop, n = caught.arrival, caught.row
-    finally:
-        bar.close()
-    motion = _motion(branch, driver, record, values[:n], speeds[:n], accels[:n])
+    with bar, evaluation_of(mechanism) as evaluation:
+        branch = Branch(state, driven, accuracy, evaluation)
+        record = _Record.empty(n, branch)
+        passed = crossed if on_crossing == "straight" else None
+        try:
+            for done in _follow(branch, values, record, passed):
+                bar.update(done - bar.n)
+        except Stopped as caught:
+            stop, n = caught.arrival, caught.row
+    motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
                       *joint_limit_events(motion)]
@@ -236,7 +237,7 @@ def _pass_crossing(
 
 
 def _motion(
-    branch: Branch, driver: str, record: _Record, values: Array, speeds: Array, accels: Array
+    mechanism: Mechanism, driver: str, record: _Record, values: Array, speeds: Array, accels: Array
 ) -> Motion:
     n = len(values)
     t, c = record.t[:n], record.c[:n]
@@ -247,7 +248,7 @@ def _motion(
         a = c * (speeds * speeds)[:, None] + t * accels[:, None]
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
-        mechanism=branch.mechanism,
+        mechanism=mechanism,
         driver=values.copy(),
         driver_name=driver,
         time=_time(values, speeds, accels),
