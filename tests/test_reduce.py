@@ -348,3 +348,15 @@ def test_every_link_that_tells_its_place_is_there(name):
         for frame in set(reduced.frame_ids) & set(full.frame_ids) - set(reduced.unplaced):
             assert np.allclose(own.placement(frame).homogeneous, state.placement(frame).homogeneous,
                                rtol=0.0, atol=1e-9)
+
+
+def test_limits_of_joints_that_go_are_told(tmp_path):
+    tree = mechanisms.turning("a", "ground", "arm") + mechanisms.joint(
+        "revolute", "b", "arm", "hand", (0.1, 0, 0), (0, 0, 0), (0, 0, 1), (-1.0, 0.5))
+    mech = mechanisms.load(tmp_path, "arm", tree, mechanisms.driver("a", "a"))
+    told = {x.what: x.why for x in sp.reduce(mech, "a").left_out}
+    assert told["joint limits"].startswith("of b: where one is passed")
+    kept = sp.reduce(mech, "b")
+    assert "joint limits" not in {x.what for x in kept.left_out}
+    motion = sp.sweep(kept, "b", [0.0, 1.0], hold={"a": 0.0})
+    assert [e.kind for e in motion.events] == ["joint limit"]
