@@ -27,6 +27,7 @@ MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
 # and its rates to round-off over s squared: below this nothing is left of them.
 SINGULAR_PIVOT = 1e-7
+NEARLY = 1e-5  # singular values below this fraction of the largest are all but zero
 CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
 
 
@@ -194,6 +195,9 @@ class SquareSystem:
         where = f"mechanism {self.evaluation.mechanism.name!r}: "
         freedom = closures.shape[1] - decompose(closures).rank
         if freedom < len(self.driven):
+            if closures.shape[1] - decompose(closures, NEARLY).rank >= len(self.driven):
+                return (f"{where}singular configuration: branches cross so near that round-off "
+                        "hides which equations depend on others; start further from it")
             return (f"{where}{len(self.driven)} coordinates are prescribed ({names}) but the "
                     f"closed mechanism has {freedom} freedoms there; prescribe fewer")
         return (f"{where}singular configuration: the prescribed {names} cannot move independently "
