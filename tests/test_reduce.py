@@ -318,7 +318,7 @@ def test_sweep_only_from_the_command_line(tmp_path, capsys):
     assert "did you mean 'rocker_pin'" in capsys.readouterr().err
 
 
-def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place():
+def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place(tmp_path):
     full = sp.load("stewart")
     reduced = sp.reduce(full, "slide_1")
     state, motion = sp.assemble(reduced), sp.sweep(reduced, "leg_1", [0.39, 0.4])
@@ -328,6 +328,9 @@ def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place():
                 lambda: sp.solve_jerks(reduced, state).frame("piston_1")):
         with pytest.raises(sp.SpatialPinError, match=r"joint 'hook_1'.*reduce to .*'slide_1', '"):
             ask()
+    with pytest.raises(sp.SpatialPinError, match="hook_1"):
+        sp.reduce(reduced, "piston_1")
+    assert sp.report(motion, tmp_path / "report.html").exists()
     asked = sp.reduce(full, ["slide_1", "piston_1"])
     known = sp.assemble(full)
     assert np.allclose(asked.state(known).placement("piston_1").homogeneous,
@@ -360,3 +363,19 @@ def test_limits_of_joints_that_go_are_told(tmp_path):
     assert "joint limits" not in {x.what for x in kept.left_out}
     motion = sp.sweep(kept, "b", [0.0, 1.0], hold={"a": 0.0})
     assert [e.kind for e in motion.events] == ["joint limit"]
+
+
+def test_verify_tells_where_both_end_and_what_it_cannot_compare():
+    reduced = sp.reduce(mechanisms.four_bar(r1=0.4, r2=0.3, r3=0.2, r4=0.15), "rocker_pin")
+    at = sp.assemble(reduced).coordinate("crank_pin").value
+    found = reduced.verify("crank", [at, at + 2.0 * np.pi])
+    assert found.rows == 1 and "both end after 1 of 2 rows: limit" in found.remarks[0]
+    with pytest.raises(ValueError, match="values is empty"):
+        reduced.verify("crank", [])
+
+
+@pytest.mark.parametrize(("outputs", "error"), [
+    (None, ValueError), ([], ValueError), (5, TypeError), (["slide", 5], TypeError)])
+def test_outputs_that_are_no_names_are_refused(outputs, error):
+    with pytest.raises(error, match="outputs is"):
+        sp.reduce(sp.load("slider_crank"), outputs)

@@ -50,12 +50,16 @@ class Reduced(Mechanism):
         """That of the full mechanism [m], so that closure errors mean the same."""
         return self.full.characteristic_length
 
-    @cached_property
+    @property
     def unplaced(self) -> Mapping[str, str]:
         """Links, frames and joints that stand elsewhere here, each with a joint that is missing.
 
         They carry what is asked for, but moved by joints that it does not depend on.
         """
+        return self._unplaced
+
+    @cached_property
+    def _unplaced(self) -> Mapping[str, str]:
         full, own = self.full, {self.model.names[i] for i in range(self.model.njoints)}
         own |= {full.coordinate(name).joint for name in self.welds}
         found = {}
@@ -197,12 +201,17 @@ def reduce(
         ValueError: no outputs, or `lump` without `dynamics`.
     """
     needed(mechanism)
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    given = (outputs,) if isinstance(outputs, str) or not isinstance(outputs, Iterable) else outputs
+    names = () if outputs is None else tuple(given)
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError(f"outputs is {outputs!r}; it is a name, or several")
     if not names:
         raise ValueError("outputs is empty; name at least one coordinate, link or frame")
     if lump and not dynamics:
         raise ValueError("lump=True says where mass goes: it needs dynamics=True")
     asked = asked_of(mechanism, names)
+    for name in asked.frames:
+        mechanism.placed(name)
     state, locks = _locked(mechanism, lock, guess)
     for name in asked.coordinates:
         if name in locks.values:

@@ -209,6 +209,8 @@ class SquareSystem:
         mechanism, null_space = self.evaluation.mechanism, self.passive
         passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space * self.scale))
         missing = len(null_space) - passive
+        if not missing:
+            self._check_free()
         lost = self._lost(q, likely=missing > 0)
         if lost:
             raise SingularError(
@@ -217,7 +219,6 @@ class SquareSystem:
                 "is not determined by the drivers"
             )
         if not missing:
-            self._check_free()
             return
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
