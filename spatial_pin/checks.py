@@ -63,9 +63,35 @@ def finite_number(value: Any, what: str) -> float:
     Raises:
         ValueError: NaN, infinite, or no number.
     """
-    if isinstance(value, str | bytes | bool):
+    if value is None or isinstance(value, str | bytes | bool):
         raise ValueError(f"{what} must be a number, not {value!r}")
     return float(finite_array(value, (), what))
+
+
+def whole_number(value: Any, what: str) -> int:
+    """Return `value` as an int.
+
+    Raises:
+        ValueError: NaN, infinite, no number, or not a whole one.
+    """
+    number = finite_number(value, what)
+    if number != int(number):
+        raise ValueError(f"{what} is {value}; it is a whole number")
+    return int(number)
+
+
+def positive_number(value: Any, what: str) -> float:
+    """Return `value` as a finite float above 0.
+
+    Raises:
+        ValueError: NaN, infinite, no number, or not positive.
+    """
+    if isinstance(value, float) and not 0.0 < value < math.inf:
+        raise ValueError(f"{what} is {value}; it must be positive, and finite")
+    number = finite_number(value, what)
+    if not number > 0.0:
+        raise ValueError(f"{what} is {value}; it must be positive")
+    return number
 
 
 def unit_vector(values: Any, what: str) -> Array:

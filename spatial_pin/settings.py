@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from spatial_pin.checks import positive_number, whole_number
 from spatial_pin.errors import SpatialPinError
 
 # names of what `dynamics` has; an entry in its registries needs its name here
@@ -58,20 +58,24 @@ class Accuracy:
     step: float | None = None
 
     def __post_init__(self) -> None:
-        if self.order not in (0, 1, 2, 3):
-            raise ValueError(f"order is {self.order}; the predictor has orders 0 to 3")
-        if self.corrections is not None and self.corrections < 0:
-            raise ValueError(f"corrections is {self.corrections}; it cannot be negative")
+        order = whole_number(self.order, "order")
+        if order not in (0, 1, 2, 3):
+            raise ValueError(f"order is {order}; the predictor has orders 0 to 3")
+        object.__setattr__(self, "order", order)
+        if self.corrections is not None:
+            corrections = whole_number(self.corrections, "corrections")
+            if corrections < 0:
+                raise ValueError(f"corrections is {corrections}; it cannot be negative")
+            object.__setattr__(self, "corrections", corrections)
         if self.order == 0 and self.corrections == 0:
             raise ValueError("order 0 without corrections moves nothing but the driver")
-        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
-            raise ValueError(f"tolerance is {self.tolerance}; it must be positive")
-        if not (math.isfinite(self.time_tolerance) and self.time_tolerance > 0.0):
-            raise ValueError(f"time_tolerance is {self.time_tolerance}; it must be positive")
+        object.__setattr__(self, "tolerance", positive_number(self.tolerance, "tolerance"))
+        object.__setattr__(self, "time_tolerance",
+                           positive_number(self.time_tolerance, "time_tolerance"))
         _check_name("formulation", self.formulation, FORMULATIONS)
         _check_name("integrator", self.integrator, INTEGRATORS)
-        if self.step is not None and not (math.isfinite(self.step) and self.step > 0.0):
-            raise ValueError(f"step is {self.step}; it must be positive")
+        if self.step is not None:
+            object.__setattr__(self, "step", positive_number(self.step, "step"))
 
     @classmethod
     def named(cls, level: str) -> Accuracy:
@@ -80,10 +84,9 @@ class Accuracy:
         Raises:
             ValueError: there is no such level.
         """
-        try:
-            return LEVELS[level]
-        except KeyError:
-            raise ValueError(f"no accuracy level {level!r}; there are {sorted(LEVELS)}") from None
+        if not isinstance(level, str) or level not in LEVELS:
+            raise ValueError(f"no accuracy level {level!r}; there are {sorted(LEVELS)}")
+        return LEVELS[level]
 
     @classmethod
     def for_error(
@@ -109,12 +112,15 @@ class Accuracy:
             SpatialPinError: no setting that was measured reaches it.
             ValueError: the error is not positive, or there is no such task.
         """
-        if not (math.isfinite(error) and error > 0.0):
-            raise ValueError(f"error is {error}; it must be positive")
+        error = positive_number(error, "error")
         if measured is not None:
+            if not hasattr(measured, "cheapest"):
+                raise TypeError(f"measured is a {type(measured).__name__}; it is what "
+                                "spatial_pin.tradeoff(mechanism, task) returns")
             return measured.cheapest(error).accuracy
-        if task not in MEASURED:
-            raise ValueError(f"no task {task!r}; there are {sorted(MEASURED)}")
+        if not isinstance(task, str) or task not in MEASURED:
+            raise ValueError(f"no task {task!r}; there are {sorted(MEASURED)}, or `measured`: what "
+                             "spatial_pin.tradeoff(mechanism, task) returns")
         for reached, accuracy in MEASURED[task]:
             if reached <= error:
                 return accuracy
@@ -123,6 +129,21 @@ class Accuracy:
             f"no setting is known to reach an error of {error:.3g} on every mechanism of the "
             f"library; the most exact one reaches {best:.0e} ({task}). Measure your own with "
             "spatial_pin.tradeoff(mechanism, task) and pass it as `measured`")
+
+
+def accuracy_of(given: Accuracy | None) -> Accuracy:
+    """Return the settings given, "engineering" where there are none.
+
+    Raises:
+        TypeError: they are something else.
+    """
+    if given is None:
+        return LEVELS["engineering"]
+    if not isinstance(given, Accuracy):
+        example = given if isinstance(given, str) and given in LEVELS else "engineering"
+        raise TypeError(f"accuracy is {given!r}; give it as spatial_pin.Accuracy, for example "
+                        f"Accuracy.named({example!r})")
+    return given
 
 
 def _check_name(what: str, name: str, known: tuple[str, ...]) -> None:

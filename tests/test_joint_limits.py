@@ -314,3 +314,13 @@ def test_a_sweep_tells_the_joint_limits_that_it_passes(tmp_path):
     motion = sp.sweep(mech, "pin", np.linspace(0.0, 2.0, 101))
     assert [(e.kind, e.row) for e in motion.events] == [("joint limit", 66)]
     assert motion.events[0].value == pytest.approx(1.3, abs=1e-13)
+
+
+def test_rows_at_one_place_pass_no_limit_however_their_speeds_differ(tmp_path):
+    mech = hanging(tmp_path, -0.7, 1.3)
+    values = np.repeat(np.linspace(0.0, 2.0, 9), 3)
+    speed = np.tile([1.0, -1.0], len(values))[: len(values)]
+    with np.errstate(all="raise"):
+        motion = sp.sweep(mech, "pin", values, speed=speed)
+    events = [(e.value, e.row) for e in motion.events if e.kind == "joint limit"]
+    assert events == [(pytest.approx(1.3, abs=1e-12), 18)]

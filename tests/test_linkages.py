@@ -11,6 +11,7 @@ from functools import cache
 from typing import NamedTuple
 
 import closed_forms
+import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -613,3 +614,27 @@ def test_delta_forward_kinematics(degrees, position):
     platform = sp.assemble(loaded("delta"), arms).placement("platform")
     np.testing.assert_allclose(platform.translation, position, rtol=0, atol=0.501e-8)
     np.testing.assert_allclose(platform.rotation, np.eye(3), rtol=0, atol=1e-13)
+
+
+def test_three_cranks_of_a_flat_locomotive_drive_are_no_lack_of_freedom(tmp_path):
+    tree, places = mechanisms.turning("q", "crank0", "rod", (0.12, 0, 0.01)), (0.0, 0.25, 0.6)
+    for k, x in enumerate(places):
+        tree += mechanisms.turning(f"p{k}", "ground", f"crank{k}", (x, 0, 0))
+        tree += mechanisms.point(f"f{k}", f"crank{k}", (0.12, 0, 0.01))
+        tree += mechanisms.point(f"e{k}", "rod", (x, 0, 0))
+    mech = mechanisms.load(tmp_path, "drive", tree, (
+        mechanisms.driver("crank", "p0") + mechanisms.closure("h1", "revolute", "e1", "f1")
+        + mechanisms.closure("h2", "revolute", "e2", "f2") + mechanisms.guess(p0=0.5, q=-0.5)))
+    flat = sp.assemble(mech, {"crank": 0.0})
+    with pytest.raises(sp.SingularError, match="singular configuration"):
+        sp.solve_rates(mech, flat, {"crank": 1.0})
+    with pytest.raises(sp.SingularError, match="singular configuration"):
+        sp.sweep(mech, "crank", [0.0, 1.0])
+    motion = sp.sweep(mech, "crank", np.linspace(0.5, 60.0, 3000))
+    for name in ("p1", "p2"):
+        value, rate, acceleration = motion.coordinate(name)
+        assert np.abs(value - motion.swept).max() < 1e-11
+        assert np.abs(rate - 1.0).max() < 1e-9
+        assert np.abs(acceleration).max() < 1e-8
+    crossings = [e.value / np.pi for e in motion.events if e.kind == "branch point"]
+    assert np.allclose(crossings, np.arange(1, 20), rtol=0.0, atol=1e-9)

@@ -316,3 +316,66 @@ def test_sweep_only_from_the_command_line(tmp_path, capsys):
     assert "coordinates 24 -> 9" in capsys.readouterr().out
     assert main(["sweep", "rssr", "crank", "0", "1", "--only", "rocker_pim"]) == 1
     assert "did you mean 'rocker_pin'" in capsys.readouterr().err
+
+
+def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place(tmp_path):
+    full = sp.load("stewart")
+    reduced = sp.reduce(full, "slide_1")
+    state, motion = sp.assemble(reduced), sp.sweep(reduced, "leg_1", [0.39, 0.4])
+    for ask in (lambda: state.placement("piston_1"), lambda: state.velocity("cylinder_1"),
+                lambda: motion.frame("slide_1"), lambda: sp.jacobian(reduced, state, "piston_1"),
+                lambda: motion.output("piston_1.acceleration"),
+                lambda: sp.solve_jerks(reduced, state).frame("piston_1")):
+        with pytest.raises(sp.SpatialPinError, match=r"joint 'hook_1'.*reduce to .*'slide_1', '"):
+            ask()
+    with pytest.raises(sp.SpatialPinError, match="hook_1"):
+        sp.reduce(reduced, "piston_1")
+    assert sp.report(motion, tmp_path / "report.html").exists()
+    asked = sp.reduce(full, ["slide_1", "piston_1"])
+    known = sp.assemble(full)
+    assert np.allclose(asked.state(known).placement("piston_1").homogeneous,
+                       known.placement("piston_1").homogeneous, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_every_link_that_tells_its_place_is_there(name):
+    full = sp.load(name)
+    state = sp.assemble(full)
+    if full.drivers:
+        driver = next(iter(full.drivers))
+        state = sp.sweep(full, driver, state.coordinate(driver).value + np.linspace(0, 0.02, 3),
+                         guess=state).state(2)
+    for coordinate in full.coordinates:
+        reduced = sp.reduce(full, coordinate)
+        own = reduced.state(state)
+        for frame in set(reduced.frame_ids) & set(full.frame_ids) - set(reduced.unplaced):
+            assert np.allclose(own.placement(frame).homogeneous, state.placement(frame).homogeneous,
+                               rtol=0.0, atol=1e-9)
+
+
+def test_limits_of_joints_that_go_are_told(tmp_path):
+    tree = mechanisms.turning("a", "ground", "arm") + mechanisms.joint(
+        "revolute", "b", "arm", "hand", (0.1, 0, 0), (0, 0, 0), (0, 0, 1), (-1.0, 0.5))
+    mech = mechanisms.load(tmp_path, "arm", tree, mechanisms.driver("a", "a"))
+    told = {x.what: x.why for x in sp.reduce(mech, "a").left_out}
+    assert told["joint limits"].startswith("of b: where one is passed")
+    kept = sp.reduce(mech, "b")
+    assert "joint limits" not in {x.what for x in kept.left_out}
+    motion = sp.sweep(kept, "b", [0.0, 1.0], hold={"a": 0.0})
+    assert [e.kind for e in motion.events] == ["joint limit"]
+
+
+def test_verify_tells_where_both_end_and_what_it_cannot_compare():
+    reduced = sp.reduce(mechanisms.four_bar(r1=0.4, r2=0.3, r3=0.2, r4=0.15), "rocker_pin")
+    at = sp.assemble(reduced).coordinate("crank_pin").value
+    found = reduced.verify("crank", [at, at + 2.0 * np.pi])
+    assert found.rows == 1 and "both end after 1 of 2 rows: limit" in found.remarks[0]
+    with pytest.raises(ValueError, match="values is empty"):
+        reduced.verify("crank", [])
+
+
+@pytest.mark.parametrize(("outputs", "error"), [
+    (None, ValueError), ([], ValueError), (5, TypeError), (["slide", 5], TypeError)])
+def test_outputs_that_are_no_names_are_refused(outputs, error):
+    with pytest.raises(error, match="outputs is"):
+        sp.reduce(sp.load("slider_crank"), outputs)

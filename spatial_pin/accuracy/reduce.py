@@ -50,6 +50,42 @@ class Reduced(Mechanism):
         """That of the full mechanism [m], so that closure errors mean the same."""
         return self.full.characteristic_length
 
+    @property
+    def unplaced(self) -> Mapping[str, str]:
+        """Links, frames and joints that stand elsewhere here, each with a joint that is missing.
+
+        They carry what is asked for, but moved by joints that it does not depend on.
+        """
+        return self._unplaced
+
+    @cached_property
+    def _unplaced(self) -> Mapping[str, str]:
+        full, own = self.full, {self.model.names[i] for i in range(self.model.njoints)}
+        own |= {full.coordinate(name).joint for name in self.welds}
+        found = {}
+        for name in self.frame_ids:
+            if name in full.frame_ids:
+                chain = full.model.supports[full.frame_on_joint(name)[0]]
+                missing = [full.model.names[i] for i in chain if full.model.names[i] not in own]
+                found.update({name: missing[0]} if missing else {})
+        return found
+
+    def placed(self, name: str) -> str:
+        """Return the name of a link, frame or joint whose motion in the world is known here.
+
+        Raises:
+            SpatialPinError: a joint that moves it is left out.
+        """
+        joint = self.unplaced.get(name)
+        if joint is not None:
+            on = self.full.frame_on_joint(name)[0]
+            link = next((x for x in self.full.links if self.full.frame_on_joint(x)[0] == on), name)
+            raise SpatialPinError(
+                f"mechanism {self.name!r} does not know where {name!r} is: joint {joint!r}, which "
+                "moves it, is left out, as nothing asked for moves with it; reduce to "
+                f"{(*self.outputs, link)} for that")
+        return name
+
     def start(self, values: Mapping[str, float]) -> Array | None:
         """Return where the full mechanism assembles: what is left out may tell branches apart."""
         known = self.memo.setdefault("starts", {})
@@ -165,12 +201,17 @@ def reduce(
         ValueError: no outputs, or `lump` without `dynamics`.
     """
     needed(mechanism)
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    given = (outputs,) if isinstance(outputs, str) or not isinstance(outputs, Iterable) else outputs
+    names = () if outputs is None else tuple(given)
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError(f"outputs is {outputs!r}; it is a name, or several")
     if not names:
         raise ValueError("outputs is empty; name at least one coordinate, link or frame")
     if lump and not dynamics:
         raise ValueError("lump=True says where mass goes: it needs dynamics=True")
     asked = asked_of(mechanism, names)
+    for name in asked.frames:
+        mechanism.placed(name)
     state, locks = _locked(mechanism, lock, guess)
     for name in asked.coordinates:
         if name in locks.values:

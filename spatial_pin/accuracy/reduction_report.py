@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from spatial_pin.accuracy.reduction_model import Model
+from spatial_pin.kinematics.joint_limits import joint_limits
 
 
 class Omission(NamedTuple):
@@ -13,7 +14,7 @@ class Omission(NamedTuple):
 
     Attributes:
         what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "equations",
-            or "passive freedom".
+            "joint limits" or "passive freedom".
         name: of the part; empty where it is many.
         why: in words.
     """
@@ -40,6 +41,7 @@ def omissions(model: Model, locked: frozenset[int]) -> Iterator[Omission]:
     yield from _lost_loops(model)
     yield from _lost_joints(model, locked)
     yield from (Omission(*note) for note in model.notes)
+    yield from _lost_limits(model, locked)
     for passive in full.passives:
         joint = full.frame_on_joint(passive.body)[0]
         if model.bodies.of(joint)[0] not in model.moving:
@@ -53,6 +55,15 @@ def _lost_loops(model: Model) -> Iterator[Omission]:
                 "no output depends on it (at "
                 f"{len(model.influence.configurations)} generic configurations); where it "
                 "cannot close, the full mechanism stops and this one does not"))
+
+
+def _lost_limits(model: Model, locked: frozenset[int]) -> Iterator[Omission]:
+    full, still = model.full, model.moving | locked
+    gone = dict.fromkeys(x.name for x in joint_limits(full)
+                         if full.joint_id(full.coordinate(x.name).joint) not in still)
+    if gone:
+        yield Omission("joint limits", "", f"of {', '.join(gone)}: where one is passed, the full "
+                                           "mechanism says so and this one does not")
 
 
 def _lost_joints(model: Model, locked: frozenset[int]) -> Iterator[Omission]:

@@ -21,12 +21,13 @@ from spatial_pin.accuracy.reference import (
     SweepReference,
 )
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
+from spatial_pin.checks import positive_number, whole_number
 from spatial_pin.dynamics.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import Accuracy, accuracy_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,8 +126,7 @@ class Tradeoff:
             SpatialPinError: there is none.
             ValueError: the error is not positive.
         """
-        if not error > 0.0:
-            raise ValueError(f"error is {error}; it must be positive")
+        error = positive_number(error, "error")
         for row in self.front:
             if self.known_error(row) <= error:
                 return row
@@ -216,13 +216,18 @@ def tradeoff(
         TypeError, ValueError: what is given is no task, or a number is out of range.
         UnknownNameError: an argument or name does not exist.
     """
-    if int(repeats) != repeats or repeats < 1:
+    repeats = whole_number(repeats, "repeats")
+    if repeats < 1:
         raise ValueError(f"repeats is {repeats}; each setting is timed a whole number of times")
+    if not (isinstance(budget, int | float) and budget >= 0.0):
+        raise ValueError(f"budget is {budget!r}; it is a time in s")
+    if isinstance(settings, Accuracy):
+        settings = [settings]
     begun = time.perf_counter()
     doing = task_of(mechanism, task)
     reference = (SweepReference(doing) if isinstance(doing, SweepTask)
                  else SimulationReference(doing))
-    tried = list(settings) if settings is not None else _grid(reference)
+    tried = [accuracy_of(x) for x in settings] if settings is not None else _grid(reference)
     if not tried:
         raise ValueError("no settings to try")
     with tqdm(total=len(tried) * repeats, desc=f"{mechanism.name}: runs", delay=1.0, leave=False,

@@ -81,6 +81,8 @@ def verification(
 ) -> Verification:
     """Compare the outputs `asked` of two mechanisms; see `Reduced.verify`."""
     names = [driver] if driver is not None else _drivers(reduced, full)
+    if values is not None and not np.size(values):
+        raise ValueError("values is empty; one driver value at least is compared")
     differences: list[Difference] = []
     remarks: list[str] = []
     rows, seconds = 0, np.zeros(2)
@@ -96,7 +98,7 @@ def verification(
             seconds[k] += time.perf_counter() - start
         count = min(map(len, pair))
         rows += count
-        remarks += _remarks(pair[0], pair[1], name)
+        remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
         if count:
             differences += [_difference(output, name, a, b, full) for output, a, b in
                             _outputs(pair[0], pair[1], asked, count)]
@@ -158,13 +160,16 @@ def _held(
     return {**others, **(welded if mechanism is full else {}), **hold}
 
 
-def _remarks(full: Motion, reduced: Motion, driver: str) -> Iterator[str]:
+def _remarks(full: Motion, reduced: Motion, driver: str, asked: int) -> Iterator[str]:
     ends = [[e for e in m.events if e.kind in EVENTS] for m in (full, reduced)]
     for who, motion, other, events in (("full", full, reduced, ends[0]),
                                        ("reduced", reduced, full, ends[1])):
         if len(motion) < len(other):
             yield (f"over {driver} the {who} model ends after {len(motion)} of "
                    f"{len(other)} rows: {events[-1].text if events else 'no reason known'}")
+    if len(full) == len(reduced) < asked:
+        yield (f"over {driver} both end after {len(full)} of {asked} rows: "
+               f"{ends[0][-1].text if ends[0] else 'no reason known'}")
 
 
 def _outputs(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from spatial_pin.checks import positive_number
 from spatial_pin.dynamics.embedding import Lost, best_coordinates
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.freedoms import Freedoms
@@ -24,7 +25,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
 
@@ -80,7 +81,7 @@ def simulate(
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite, or times do not rise.
     """
-    accuracy = accuracy or Accuracy.named("engineering")
+    accuracy = accuracy_of(accuracy)
     state = of_mechanism(mechanism, state)
     times = _times(duration, times)
     _check_formulation(accuracy)
@@ -117,9 +118,7 @@ def _check_formulation(accuracy: Accuracy) -> None:
 
 
 def _times(duration: float, times: Any) -> Array:
-    duration = float(duration)
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise ValueError(f"duration is {duration}; it must be positive")
+    duration = positive_number(duration, "duration")
     if times is None:
         return np.linspace(0.0, duration, ROWS + 1)
     array = np.atleast_1d(np.asarray(times, dtype=float))

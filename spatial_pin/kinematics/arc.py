@@ -43,7 +43,7 @@ class CurvePoint(NamedTuple):
         q: (nq,) configuration.
         t: (nv,) scaled unit tangent.
         sign: sign of the determinant of [regular rows; tangent].
-        sigma: smallest over largest singular value of the regular rows.
+        sigma: smallest over largest singular value of the regular rows, see `Curve.sigma`.
         angles, slopes: relative angles of screw closures, and their scaled derivatives.
     """
 
@@ -84,7 +84,7 @@ class Curve:
                 return None
             rows = self.rows(q)
         svd = decompose(rows, CROSSING)
-        if svd.rank < len(rows):
+        if svd.rank < len(rows) or self._sigma(svd.s) <= CROSSING:
             return None
         return self.point(q, svd.null_space.T @ (svd.null_space @ along), rows, svd.s)
 
@@ -96,7 +96,7 @@ class Curve:
         s = decompose(rows, 0.0).s if s is None else s
         t = t / np.linalg.norm(t)
         evaluation = self.evaluation
-        return CurvePoint(q, t, determinant_sign_of(np.vstack([rows, t])), _sigma(s),
+        return CurvePoint(q, t, determinant_sign_of(np.vstack([rows, t])), self._sigma(s),
                           evaluation.angles.copy(), evaluation.angle_jacobian.copy())
 
     def ahead(self, point: CurvePoint, length: float) -> Array | None:
@@ -129,8 +129,15 @@ class Curve:
         return t, determinant_sign_of(np.vstack([rows, t]))
 
     def sigma(self, q: Array) -> float:
-        """Return the smallest over the largest singular value of the rows at q."""
-        return _sigma(decompose(self.rows(q), 0.0).s)
+        """Return the smallest over the largest singular value of the rows at q.
+
+        The largest counts as no smaller than rows were elsewhere: where a single one vanishes, it
+        is as large as itself to the end.
+        """
+        return self._sigma(decompose(self.rows(q), 0.0).s)
+
+    def _sigma(self, s: Array) -> float:
+        return float(s[-1] / np.hypot(s[0], self.system.size)) if s.size else 1.0
 
     def curvature(self, point: CurvePoint) -> Array:
         """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
@@ -198,10 +205,6 @@ def march(
         room = 0.5 * point.sigma * length / fall if point is not None and fall > 0.0 else np.inf
         length = min(2.0 * length, LARGEST_STEP, max(room, SMALLEST_STEP))
     return Arrival("lost", q, float(q[at]))
-
-
-def _sigma(s: Array) -> float:
-    return float(s[-1] / s[0]) if s.size else 1.0
 
 
 def turning_point(curve: Curve, point: CurvePoint, length: float) -> float:

@@ -25,7 +25,7 @@ from spatial_pin.mechanism.configuration import (
 )
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import Accuracy, accuracy_of
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
@@ -72,7 +72,7 @@ def assemble(
         ValueError: a value is NaN or infinite.
     """
     needed(mechanism)
-    accuracy = accuracy or Accuracy.named("engineering")
+    accuracy = accuracy_of(accuracy)
     held: dict[str, float] = {}
     for name, value in (drivers or {}).items():
         coordinate = mechanism.driven_coordinate(name).name

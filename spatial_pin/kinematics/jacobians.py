@@ -46,7 +46,7 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
         SingularError: the drivers do not determine the velocities there.
         UnknownNameError: there is no such frame.
     """
-    frame = mechanism.frame_id(name)
+    frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
     with square_system(state, ()) as system:
         data = system.evaluation.data  # where the joints' Jacobians are known
@@ -73,7 +73,7 @@ def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
         SingularError: the drivers do not determine the velocities there.
         UnknownNameError: there is no such frame.
     """
-    frame = mechanism.frame_id(name)
+    frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
     with square_system(state, ()) as system:
         moving = _Moving(mechanism, state, frame)

@@ -57,7 +57,8 @@ class Jerks:
         Linear: third derivative of the position of its origin [m/s³]. Angular: second derivative
         of its angular velocity [rad/s³].
         """
-        joint, placement = self.state.mechanism.frame_on_joint(name)
+        mechanism = self.state.mechanism
+        joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
         return self._at(joint, placement.translation)
 
     def com(self, name: str) -> Array:
@@ -66,8 +67,9 @@ class Jerks:
         Raises:
             SpatialPinError: the link has no mass.
         """
-        joint, placement = self.state.mechanism.frame_on_joint(name)
-        return self._at(joint, placement.act(center_of_mass(self.state.mechanism, name))).linear
+        mechanism = self.state.mechanism
+        joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
+        return self._at(joint, placement.act(center_of_mass(mechanism, name))).linear
 
     def _at(self, joint: int, point: Array) -> pin.Motion:
         data = self.state.data

@@ -290,6 +290,8 @@ def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
     h = float(np.sqrt(moved @ moved))
     for _ in range(4):
         slope = first + 2.0 * h * second
+        if not np.any(slope):  # rows at one place, but for round-off
+            return 0.0, v, a
         h -= float((h * first + h * h * second - moved) @ slope / (slope @ slope))
     return h, size * t, size * c
 

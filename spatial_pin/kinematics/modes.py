@@ -19,7 +19,7 @@ from spatial_pin.linalg import Array, null_space
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import Accuracy, accuracy_of
 
 SAME = 1e-5  # largest difference of two placements of one mode [characteristic lengths, 1]
 CLOSED = 1e-10
@@ -60,7 +60,7 @@ def assembly_modes(
     Raises:
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
     """
-    search = _Search(mechanism, dict(drivers or {}), accuracy or Accuracy.named("engineering"))
+    search = _Search(mechanism, dict(drivers or {}), accuracy_of(accuracy))
     rng = np.random.default_rng(seed)
     last = 0
     bar = tqdm(total=most_starts, desc=f"{mechanism.name}: modes", delay=1.0, leave=False,

@@ -77,6 +77,7 @@ class Output(NamedTuple):
     unit: str
 
 
+ACROSS = 0.12  # distance from a crossing [rad, characteristic lengths] up to which it is continued
 COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FRAME_UNITS = {
     "position": "m", "velocity": "m/s", "acceleration": "m/s²",
@@ -150,10 +151,17 @@ class Motion:
 
     def state(self, row: int) -> State:
         """Return one row as a State; its `rate_error` is known where a driver was swept."""
-        lost = partial(rate_error, self.driver_name) if self.driver is not None else np.nan
+        lost = (partial(rate_error, self.driver_name, not self._is_continued(row))
+                if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
                      angles=self.angles[row] if self.angles.size else None, rate_error=lost)
+
+    def _is_continued(self, row: int) -> bool:
+        """Whether a row may lie where the branch was continued across a crossing."""
+        size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
+        return any(e.kind == "branch point" and e.row < len(self)
+                   and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)
 
     @cached_property
     def _bodies(self) -> _Bodies:
@@ -192,7 +200,7 @@ class Motion:
         Raises:
             UnknownNameError: there is none.
         """
-        return self._at(*self.mechanism.frame_on_joint(name))
+        return self._at(*self.mechanism.frame_on_joint(self.mechanism.placed(name)))
 
     def com(self, name: str) -> FrameMotion:
         """Return the motion of a link's own centre of mass.
@@ -202,7 +210,7 @@ class Motion:
             SpatialPinError: it has no mass.
         """
         offset = pin.SE3(np.eye(3), center_of_mass(self.mechanism, name))
-        joint, placement = self.mechanism.frame_on_joint(name)
+        joint, placement = self.mechanism.frame_on_joint(self.mechanism.placed(name))
         return self._at(joint, placement * offset)
 
     def output(self, spec: str) -> Output:

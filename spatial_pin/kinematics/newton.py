@@ -27,6 +27,7 @@ MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
 # and its rates to round-off over s squared: below this nothing is left of them.
 SINGULAR_PIVOT = 1e-7
+NEARLY = 1e-5  # singular values below this fraction of the largest are all but zero
 CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
 
 
@@ -116,6 +117,7 @@ class SquareSystem:
         scale: (nv,) velocity of a unit of each unknown.
         passive: (k, nv) unresolved passive freedoms at the last `refresh_passive`, orthonormal.
         selected_pivot: smallest over largest pivot where the rows were selected.
+        size: length of the longest independent closure row wherever they were selected.
     """
 
     def __init__(
@@ -131,6 +133,8 @@ class SquareSystem:
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.matrix = np.zeros((nv, nv))
         self._whole = False
+        self._usual_rank = -1
+        self.size = 0.0
         if q is not None:
             self.select(q)
 
@@ -145,6 +149,8 @@ class SquareSystem:
         n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.driven)
         self.rows = independent_rows(evaluation.jacobian[:n])
         r = len(self.rows)
+        lengths = np.linalg.norm(evaluation.jacobian[self.rows], axis=1)
+        self.size = max(self.size, float(lengths.max(initial=0.0)))
         regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:], self._drive])
         svd = decompose(regular)
         if svd.rank < r + p + d:
@@ -189,6 +195,9 @@ class SquareSystem:
         where = f"mechanism {self.evaluation.mechanism.name!r}: "
         freedom = closures.shape[1] - decompose(closures).rank
         if freedom < len(self.driven):
+            if closures.shape[1] - decompose(closures, NEARLY).rank >= len(self.driven):
+                return (f"{where}singular configuration: branches cross so near that round-off "
+                        "hides which equations depend on others; start further from it")
             return (f"{where}{len(self.driven)} coordinates are prescribed ({names}) but the "
                     f"closed mechanism has {freedom} freedoms there; prescribe fewer")
         return (f"{where}singular configuration: the prescribed {names} cannot move independently "
@@ -202,19 +211,34 @@ class SquareSystem:
         missing = len(null_space) - passive
         if not missing:
             self._check_free()
-            return
-        if rank_loss(self.evaluation, q, len(self.rows)):
+        lost = self._lost(q, likely=missing > 0)
+        if lost:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: singular configuration: the loops lose "
-                f"{missing} independent equation(s) there and branches cross; the motion is not "
-                "determined by the drivers"
+                f"{missing or lost} independent equation(s) there and branches cross; the motion "
+                "is not determined by the drivers"
             )
+        if not missing:
+            return
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
         raise SingularError(
             f"mechanism {mechanism.name!r}: {missing} of its freedoms are not "
             f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
         )
+
+    def _lost(self, q: Array, likely: bool) -> int:
+        """Return how many independent equations the loops lose at q.
+
+        Also where the freedom won moves one link only, like a passive one: a single distance whose
+        row vanishes frees the link it holds. The usual rank is looked up but once if none is lost.
+        """
+        rank = len(self.rows)
+        if not likely and rank == self._usual_rank:
+            return 0
+        lost = rank_loss(self.evaluation, q, rank)
+        self._usual_rank = rank + lost
+        return lost
 
     def _check_free(self) -> None:
         """Refuse passive freedoms that closures do hold, by a lever too short to be of use."""

@@ -11,12 +11,13 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.state import State, of_mechanism
-from spatial_pin.linalg import EPS
+from spatial_pin.linalg import EPS, Array, decompose
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
 ROUND_OFF = 8.0 * EPS  # of a closure row
+WELL = 1e-3  # smallest over largest pivot above which round-off is not looked at closely
 
 
 def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
@@ -98,7 +99,7 @@ def solve_rates(
             a = system.acceleration(state.q, v, drive_a)
         check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
         check_rates(system, v, state)
-        lost = round_off(system, rates)
+        lost = round_off(system, state.q, rates)
     return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
                  rate_error=lost)
 
@@ -113,7 +114,7 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
-def round_off(system: SquareSystem, rates: np.ndarray) -> float:
+def round_off(system: SquareSystem, q: Array, rates: Array, solved: bool = True) -> float:
     """Return the estimated error of joint rates by their size, from the rates per driver's.
 
     Near a limit position at a small distance e of the driver, joints move 1/sqrt(e) times as fast
@@ -122,14 +123,49 @@ def round_off(system: SquareSystem, rates: np.ndarray) -> float:
     """
     paces = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
     pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
-    return ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    known = ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    if pivot > WELL or not solved:
+        return known
+    return min(max(known, _unknown(system, q, rates)), 1.0)
 
 
-def rate_error(driver: str, state: State) -> float:
-    """Return `round_off` of rates that a driver makes; NaN where it does not determine them."""
+def _unknown(system: SquareSystem, q: Array, rates: Array) -> float:
+    """Return how far rates, by their size, follow a configuration that is off by round-off.
+
+    It is off where the equations are weakest. Where branches cross, joints move no faster than the
+    driver, and rates are uncertain all the same.
+    """
+    svd = decompose(system.matrix, 0.0)
+    off, still, worst = ROUND_OFF / max(float(svd.s[-1]), 1e-300), np.zeros(len(system.driven)), 0.0
+
+    def response(t: Array, along: Array) -> Array:
+        """Return the scaled change of t where q changes along: the polar form of accelerations."""
+        twice = [system.acceleration(q, system.scale * v, still) for v in (t + along, t - along)]
+        change: Array = 0.25 * (twice[0] - twice[1]) / system.scale
+        return change
+
+    for column in rates.T:
+        t = column / system.scale
+        size = float(np.abs(t).max())
+        first = response(t / size, svd.vt[-1])
+        unit = max(float(np.abs(first).max()), 1e-300)
+        second = 2.0 * unit * np.abs(response(t / size, first / unit)).max()
+        bend = np.abs(system.acceleration(q, column / size, still) / system.scale).max()
+        worst = max(worst, off * unit, off * float(second / max(bend, 1.0)))
+    return worst
+
+
+def rate_error(driver: str, solved: bool, state: State) -> float:
+    """Return `round_off` of rates that a driver makes; NaN where it does not determine them.
+
+    Args:
+        driver: its name.
+        solved: whether rates were solved there, not continued across a crossing of branches.
+        state: the closed state.
+    """
     try:
         with square_system(state, [driver]) as system:
-            return round_off(system, system.driver_rates())
+            return round_off(system, state.q, system.driver_rates(), solved)
     except SingularError:
         return float(np.nan)
 

@@ -78,8 +78,9 @@ class State:
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         rate_error: estimated round-off of v and a, by their size; it grows near a limit position
-            of a driver. NaN until `solve_rates`; of a row of a sweep it is worked out when asked
-            for, of a row of a simulation it is NaN.
+            of a driver, and near a crossing of branches, up to 1: no digit. NaN until
+            `solve_rates`; of a row of a sweep it is worked out when asked for, of a row of a
+            simulation it is NaN.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class State:
 
     def _find(self, name: str) -> tuple[pin.Model, pin.Data, int]:
         """Return a model and its data, and the place in it, of a link, frame or joint."""
-        frame = self.mechanism.frame_id(name)
+        frame = self.mechanism.frame_id(self.mechanism.placed(name))
         if self._located.is_whole:
             return self.mechanism.model, self.data, frame
         return self._located.find(frame)

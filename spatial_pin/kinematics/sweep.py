@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,12 +18,13 @@ from spatial_pin.kinematics.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
+from spatial_pin.kinematics.order import there_and_back
 from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, driven_coordinates
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
@@ -109,7 +110,7 @@ def sweep(
         UnknownNameError: a name does not exist.
         ValueError: values or speeds are not finite, or make rates that are not.
     """
-    accuracy = accuracy or Accuracy.named("engineering")
+    accuracy = accuracy_of(accuracy)
     needed(mechanism)
     _check_choice("on_limit", on_limit, ("raise", "stop"))
     _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
@@ -128,14 +129,19 @@ def sweep(
     bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
                disable=None if progress else True)
     with bar, evaluation_of(mechanism) as evaluation:
-        branch = Branch(state, driven, accuracy, evaluation)
-        record = _Record.empty(n, branch)
-        passed = crossed if on_crossing == "straight" else None
-        try:
-            for done in _follow(branch, values, record, passed):
-                bar.update(done - bar.n)
-        except Stopped as caught:
-            stop, n = caught.arrival, caught.row
+        def start() -> Branch:
+            return Branch(state, driven, accuracy, evaluation)
+
+        record = _sorted(start, values, bar) if accuracy.corrections is None else None
+        if record is None:
+            branch = start()
+            record = _Record.empty(n, branch)
+            passed = crossed if on_crossing == "straight" else None
+            try:
+                for done in _follow(branch, values, record, passed):
+                    bar.update(done - bar.n)
+            except Stopped as caught:
+                stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
@@ -171,6 +177,31 @@ def _rows(value: Any, values: Array, what: str) -> Array:
     numbers = as_array(value, what)
     return finite_array(np.full(values.shape, numbers) if numbers.ndim == 0 else numbers,
                         values.shape, what)
+
+
+def _sorted(start: Callable[[], Branch], values: Array, bar: tqdm[Any]) -> _Record | None:
+    """Return the rows, followed in the order of their values from the first on, both ways.
+
+    None where the order asked for is no detour, or anything lies in the way: what it is, and which
+    rows come before it, is told by the order asked for.
+    """
+    ways = there_and_back(values)
+    if ways is None:
+        return None
+    record = _Record.empty(len(values), start())
+    for rows in ways:
+        branch = start()
+        own = _Record.empty(len(rows), branch)
+        try:
+            for _ in _follow(branch, values[rows], own, None):
+                pass
+        except (Stopped, SpatialPinError):
+            bar.reset()
+            return None
+        for name, column in vars(own).items():
+            getattr(record, name)[rows] = column
+        bar.update(len(rows))
+    return record
 
 
 def _follow(

@@ -282,6 +282,19 @@ class Mechanism:
         frame = self.model.frames[self.frame_id(name)]
         return int(frame.parentJoint), frame.placement
 
+    @property
+    def unplaced(self) -> Mapping[str, str]:
+        """Links, frames and joints whose motion in the world is not known here: see `Reduced`."""
+        return {}
+
+    def placed(self, name: str) -> str:
+        """Return the name of a link, frame or joint whose motion in the world is known here.
+
+        Raises:
+            SpatialPinError: it is not: see `Reduced`.
+        """
+        return name
+
     def start(self, values: Mapping[str, float]) -> Array | None:
         """Return where to assemble when nobody says, (nq,); None for the guess of the file.
 

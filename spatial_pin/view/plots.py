@@ -139,8 +139,9 @@ def _of_joints(mechanism: Mechanism) -> dict[str, bool]:
 
 def _of_links(mechanism: Mechanism) -> list[str]:
     """Return the outputs that tell where the links are, the last of the tree first."""
-    heavy = [name for name, inertia in mechanism.inertias.items() if inertia.mass > 0.0]
-    found = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in mechanism.links]
+    links = [name for name in mechanism.links if name not in mechanism.unplaced]
+    heavy = [x for x in links if x in mechanism.inertias and mechanism.inertias[x].mass > 0.0]
+    found = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in links]
     return found[::-1]
 
 

@@ -1,0 +1,97 @@
+"""Values of a sweep in any order: a branch is the same there and back."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.kinematics.order import there_and_back
+
+RNG = np.random.default_rng(7)
+SCATTERED = np.concatenate([[0.3], RNG.uniform(-2.0, 6.0, 400), [0.3, 6.0, -2.0]])
+
+
+def apart(mech, first, second):
+    """The largest step of a joint from one configuration to another, quaternions of any sign."""
+    return np.abs(pin.difference(mech.model, first, second) / mech.velocity_scale).max()
+
+
+def counted(monkeypatch):
+    """Count the values that a branch is asked to go to one by one."""
+    from spatial_pin.kinematics.branch import Branch
+
+    asked, reach = [], Branch.reach
+    monkeypatch.setattr(Branch, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])
+    return asked
+
+
+@pytest.mark.parametrize(("name", "close"), [
+    ("rssr", 1e-7),  # the spin of its rod is as exact as the steps that it is summed over
+    ("rspc", 1e-10), ("bennett", 1e-10), ("double_cardan", 1e-10), ("screw_press", 1e-10)])
+def test_a_row_is_what_its_value_makes_it_and_not_the_rows_before(name, close):
+    mech = sp.load(name)
+    driver = next(iter(mech.drivers))
+    speed, acceleration = RNG.uniform(-2.0, 2.0, (2, len(SCATTERED)))
+    motion = sp.sweep(mech, driver, SCATTERED, speed, acceleration)
+    start = motion.state(0)
+    for rows in (np.flatnonzero(SCATTERED >= 0.3), np.flatnonzero(SCATTERED <= 0.3)):
+        order = rows[np.argsort(np.abs(SCATTERED[rows] - 0.3), kind="stable")]
+        told = sp.sweep(mech, driver, SCATTERED[order], speed[order], acceleration[order],
+                        guess=start)
+        for k, row in enumerate(order):
+            assert apart(mech, motion.q[row], told.q[k]) < close
+        for got, want in ((motion.v, told.v), (motion.a, told.a)):
+            assert np.abs(got[order] - want).max() < close * (1.0 + np.abs(want).max())
+    assert motion.closure_error.max() < 1e-12
+    assert np.array_equal(motion.swept, SCATTERED)
+
+
+def test_the_spin_of_a_rod_is_that_of_small_steps_however_far_the_rows_jump():
+    mech = sp.load("rssr")
+    even = sp.sweep(mech, "crank", np.linspace(-2.0, 6.0, 8001), guess=sp.sweep(
+        mech, "crank", np.linspace(0.3, -2.0, 2301)).state(-1))
+    scattered = sp.sweep(mech, "crank", SCATTERED)
+    for row in (17, 230, -1, -2):
+        near = int(np.argmin(np.abs(even.swept - scattered.swept[row])))
+        again = sp.sweep(mech, "crank", [even.swept[near], scattered.swept[row]],
+                         guess=even.state(near))
+        assert apart(mech, again.q[1], scattered.q[row]) < 1e-7
+
+
+def test_scattered_values_cost_no_walk_from_each_to_the_next(monkeypatch):
+    asked = counted(monkeypatch)
+    sp.sweep(sp.load("rssr"), "crank", SCATTERED)
+    assert len(asked) < 0.2 * len(SCATTERED)
+
+
+def test_the_first_value_in_the_order_asked_for_that_is_out_of_reach_ends_it():
+    mech = sp.load("slider_crank")
+    driver, end = "slide", sp.limits(mech, "slide").upper.value
+    start = sp.assemble(mech, {})
+    there = start.coordinate(driver).value
+    values = np.concatenate([[there], RNG.uniform(0.9 * there, 0.999 * end, 60)])
+    values[40] = 1.01 * end
+    values[20] = 1.02 * end
+    with pytest.raises(sp.LimitError) as caught:
+        sp.sweep(mech, driver, values, guess=start)
+    assert len(caught.value.motion) == 20
+    assert caught.value.limit == pytest.approx(end, abs=1e-12)
+    stopped = sp.sweep(mech, driver, values, guess=start, on_limit="stop")
+    assert len(stopped) == 20 and [e.row for e in stopped.events if e.kind == "limit"] == [20]
+
+
+def test_change_points_are_told_as_often_as_they_are_passed():
+    mech = sp.load("four_bar", r1=0.4, r2=0.12, r3=0.4, r4=0.12)
+    values = np.tile([2.0, 4.0], 6)
+    motion = sp.sweep(mech, "crank", values)
+    assert [e.row for e in motion.events if e.kind == "branch point"] == list(range(1, 12))
+
+
+def test_only_long_ways_are_sorted():
+    assert there_and_back(np.linspace(0.0, 1.0, 50)) is None
+    assert there_and_back(np.linspace(1.0, 0.0, 50)) is None
+    assert there_and_back(np.array([0.0, 1.0, 0.5])) is None
+    assert there_and_back(np.zeros(9)) is None
+    values = np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.5, 0.5, 0.0, -1.0, 1.0])
+    up, down = there_and_back(values)
+    assert up.tolist() == [0, 7, 5, 6, 1, 3, 9] and down.tolist() == [8, 4, 2]

@@ -1,0 +1,52 @@
+"""A mechanism of a single equation loses it like any other: where the row itself vanishes."""
+
+import numpy as np
+import pytest
+from mechanisms import four_bar
+
+import spatial_pin as sp
+
+TURN = np.linspace(0.5, 7.0, 50)
+
+
+@pytest.fixture(scope="module")
+def parallelogram():
+    return four_bar(r1=0.4, r2=0.12, r3=0.4, r4=0.12)
+
+
+@pytest.fixture(scope="module")
+def one_distance(parallelogram):
+    reduced = sp.reduce(parallelogram, "rocker_pin")
+    assert (len(reduced.coordinates), len(reduced.closures)) == (2, 1)
+    return reduced
+
+
+def test_both_pass_the_same_change_points(parallelogram, one_distance):
+    for values in (TURN, np.linspace(0.5, 7.0, 2000)):
+        full, small = (sp.sweep(m, "crank", values) for m in (parallelogram, one_distance))
+        assert [e.kind for e in small.events] == ["branch point"] * 2
+        places = [e.value for e in small.events]
+        assert np.allclose(places, [np.pi, 2.0 * np.pi], rtol=0.0, atol=1e-9)
+        for got, expected in zip(small.coordinate("rocker_pin"), full.coordinate("rocker_pin"),
+                                 strict=True):
+            assert np.abs(got - expected).max() < 1e-10
+
+
+def test_both_stop_there_if_they_are_told_to(parallelogram, one_distance):
+    rows = {len(sp.sweep(m, "crank", TURN, on_crossing="stop"))
+            for m in (parallelogram, one_distance)}
+    assert rows == {int(np.count_nonzero(np.pi > TURN))}
+
+
+def test_the_ends_of_the_branch_are_the_same(parallelogram, one_distance):
+    for mechanism in (parallelogram, one_distance):
+        ends = sp.limits(mechanism, "crank", guess={"crank_pin": 1.0})
+        assert [end.kind for end in (ends.lower, ends.upper)] == ["branch point"] * 2
+        assert abs(ends.lower.value) < 1e-9
+        assert abs(ends.upper.value - np.pi) < 1e-9
+
+
+def test_the_link_that_a_vanished_row_frees_is_not_taken_as_passive(one_distance):
+    flat = sp.assemble(one_distance, {"crank": 0.0}, {"crank_pin": 0.0, "rocker_pin": 0.0})
+    with pytest.raises(sp.SingularError, match="lose 1 independent equation"):
+        sp.solve_rates(one_distance, flat, {"crank": 1.0})
