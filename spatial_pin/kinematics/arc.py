@@ -16,7 +16,11 @@ LARGEST_STEP = 0.1
 SMALLEST_STEP = 1e-9
 STRAIGHT = 0.98  # least cosine between the directions at the two ends of a step
 MOST_STEPS = 2000
-NEAR_CROSSING = 1e-3  # distance from a crossing at which it is looked at
+NEAR_CROSSING = 1e-3  # length of a step in which a change of the determinant's sign is believed
+VIEW = 2e-3, 2e-2  # least and most distance from a crossing that its place is told from
+PROBE = 1e-4  # length over which the rows' loss of rank is judged
+PLACES = 0.16 * np.arange(6)  # parts of the way to a crossing that its place is told from
+TOGETHER = 1e-4  # part of the way over which zeros of a determinant are one: round-off parts them
 CROSSING = 1e-5  # smallest over largest singular value of the curve's rows where branches cross
 
 
@@ -79,9 +83,10 @@ class Curve:
         rows = self.rows(q)
         if self.system.has_redundant_rows:
             n = self.evaluation.constraints.n_rows
-            self.selected = independent_rows(self.evaluation.jacobian[:n], CROSSING)
-            if len(self.selected) < len(self.system.rows):
+            selected = independent_rows(self.evaluation.jacobian[:n], CROSSING)
+            if len(selected) < len(self.system.rows):
                 return None
+            self.selected = selected
             rows = self.rows(q)
         svd = decompose(rows, CROSSING)
         if svd.rank < len(rows):
@@ -132,6 +137,16 @@ class Curve:
         """Return the smallest over the largest singular value of the rows at q."""
         return _sigma(decompose(self.rows(q), 0.0).s)
 
+    def determinants(self, places: Iterable[tuple[Array, Array]]) -> Array:
+        """Return the determinants of [regular rows; tangent], up to a factor, at (q, t) places.
+
+        A smooth function of the place, which vanishes where branches cross.
+        """
+        matrices = np.array([np.vstack([self.rows(q), t / np.linalg.norm(t)]) for q, t in places])
+        sign, magnitude = np.linalg.slogdet(matrices)
+        found: Array = sign * np.exp(magnitude - magnitude.max())
+        return found
+
     def curvature(self, point: CurvePoint) -> Array:
         """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
         rows = self.rows(point.q)
@@ -168,19 +183,18 @@ def march(
     point = curve.settle(q, heading * direction / curve.scale)
     if point is None:
         return locate_crossing(curve, curve.point(q, heading * direction / curve.scale), q)
-    last = clear = point
+    last = point
     length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
         if point is None:
-            return locate_crossing(curve, clear, q)
+            return locate_crossing(curve, last, q)
         q, last = point.q, point
-        clear = point if point.sigma > NEAR_CROSSING else clear
         ahead = curve.ahead(point, length)
         t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
         if ahead is None or t @ point.t < STRAIGHT or sign != point.sign:
             length *= 0.5
             if length < NEAR_CROSSING and ahead is not None and sign != point.sign:
-                return locate_crossing(curve, clear, q)
+                return locate_crossing(curve, point, q)
             if length < SMALLEST_STEP:
                 return Arrival("lost", q, float(q[at]))
             continue
@@ -234,34 +248,83 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
 
 
 def locate_crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
-    """Locate where the rows lose their rank, just ahead of a point, near q.
+    """Locate where the rows lose their rank, ahead of a point, near q.
 
-    There nothing can be solved: the driver value, and how fast it still changes, are extrapolated
-    over the smallest singular value, from places before it. A driver that comes to rest there has
-    reached its limit; else branches cross.
+    There nothing can be solved: the place is that where the determinant of rows and tangent, a
+    smooth function of the arc length, vanishes if continued from places before it; so are driver
+    value and how fast it still changes. A driver that comes to rest there has reached its limit;
+    else branches cross.
     """
     at = curve.driver.q
-    start = curve.ahead(point, -2.0 * NEAR_CROSSING)
-    base = curve.settle(start, point.t) if start is not None else None
-    coarse = _places(curve, base, (0.0, 0.5 * NEAR_CROSSING))
-    if base is None or coarse is None:
-        return Arrival("branch point", q, float(q[at]))
-    first, second = (curve.sigma(x) for x in coarse)
-    distance = 0.5 * NEAR_CROSSING * first / (first - second)
-    places = _places(curve, base, distance * np.array([0.0, 0.2, 0.4, 0.6, 0.8]))
-    if places is None:
-        return Arrival("branch point", q, float(q[at]))
-    sigma = np.array([curve.sigma(x) for x in places])
-    slopes = np.array([curve.slope(curve.direction(x, base.t)[0]) for x in places])
-    value = _at_zero(sigma, np.array([x[at] for x in places]))
-    rests = abs(_at_zero(sigma, slopes)) < 0.1 * abs(slopes[0])
+    unknown = Arrival("branch point", q, float(q[at]))
+    viewed = _viewed(curve, point)
+    if viewed is None:
+        return unknown
+    base, distance = viewed
+    lengths = distance * PLACES
+    places = [curve.ahead(base, x) for x in lengths]
+    found = [place for place in places if place is not None]
+    if len(found) < len(places):
+        return unknown
+    tangents = [curve.direction(x, base.t)[0] for x in found]
+    determinants = curve.determinants(zip(found, tangents, strict=True))
+    first = next((x for x in zeros(lengths, determinants) if x > 0.0), None)
+    if first is None:
+        return unknown
+    value = float(through(lengths, np.array([x[at] for x in found]))(first))
+    slopes = through(lengths, np.array([curve.slope(t) for t in tangents]))
+    rests = abs(slopes(first)) < 0.1 * abs(slopes(0.0))
     return Arrival("limit" if rests else "branch point", q, value)
 
 
-def _at_zero(x: Array, y: Array) -> float:
-    """Return the value at 0 of the polynomial through the points (x, y) [Lagrange]."""
-    return float(sum(y[i] * np.prod(np.delete(x, i) / (np.delete(x, i) - x[i]))
-                     for i in range(len(x))))
+def through(x: Array, y: Array) -> np.polynomial.Polynomial:
+    """Return the polynomial through the points (x, y)."""
+    return np.polynomial.Polynomial.fit(x, y, len(x) - 1)
+
+
+def zeros(x: Array, y: Array) -> list[float]:
+    """Return the real zeros of the polynomial through (x, y), rising, several at a place as one."""
+    span = float(np.ptp(x))
+    roots = through(x, y).roots()
+    real = np.sort(roots[np.abs(roots.imag) < TOGETHER * span].real)
+    groups = np.split(real, np.flatnonzero(np.diff(real) > TOGETHER * span) + 1)
+    return [float(group.mean()) for group in groups if group.size]
+
+
+def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
+    """Return a point before a crossing ahead of another point, and how far it about is, in VIEW."""
+    distance, back = 0.0, VIEW[0]
+    while distance < VIEW[0]:
+        base = _moved(curve, point, -back)
+        if base is None or back > LARGEST_STEP:
+            return None
+        distance, back = _distance(curve, base), 2.0 * back
+    while distance > VIEW[1]:
+        base = _moved(curve, base, min(0.5 * distance, LARGEST_STEP))
+        if base is None:
+            return None
+        distance = _distance(curve, base)
+    return base, distance
+
+
+def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
+    """Return the point `length` ahead of another one, or less far if a crossing lies between."""
+    while abs(length) > SMALLEST_STEP:
+        q = curve.ahead(point, length)
+        if q is None:
+            return None
+        moved = curve.point(q, curve.direction(q, point.t)[0])
+        if moved.sign == point.sign:
+            return moved
+        length *= 0.5
+    return None
+
+
+def _distance(curve: Curve, point: CurvePoint) -> float:
+    """Return about how far ahead of a point the rows lose their rank, 0 if it is behind."""
+    probe = curve.ahead(point, PROBE)
+    fall = point.sigma - curve.sigma(probe) if probe is not None else 0.0
+    return PROBE * point.sigma / fall if fall > 0.0 else 0.0
 
 
 def _place(curve: Curve, point: CurvePoint, x: float) -> Array:
@@ -275,10 +338,3 @@ def _root(function: Callable[[float], float], length: float) -> float:
     if function(0.0) * function(length) > 0.0:
         return length
     return float(brentq(function, 0.0, length, xtol=1e-14, rtol=1e-14))
-
-
-def _places(curve: Curve, base: CurvePoint | None, lengths: Iterable[float]) -> list[Array] | None:
-    """Return the configurations at several lengths ahead of `base`, if all of them close."""
-    places = [] if base is None else [curve.ahead(base, x) for x in lengths]
-    found = [place for place in places if place is not None]
-    return found if found and len(found) == len(places) else None
