@@ -219,20 +219,21 @@ def _pass_crossing(
     stopped.row = k
     if crossed is None or stopped.arrival.kind not in ("branch point", "singular"):
         raise stopped
-    value = stopped.arrival.value
-    found = crossing.strip(branch, value)
+    found = crossing.strip(branch, stopped.arrival.value)
     if found is None:
         raise stopped
-    crossed.append((found.crossing, k))
     while k > 0 and found.holds(float(values[k - 1])):
         k -= 1
-    while k < len(values) and found.holds(float(values[k])):
-        found.put(branch, float(values[k]))
-        record.put(k, branch)
-        k += 1
-    if k < len(values):
-        found.leave(branch, float(values[k]))
-    return k
+    crossed[:] = [(x, row) for x, row in crossed if row < k or not found.holds(x)]
+    for row in range(k, len(values)):
+        value = float(values[row])
+        crossed += [(x, row) for x in found.crossed(float(values[max(row - 1, 0)]), value)]
+        if not found.holds(value):
+            found.leave(branch, value)
+            return row
+        found.put(branch, value)
+        record.put(row, branch)
+    return len(values)
 
 
 def _motion(
