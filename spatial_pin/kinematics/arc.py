@@ -19,6 +19,7 @@ MOST_STEPS = 2000
 NEAR_CROSSING = 1e-3  # length of a step in which a change of the determinant's sign is believed
 VIEW = 2e-3, 2e-2  # least and most distance from a crossing that its place is told from
 PROBE = 1e-4  # length over which the rows' loss of rank is judged
+APPROACHES = 64  # steps to such a distance
 PLACES = 0.16 * np.arange(6)  # parts of the way to a crossing that its place is told from
 TOGETHER = 1e-4  # part of the way over which zeros of a determinant are one: round-off parts them
 CROSSING = 1e-5  # smallest over largest singular value of the curve's rows where branches cross
@@ -208,8 +209,7 @@ def march(
             return Arrival("limit", limit, float(limit[at]))
         q, point = ahead, curve.settle(ahead, t)
         # never further than half the way to where the rows would lose their rank
-        fall = last.sigma - point.sigma if point is not None else 0.0
-        room = 0.5 * point.sigma * length / fall if point is not None and fall > 0.0 else np.inf
+        room = 0.5 * room_after(last, point, length) if point is not None else np.inf
         length = min(2.0 * length, LARGEST_STEP, max(room, SMALLEST_STEP))
     return Arrival("lost", q, float(q[at]))
 
@@ -248,7 +248,14 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
 
 
 def locate_crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
-    """Locate where the rows lose their rank, ahead of a point, near q.
+    """Return where the rows lose their rank, ahead of a point, near q; there if none is found."""
+    found = located(curve, point)
+    kind, value = found if found is not None else ("branch point", float(q[curve.driver.q]))
+    return Arrival(kind, q, value)
+
+
+def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
+    """Return what is met where the rows lose their rank ahead of a point, and the driver value.
 
     There nothing can be solved: the place is that where the determinant of rows and tangent, a
     smooth function of the arc length, vanishes if continued from places before it; so are driver
@@ -256,25 +263,24 @@ def locate_crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
     else branches cross.
     """
     at = curve.driver.q
-    unknown = Arrival("branch point", q, float(q[at]))
     viewed = _viewed(curve, point)
     if viewed is None:
-        return unknown
+        return None
     base, distance = viewed
     lengths = distance * PLACES
     places = [curve.ahead(base, x) for x in lengths]
     found = [place for place in places if place is not None]
     if len(found) < len(places):
-        return unknown
+        return None
     tangents = [curve.direction(x, base.t)[0] for x in found]
     determinants = curve.determinants(zip(found, tangents, strict=True))
     first = next((x for x in zeros(lengths, determinants) if x > 0.0), None)
     if first is None:
-        return unknown
+        return None
     value = float(through(lengths, np.array([x[at] for x in found]))(first))
     slopes = through(lengths, np.array([curve.slope(t) for t in tangents]))
     rests = abs(slopes(first)) < 0.1 * abs(slopes(0.0))
-    return Arrival("limit" if rests else "branch point", q, value)
+    return "limit" if rests else "branch point", value
 
 
 def through(x: Array, y: Array) -> np.polynomial.Polynomial:
@@ -293,18 +299,19 @@ def zeros(x: Array, y: Array) -> list[float]:
 
 def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
     """Return a point before a crossing ahead of another point, and how far it about is, in VIEW."""
-    distance, back = 0.0, VIEW[0]
-    while distance < VIEW[0]:
-        base = _moved(curve, point, -back)
-        if base is None or back > LARGEST_STEP:
-            return None
-        distance, back = _distance(curve, base), 2.0 * back
-    while distance > VIEW[1]:
-        base = _moved(curve, base, min(0.5 * distance, LARGEST_STEP))
+    back, base, distance = VIEW[0], _moved(curve, point, -VIEW[0]), 0.0
+    for _ in range(APPROACHES):
         if base is None:
             return None
-        distance = _distance(curve, base)
-    return base, distance
+        distance = room_ahead(curve, base)
+        if VIEW[0] <= distance <= VIEW[1]:
+            return base, distance
+        if VIEW[1] < distance < np.inf:
+            base = _moved(curve, base, min(0.5 * distance, LARGEST_STEP))
+        else:  # too near, or just behind it
+            back *= 2.0
+            base = _moved(curve, point, -back) if back < LARGEST_STEP else None
+    return None
 
 
 def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
@@ -320,11 +327,18 @@ def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
     return None
 
 
-def _distance(curve: Curve, point: CurvePoint) -> float:
-    """Return about how far ahead of a point the rows lose their rank, 0 if it is behind."""
-    probe = curve.ahead(point, PROBE)
-    fall = point.sigma - curve.sigma(probe) if probe is not None else 0.0
-    return PROBE * point.sigma / fall if fall > 0.0 else 0.0
+def room_ahead(curve: Curve, point: CurvePoint) -> float:
+    """Return about how far ahead of a point the rows lose their rank, inf if not at all."""
+    q = curve.ahead(point, PROBE)
+    if q is None:
+        return 0.0
+    return room_after(point, point._replace(sigma=curve.sigma(q)), PROBE)
+
+
+def room_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
+    """Return how far ahead of a point, `length` after the last, its rows would lose their rank."""
+    fall = last.sigma - point.sigma
+    return point.sigma * length / fall if fall > 0.0 else np.inf
 
 
 def _place(curve: Curve, point: CurvePoint, x: float) -> Array:
