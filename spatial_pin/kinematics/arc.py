@@ -17,12 +17,12 @@ SMALLEST_STEP = 1e-9
 STRAIGHT = 0.98  # least cosine between the directions at the two ends of a step
 MOST_STEPS = 2000
 NEAR_CROSSING = 1e-3  # length of a step in which a change of the determinant's sign is believed
-VIEW = 2e-3, 2e-2  # least and most distance from a crossing that its place is told from
+VIEW = 8e-3, 2e-2  # least and most distance from a crossing that its place is told from
 PROBE = 1e-4  # length over which the rows' loss of rank is judged
 APPROACHES = 64  # steps to such a distance
 PLACES = 0.16 * np.arange(6)  # parts of the way to a crossing that its place is told from
 TOGETHER = 1e-4  # part of the way over which zeros of a determinant are one: round-off parts them
-CROSSING = 1e-5  # smallest over largest singular value of the curve's rows where branches cross
+CROSSING = 1e-7  # smallest over largest singular value of the curve's rows where branches cross
 
 
 class Arrival(NamedTuple):

@@ -232,7 +232,8 @@ class Branch:
         self.evaluation.update(pin.integrate(self.model, self.q, self.predict(part)))
         pivot = self.system.pivots()[1] if self.system.factor() else 0.0
         self._note_room(self._pivot, pivot, part)
-        self.evaluation.update(self.q)
+        if len(self.angles):  # the step's guess of them begins at the present ones
+            self.evaluation.update(self.q)
 
     def _note_room(self, before: float, pivot: float, h: float) -> None:
         """Take note how far the pivots, as they change over h, still are from vanishing.

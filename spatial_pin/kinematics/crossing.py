@@ -239,7 +239,7 @@ def _joined(branch: Branch, near: _Side, far: _Side) -> Strip | None:
     found = Strip([], ends, q, t, c, angles, places)
     fewer = _polynomial(*(np.delete(x, [NODES - 1, -1], axis=0) for x in (values, columns[0])))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
-    if not all(found.is_told(branch, x, fewer) for x in between.tolist()):
+    if not all(found.is_told(branch, x, fewer) for x in between[1::3].tolist()):
         return None
     crossings = zeros(between, found.determinants(branch, between))
     crossings = [x for x in crossings if found.holds(x)]

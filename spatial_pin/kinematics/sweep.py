@@ -326,7 +326,7 @@ def _error(
     if stop.kind == "branch point":
         return SingularError(
             f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); none "
-            "was asked for, or none goes straight on, or crossings lie too near each other: start "
+            "was asked for, or none goes straight on, or they only come too near each other: start "
             "the sweep beyond it with a guess on the wanted branch", motion=motion,
         )
     if stop.kind == "singular":
