@@ -180,6 +180,17 @@ def test_two_parallelograms_in_a_row_go_straight_on_one_after_the_other(
         assert low < event.value < high
 
 
+@FOLLOWED
+def test_change_points_too_near_to_be_told_apart_are_passed_as_one(tmp_path, values):
+    lead = 1e-6
+    mech = known.two_parallelograms(tmp_path, lead)
+    motion = sp.sweep(mech, "crank", values, guess=start(values[0], lead))
+    assert off(motion.coordinate("out_pin").value, motion.driver + lead) < 1e-10
+    expected = [x for k in range(1, len(values)) for x in flat(values[k - 1], values[k], lead)]
+    middles = 0.5 * (np.array(expected[::2]) + expected[1::2])
+    np.testing.assert_allclose([e.value for e in motion.events], middles, atol=1e-6)
+
+
 @MADE
 @FOLLOWED
 def test_the_first_of_two_change_points_is_refused_where_that_is_asked_for(
@@ -294,3 +305,39 @@ def test_sarrus_thrown_through_its_flat_positions_moves_as_it_is_swept():
     crossings = [e for e in motion.events if e.kind == "branch point"]
     assert len(crossings) >= 3
     assert [e.row for e in crossings] == [e.row for e in swept.events]
+
+
+# ---------------------------------------------------------------- couplers that are rods
+
+
+def rod_with_balls(folder, resolved: str) -> sp.Mechanism:
+    """A parallelogram whose coupler spins about its line."""
+    tree = (known.turning("crank_pin", "ground", "crank")
+            + known.turning("rocker_pin", "ground", "rocker", (0.3, 0, 0))
+            + known.floating("ball", "crank", "rod", (0.1, 0, 0))
+            + known.point("tip", "rod", (0.3, 0, 0.05))
+            + known.point("end", "rocker", (0.1, 0, 0.05)))
+    return known.load(folder, "rod_with_balls", tree, known.refine("ball", "spherical")
+                      + known.driver("crank", "crank_pin")
+                      + known.closure("socket", "spherical", "tip", "end") + resolved)
+
+
+def distance(folder) -> sp.Mechanism:
+    """A parallelogram whose coupler is one equation."""
+    tree = (known.turning("crank_pin", "ground", "crank")
+            + known.turning("rocker_pin", "ground", "rocker", (0.3, 0, 0))
+            + known.point("a", "crank", (0.1, 0, 0)) + known.point("b", "rocker", (0.1, 0, 0)))
+    return known.load(folder, "distance", tree, known.driver("crank", "crank_pin")
+                      + known.closure("coupler", "distance", "a", "b", length=0.3))
+
+
+@pytest.mark.parametrize("make", [
+    lambda folder: rod_with_balls(folder, '[passive.spin]\nbody = "rod"\naxis = ["ball", "tip"]\n'),
+    lambda folder: rod_with_balls(folder, ""), distance],
+    ids=["no spin", "least motion", "one equation"])
+@pytest.mark.parametrize("rows", [2, 9, 300])
+def test_a_parallelogram_with_a_rod_goes_straight_on(tmp_path, make, rows):
+    motion = sp.sweep(make(tmp_path), "crank", np.linspace(1.0, 3.8, rows),
+                      guess={"crank_pin": 1.0, "rocker_pin": 1.0})
+    assert off(motion.coordinate("rocker_pin").value, motion.driver) < 1e-11
+    np.testing.assert_allclose([e.value for e in motion.events], [np.pi], atol=1e-11)

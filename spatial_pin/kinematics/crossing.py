@@ -16,11 +16,13 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.arc import Curve, CurvePoint, zeros
 from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.kinematics.curve import Curve, CurvePoint
+from spatial_pin.kinematics.locating import zeros
 from spatial_pin.linalg import Array
 
 REACHES = 0.12 * 0.5 ** np.arange(7)  # arc lengths from a crossing at which it may be solved
+APPROACHES = 2  # to such a place: how fast joints move is first known elsewhere
 NODES = 8  # configurations on either side that the curve is continued through
 CLOSED = 1e-12  # closure residual between the ends, above which nodes are taken nearer
 KNOWN = 1e-11  # what two nodes more may change there [rad, characteristic lengths]
@@ -169,14 +171,15 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
         crossing: driver value of the crossing [rad or m].
     """
     sense = 1.0 if crossing >= branch.s else -1.0
-    pace = float(np.linalg.norm(branch.t / branch.scale))
     clear = branch.q, branch.angles  # where the equations are solvable, before the crossing
     for k, reach in enumerate(REACHES):
         try:
             if k:
                 branch.evaluation.turns[:] = clear[1]
                 branch.place(clear[0])
-            branch.reach(crossing - sense * reach / pace)
+            for _ in range(APPROACHES):
+                pace = float(np.linalg.norm(branch.t / branch.scale))
+                branch.reach(crossing - sense * reach / pace)
             if k == 0:
                 clear = branch.q, branch.angles
             sides = _sides(branch, sense, reach)

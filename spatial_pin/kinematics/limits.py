@@ -8,20 +8,13 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.arc import (
-    Arrival,
-    Curve,
-    CurvePoint,
-    located,
-    march,
-    room_after,
-    room_ahead,
-    turning_point,
-)
+from spatial_pin.kinematics.arc import Arrival, march, turning_point
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.crossing import straight_on
+from spatial_pin.kinematics.curve import Curve, CurvePoint
 from spatial_pin.kinematics.joint_range import within_joint_limits
+from spatial_pin.kinematics.locating import located, room_after, room_ahead
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.ranges import Bound, Range
@@ -221,7 +214,7 @@ def _advance(
         length = min(length, left, 0.5 * rows.room)  # two crossings in one step are not noticed
         ahead = curve.ahead(point, length)
         t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
-        if length < 1e-6 * step:
+        if length < min(1e-6 * step, left):
             return Arrival("branch point", point.q, float(point.q[at]))
         if ahead is None or t @ point.t < 0.98 or sign != point.sign:
             length *= 0.5

@@ -90,6 +90,7 @@ def sweep(
             with an event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes
             straight on, "stop" to end the motion before it, both with an event, or "raise".
+            Crossings nearer to each other than about 2e-5 rad are one event.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
