@@ -540,6 +540,30 @@ def bare_four_bar(folder: Path, r1: float, r2: float, r3: float, r4: float) -> s
         "output_pin", "revolute", "tip", "end"))
 
 
+def two_parallelograms(folder: Path, lead: float, second=0.1, weigh=str) -> sp.Mechanism:
+    """A row of two: the second one's cranks run ahead of the first one's by an angle.
+
+    Its crank is an arm of the first one's rocker. All lie flat where their cranks are at 0 or pi.
+
+    Args:
+        folder: for the files.
+        lead: angle of the second parallelogram's cranks against the first one's.
+        second: length of the second parallelogram's cranks.
+        weigh: gives the links of the tree masses.
+    """
+    arm = second * np.cos(lead), second * np.sin(lead), 0
+    tree = (turning("crank_pin", "ground", "crank")
+            + turning("rocker_pin", "ground", "rocker", (0.3, 0, 0))
+            + turning("out_pin", "ground", "out", (0.6, 0, 0))
+            + turning("coupler_pin", "crank", "coupler", (0.1, 0, 0))
+            + turning("link_pin", "rocker", "link", arm)
+            + point("tip", "coupler", (0.3, 0, 0)) + point("end", "rocker", (0.1, 0, 0))
+            + point("link_tip", "link", (0.3, 0, 0)) + point("out_end", "out", (second, 0, 0)))
+    return load(folder, "two_parallelograms", weigh(tree), driver("crank", "crank_pin")
+                + closure("first", "revolute", "tip", "end")
+                + closure("second", "revolute", "link_tip", "out_end"))
+
+
 class Known(NamedTuple):
     """A mechanism, the driver and values to sweep, and the answer."""
 

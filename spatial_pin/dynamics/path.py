@@ -138,8 +138,7 @@ class Path:
             if pace > FASTER * first:
                 return None
             if room * pace < AHEAD:
-                found = crossing.strip(branch, branch.s + math.copysign(room, h))
-                return found if found is not None and found.loses_rank(branch) else None
+                return crossing.strip(branch, branch.s + math.copysign(room, h))
         return None
 
     def _pace(self) -> float:
@@ -166,7 +165,7 @@ class Path:
 
     def _take(self, found: crossing.Strip, value: float) -> bool:
         """Take in a crossing ahead; return whether the value lies beyond its strip."""
-        self.crossings.append(found.crossing)
+        self.crossings += found.crossings
         self._strips = [*self._strips[-7:], found]
         if not found.holds(value):
             found.leave(self.branch, value)

@@ -34,7 +34,8 @@ MOST_STRETCHES = 1e4  # a value farther away is not followed to in one row
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
 NEARER = 0.75  # part of the way to where the pivots would vanish that one step may go
-ROOMY = math.inf, math.inf  # down and up to where the pivots would vanish, if they fall
+ROOMY = math.inf, math.inf  # down and up to where the pivots would vanish, before that is known
+LOOK = 1e-3  # part of the first step over which their fall is judged
 WORN = 0.2  # reselect redundant rows when the pivots have worn down to this fraction
 
 
@@ -178,7 +179,11 @@ class Branch:
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))
-        if not size <= LONGEST_STEP or h > NEARER * self.rooms[1] or -h > NEARER * self.rooms[0]:
+        if not size <= LONGEST_STEP:
+            return False
+        if self.rooms is ROOMY:
+            self._look(h)
+        if abs(h) > NEARER * self.room(h):
             return False
         if self.spins and not self.spins[0].continues(h):
             back = (0.5 * h * h) * self.c - h * self.t
@@ -219,13 +224,28 @@ class Branch:
                 self.reselect()
             return False
         self._previous = (h, before[2])
-        # two branches that cross twice at one place leave the sign of the determinant as it was
-        fall = pivot_before - pivot
-        room = pivot * abs(h) / fall if fall > 0.0 else math.inf
-        self.limit_room(room, h)
+        self._note_room(pivot_before, pivot, h)
         if not worn:  # else `reselect` has taken it
             self._pivot = pivot
         return True
+
+    def _look(self, h: float) -> None:
+        """Take note of the room for a step h where no step has told it yet."""
+        part = LOOK * h
+        self.evaluation.update(pin.integrate(self.model, self.q, self.predict(part)))
+        pivot = self.system.pivots()[1] if self.system.factor() else 0.0
+        self._note_room(self._pivot, pivot, part)
+        if len(self.angles):  # the step's guess of them begins at the present ones
+            self.evaluation.update(self.q)
+
+    def _note_room(self, before: float, pivot: float, h: float) -> None:
+        """Take note how far the pivots, as they change over h, still are from vanishing.
+
+        Two branches that cross twice at one place, or two crossings in one step, leave the sign of
+        the determinant as it was.
+        """
+        fall = before - pivot
+        self.limit_room(pivot * abs(h / fall) if fall else math.inf, math.copysign(h, h * fall))
 
     def _is_explained(self, q: Array, t: Array, c: Array, h: float) -> bool:
         """Whether the rates at both ends, (t, c) and ours, account for the way from q to here.

@@ -16,16 +16,20 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.arc import Curve, CurvePoint
 from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.kinematics.curve import Curve, CurvePoint
+from spatial_pin.kinematics.locating import zeros
 from spatial_pin.linalg import Array
 
-# rad, characteristic lengths of the joint that moves most, from a crossing: there it can be solved
-REACHES = (0.12, 0.06, 0.02, 0.004)
+# rad, characteristic lengths of the joint that moves most, from a crossing: there it may be solved
+REACHES = 0.12 * 0.5 ** np.arange(7)
+APPROACHES = 2  # to such a place: how fast joints move is first known elsewhere
 NODES = 8  # configurations on either side that the curve is continued through
-CLOSED = 1e-12  # closure residual between the nodes, above which they are taken nearer
+CLOSED = 1e-12  # closure residual between the ends, above which nodes are taken nearer
+KNOWN = 1e-11  # what two nodes more may change there [rad, characteristic lengths]
+BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)  # parts of the way out [Chebyshev]
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
-LOST = 1e-6  # smallest over largest singular value at a crossing
+SAME = 1e-9  # difference of driver values that are the crossing's own [rad or m]
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
@@ -69,7 +73,7 @@ def _polynomial(x: Array, rows: Array) -> Callable[[float], Array]:
 
 def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
     """Return a point of the curve beyond the crossing just ahead of a point; None if none is."""
-    for reach in _arcs(point.t):
+    for reach in (REACHES * _arc(point.t)).tolist():
         behind = curve.ahead(point, -reach)
         base = curve.settle(behind, point.t) if behind is not None else None
         halfway = curve.ahead(base, 0.5 * reach) if base is not None else None
@@ -84,23 +88,23 @@ def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
     return None
 
 
-def _arcs(t: Array) -> list[float]:
-    """Return the arc lengths along a path of direction t (nv,) that have the `REACHES`."""
-    return [reach * float(np.linalg.norm(t) / np.abs(t).max()) for reach in REACHES]
+def _arc(t: Array) -> float:
+    """Return the arc length of a path (nv,) by the way of the joint that moves most."""
+    return float(np.linalg.norm(t) / np.abs(t).max())
 
 
 class Strip(NamedTuple):
     """The stretch of a branch about a crossing, as polynomials in the driver value.
 
     Attributes:
-        crossing: driver value of the crossing.
-        ends: driver values before and behind the crossing, where the equations are solvable.
+        crossings: driver values of the crossing, and of others that are as near.
+        ends: driver values before and behind them, where the equations are solvable.
         q, angles: interpolators of configuration and relative angles of screw closures.
         t, c: of the first and second derivatives with respect to the driver.
         places: (q, driver value) of two nodes at either end, the outer one first.
     """
 
-    crossing: float
+    crossings: list[float]
     ends: tuple[float, float]
     q: Callable[[float], Array]
     t: Callable[[float], Array]
@@ -116,23 +120,27 @@ class Strip(NamedTuple):
         """Whether the strip lies between two driver values, ends included."""
         return min(first, last) <= min(self.ends) and max(self.ends) <= max(first, last)
 
-    def is_closed(self, branch: Branch, values: Array) -> bool:
-        """Whether the loops are closed between the nodes at `values` too."""
-        evaluation = branch.evaluation
-        for value in (0.5 * (values[1:] + values[:-1])).tolist():
-            q = self.configuration(branch, value)
-            evaluation.turns[:] = self.angles(value)
-            evaluation.update(q)
-            if np.abs(evaluation.residual).max(initial=0.0) > CLOSED:
-                return False
-        return True
+    def crossed(self, first: float, last: float) -> list[float]:
+        """Return the crossings met on the way from one driver value to another, in this order."""
+        low, high = min(first, last) - SAME, max(first, last) + SAME
+        met = [x for x in self.crossings if low <= x <= high and abs(x - first) > SAME]
+        return met if last > first else met[::-1]
 
-    def loses_rank(self, branch: Branch) -> bool:
-        """Whether the equations lose rank at the crossing, as they do if it is one."""
-        if not self.holds(self.crossing):
-            return False
-        self.put(branch, self.crossing)
-        return Curve(branch.system, ROUND_OFF).sigma(branch.q) < LOST
+    def is_told(self, branch: Branch, value: float, fewer: Callable[[float], Array]) -> bool:
+        """Whether loops are closed at a value, where an interpolator of fewer nodes says the same.
+
+        The one alone is not enough: at a crossing open loops are no measure of what is amiss.
+        """
+        other = pin.normalize(branch.model, fewer(value))
+        self.put(branch, value)
+        off = pin.difference(branch.model, other, branch.q) / branch.scale
+        return bool(np.abs(branch.residual).max(initial=0.0) < CLOSED and np.abs(off).max() < KNOWN)
+
+    def determinants(self, branch: Branch, values: Array) -> Array:
+        """Return the determinants of rows and tangent at driver values, up to a factor."""
+        curve = Curve(branch.system, ROUND_OFF)
+        return curve.determinants((self.configuration(branch, x), self.t(x) / branch.scale)
+                                  for x in values.tolist())
 
     def configuration(self, branch: Branch, value: float) -> Array:
         """Return the configuration (nq,) at a driver value between the ends."""
@@ -169,25 +177,25 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
         crossing: driver value of the crossing [rad or m].
     """
     sense = 1.0 if crossing >= branch.s else -1.0
-    pace = float(np.abs(branch.t / branch.scale).max())
     clear = branch.q, branch.angles  # where the equations are solvable, before the crossing
-    arcs = _arcs(branch.t / branch.scale)
-    for k, (reach, arc) in enumerate(zip(REACHES, arcs, strict=True)):
+    for k, reach in enumerate(REACHES.tolist()):
         try:
             if k:
                 branch.evaluation.turns[:] = clear[1]
                 branch.place(clear[0])
-            branch.reach(crossing - sense * reach / pace)
+            for _ in range(APPROACHES):
+                pace = float(np.abs(branch.t / branch.scale).max())
+                branch.reach(crossing - sense * reach / pace)
             if k == 0:
                 clear = branch.q, branch.angles
-            sides = _sides(branch, sense, arc)
+            sides = _sides(branch, sense, reach * _arc(branch.t / branch.scale))
         except (Stopped, SingularError):
             continue
         if sides is not None:
             values = np.concatenate([sides[0].q[::-1, branch.at], sides[1].q[:, branch.at]])
             if np.all(sense * np.diff(values) > 0.0):  # else the driver turns back
                 found = _joined(branch, *sides)
-                if found.is_closed(branch, values):
+                if found is not None:
                     return found
     with contextlib.suppress(SingularError):
         branch.evaluation.turns[:] = clear[1]
@@ -196,13 +204,12 @@ def strip(branch: Branch, crossing: float) -> Strip | None:
 
 
 class _Side(NamedTuple):
-    """Nodes on one side of a crossing, the nearest first, as in `Strip`, and their rank loss."""
+    """Nodes on one side of a crossing, the nearest first, as in `Strip`."""
 
     q: Array
     t: Array
     c: Array
     angles: Array
-    sigma: Array
 
 
 def _sides(branch: Branch, sense: float, reach: float) -> tuple[_Side, _Side] | None:
@@ -227,23 +234,22 @@ def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Sid
         if q is None:
             raise SingularError("the branch bends away from its crossing")
         branch.place(q, anew=not rows)  # further away from the crossing those rows do better still
-        rows.append((q, branch.t, branch.c, branch.angles, np.array(curve.sigma(q))))
+        rows.append((q, branch.t, branch.c, branch.angles))
     return _Side(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _joined(branch: Branch, near: _Side, far: _Side) -> Strip:
+def _joined(branch: Branch, near: _Side, far: _Side) -> Strip | None:
+    """Return the strip between two sides; None if the nodes do not tell it, or nothing crosses."""
     values = np.concatenate([side.q[:, branch.at] for side in (near, far)])
-    *rows, sigma = (np.concatenate(pair) for pair in zip(near, far, strict=True))
-    q, t, c, angles = (_polynomial(values, x) for x in rows)
+    columns = [np.concatenate(pair) for pair in zip(near, far, strict=True)]
+    q, t, c, angles = (_polynomial(values, x) for x in columns)
     ends = float(near.q[0, branch.at]), float(far.q[0, branch.at])
     places = (near.q[1], near.q[0]), (far.q[1], far.q[0])
-    return Strip(_lowest(values, sigma, ends), ends, q, t, c, angles, places)
-
-
-def _lowest(values: Array, sigma: Array, ends: tuple[float, float]) -> float:
-    """Return where the smallest singular value vanishes: its square is a smooth function."""
-    square = np.polynomial.Polynomial.fit(values, sigma**2, 2 * NODES - 4)
-    middle = 0.5 * (ends[0] + ends[1])
-    stationary = square.deriv().roots()
-    real = stationary[np.abs(stationary.imag) < 0.5 * abs(ends[1] - ends[0])].real
-    return float(real[np.argmin(np.abs(real - middle))]) if real.size else middle
+    found = Strip([], ends, q, t, c, angles, places)
+    fewer = _polynomial(*(np.delete(x, [NODES - 1, -1], axis=0) for x in (values, columns[0])))
+    between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
+    if not all(found.is_told(branch, x, fewer) for x in between[1::3].tolist()):
+        return None
+    crossings = zeros(between, found.determinants(branch, between))
+    crossings = [x for x in crossings if found.holds(x)]
+    return found._replace(crossings=crossings) if crossings else None

@@ -8,18 +8,13 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.arc import (
-    Arrival,
-    Curve,
-    CurvePoint,
-    locate_crossing,
-    march,
-    turning_point,
-)
+from spatial_pin.kinematics.arc import Arrival, march, turning_point
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.crossing import straight_on
+from spatial_pin.kinematics.curve import Curve, CurvePoint
 from spatial_pin.kinematics.joint_range import within_joint_limits
+from spatial_pin.kinematics.locating import located, room_after, room_ahead
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem
 from spatial_pin.kinematics.ranges import Bound, Range
@@ -33,6 +28,7 @@ TURN = 2.0 * np.pi
 FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
 REPEATED = 1e-6  # difference of placements that are the same again
 MOST_TURNS = 100  # turns of a driver that leads elsewhere with every turn
+SAME = 1e-6  # difference of crossings seen from either side that are one [rad or m]
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
 
 
@@ -133,14 +129,14 @@ def trace(
                             state=state)
     rows = _TracedRows(curve, driver, mechanism)
     rows.add(first)
+    rows.room = room_ahead(curve, first)
     point = first
     while len(rows.points) < most_rows:
         ahead = _advance(curve, point, step, rows)
         if isinstance(ahead, Arrival):
-            crossing = locate_crossing(curve, point, ahead.q)
             beyond = straight_on(curve, point)
             if beyond is not None:
-                rows.note("branch point", crossing.value)
+                rows.note_crossings(point, beyond)
                 point = beyond
                 rows.add(point)
                 continue
@@ -215,13 +211,13 @@ def _advance(
     left, length = step, step
     at = curve.driver.q
     while left > 1e-12 * step:
-        length = min(length, left)
+        length = min(length, left, 0.5 * rows.room)  # two crossings in one step are not noticed
         ahead = curve.ahead(point, length)
         t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
+        if length < min(1e-6 * step, left):
+            return Arrival("branch point", point.q, float(point.q[at]))
         if ahead is None or t @ point.t < 0.98 or sign != point.sign:
             length *= 0.5
-            if length < 1e-6 * step:
-                return Arrival("branch point", point.q, float(point.q[at]))
             continue
         if curve.slope(t) * curve.slope(point.t) < 0.0:
             limit = curve.ahead(point, turning_point(curve, point, length))
@@ -230,6 +226,7 @@ def _advance(
         settled = curve.settle(ahead, t)
         if settled is None:
             return Arrival("branch point", ahead, float(ahead[at]))
+        rows.room = room_after(point, settled, length)
         point, left = settled, left - length
     return point
 
@@ -253,6 +250,7 @@ class _TracedRows:
         self.errors: list[float] = []
         self.places: list[Array] = []
         self.events: list[Event] = []
+        self.room = np.inf  # arc length ahead to where the closure rows would lose their rank
 
     def add(self, point: CurvePoint) -> None:
         """Keep a point, with the second derivative of the curve there."""
@@ -287,6 +285,16 @@ class _TracedRows:
                  "not closed": f"not closed within {len(self.points)} rows: left off"}
         text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
         self.events.append(Event(kind, value, len(self.points), text))
+
+    def note_crossings(self, point: CurvePoint, beyond: CurvePoint) -> None:
+        """Keep the crossings between two points: as seen from both, there may be more than one."""
+        back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
+        seen = [located(self.curve, x) for x in (point, back)]
+        values = [found[1] for found in seen if found is not None]
+        for k, value in enumerate(values):
+            if not k or abs(value - values[0]) > SAME:
+                self.note("branch point", value)
+        self.room = room_ahead(self.curve, beyond)
 
     def motion(self) -> Motion:
         """Return the rows as a Motion over the arc length."""

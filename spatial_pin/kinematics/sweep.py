@@ -92,6 +92,7 @@ def sweep(
             with an event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes
             straight on, "stop" to end the motion before it, both with an event, or "raise".
+            Crossings nearer to each other than about 2e-5 rad are one event.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
@@ -251,20 +252,21 @@ def _pass_crossing(
     stopped.row = k
     if crossed is None or stopped.arrival.kind not in ("branch point", "singular"):
         raise stopped
-    value = stopped.arrival.value
-    found = crossing.strip(branch, value)
+    found = crossing.strip(branch, stopped.arrival.value)
     if found is None:
         raise stopped
-    crossed.append((found.crossing, k))
     while k > 0 and found.holds(float(values[k - 1])):
         k -= 1
-    while k < len(values) and found.holds(float(values[k])):
-        found.put(branch, float(values[k]))
-        record.put(k, branch)
-        k += 1
-    if k < len(values):
-        found.leave(branch, float(values[k]))
-    return k
+    crossed[:] = [(x, row) for x, row in crossed if row < k or not found.holds(x)]
+    for row in range(k, len(values)):
+        value = float(values[row])
+        crossed += [(x, row) for x in found.crossed(float(values[max(row - 1, 0)]), value)]
+        if not found.holds(value):
+            found.leave(branch, value)
+            return row
+        found.put(branch, value)
+        record.put(row, branch)
+    return len(values)
 
 
 def _motion(
@@ -357,7 +359,7 @@ def _error(
     if stop.kind == "branch point":
         return SingularError(
             f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); none "
-            "was asked for, or none goes straight on, or crossings lie too near each other: start "
+            "was asked for, or none goes straight on, or they only come too near each other: start "
             "the sweep beyond it with a guess on the wanted branch", motion=motion,
         )
     if stop.kind == "singular":

@@ -1,0 +1,343 @@
+"""Change points near each other, or where the loops hardly lose rank: followed straight on.
+
+The delta robot: its rods are parallelograms, which keep the platform level. Where the three axes
+that they let it turn about, each normal to its rods and its shoulder, lie in one plane, it may
+turn: branches cross. Two such places are 0.03 to 0.2 rad apart.
+"""
+
+from functools import cache, partial
+
+import closed_forms
+import mechanisms as known
+import numpy as np
+import pytest
+from masses import heavy
+from scipy.optimize import brentq
+from test_linkages import delta
+
+import spatial_pin as sp
+from spatial_pin.view.drive import Drive
+
+HELD = [(0.0, 0.0), (-0.1, 0.2), (-0.2, 0.3), (0.3, -0.3)]  # arms 2 and 3 [rad]
+HELD_IDS = ["level", "little", "more", "opposite"]
+LEADS = [0.05, 0.03, 0.01, 3e-3, 1e-3, 1e-4]  # of the second parallelogram's cranks [rad]
+TURN = 2 * np.pi
+
+
+def off(angle, exact) -> float:
+    """The largest difference of angles, turns apart [rad]."""
+    return float(np.abs((np.asarray(angle) - exact + np.pi) % TURN - np.pi).max())
+
+
+# ---------------------------------------------------------------- the delta robot
+
+
+def coplanar(arm_1: float, held: tuple[float, float]) -> float:
+    """The volume of the three axes that the parallelograms let the platform turn about."""
+    pose = delta(arm_1, others=held)
+    rods = [pose.points[f"rod_{k}a_end"] - pose.points[f"rod_{k}a"] for k in (1, 2, 3)]
+    axes = [np.cross(rod, pose.links[f"arm_{k}"][:3, 1]) for k, rod in enumerate(rods, 1)]
+    return float(np.linalg.det(np.array(axes, dtype=float)))
+
+
+@cache
+def change_points(held: tuple[float, float]) -> list[float]:
+    """The driver values below 2.6 rad, where arms are far out, at which the axes are coplanar."""
+    grid = np.linspace(2.1, 2.6, 51)
+    volumes = [coplanar(x, held) for x in grid]
+    return [brentq(coplanar, grid[i], grid[i + 1], args=(held,), xtol=1e-14)
+            for i in range(50) if volumes[i] * volumes[i + 1] < 0]
+
+
+@cache
+def robot() -> sp.Mechanism:
+    return sp.load("delta")
+
+
+def arms(held: tuple[float, float]) -> dict[str, float]:
+    return dict(zip(("arm_2", "arm_3"), held, strict=True))
+
+
+def beyond(held: tuple[float, float]) -> sp.State:
+    """The level platform behind both change points, where the closed form has it."""
+    home = sp.assemble(robot(), {"arm_1": 0.0, "arm_2": 0.0, "arm_3": 0.0}).q[:3]
+    level = delta(2.7, others=held).links["platform"][:3, 3].astype(float)
+    zero = delta(0.0, others=(0.0, 0.0)).links["platform"][:3, 3].astype(float)
+    guess = {"pose": [*(home + level - zero), 0.0, 0.0, 0.0], "arm_1": 2.7, **arms(held)}
+    state = sp.assemble(robot(), {"arm_1": 2.7, **arms(held)}, guess)
+    np.testing.assert_allclose(state.placement("platform").translation, level, atol=1e-12)
+    return state
+
+
+@pytest.mark.parametrize("held", HELD, ids=HELD_IDS)
+def test_the_delta_robot_has_two_change_points(held):
+    first, second = change_points(held)
+    assert 0.03 < second - first < 0.21
+
+
+@pytest.mark.parametrize("rows", [2, 23, 3000])
+@pytest.mark.parametrize("held", HELD, ids=HELD_IDS)
+def test_the_delta_robot_stays_level_at_its_change_points(held, rows):
+    """With few rows, followed one by one, as with many, followed together."""
+    values = np.linspace(1.4, 2.7, rows)
+    motion = sp.sweep(robot(), "arm_1", values, hold=arms(held))
+    assert [e.kind for e in motion.events] == ["branch point"] * 2
+    np.testing.assert_allclose([e.value for e in motion.events], change_points(held), atol=1e-11)
+    for event in motion.events:
+        assert values[event.row - 1] < event.value <= values[event.row]
+        assert "straight on" in event.text
+    platform = motion.frame("platform")
+    for k in range(0, rows, max(rows // 10, 1)):
+        rate = closed_forms.rates(partial(delta, others=held), values[k], 1.0, 0.0)
+        for found, exact, tolerance in zip(
+                (platform.position, platform.velocity, platform.acceleration), rate,
+                (1e-12, 1e-9, 2e-6), strict=True):
+            exact = exact.links["platform"][:3, 3].astype(float)
+            np.testing.assert_allclose(found[k], exact, atol=tolerance)
+    assert np.abs(platform.rotation - np.eye(3)).max() < 1e-11
+    assert np.abs(platform.angular_velocity).max() < 1e-8
+    assert motion.closure_error.max() < 1e-12
+
+
+@pytest.mark.parametrize("held", HELD, ids=HELD_IDS)
+def test_the_delta_robot_comes_back_over_its_change_points(held):
+    first, second = change_points(held)
+    middle = 0.5 * (first + second)
+    values = [2.7, middle, 2.7, 1.5, middle, 1.4]
+    motion = sp.sweep(robot(), "arm_1", values, guess=beyond(held))
+    np.testing.assert_allclose([e.value for e in motion.events],
+                               [second, second, second, first, first, first], atol=1e-11)
+    assert [e.row for e in motion.events] == [1, 2, 3, 3, 4, 5]
+    exact = [delta(x, others=held).links["platform"][:3, 3].astype(float) for x in values]
+    np.testing.assert_allclose(motion.frame("platform").position, exact, atol=1e-12)
+
+
+@pytest.mark.parametrize("held", HELD, ids=HELD_IDS)
+def test_limits_of_the_delta_robot_end_at_its_change_points(held):
+    for place, bound in ((1.0, "upper"), (2.0, "upper"), (2.7, "lower")):
+        start = beyond(held) if place == 2.7 else {"arm_1": place, **arms(held)}
+        end = getattr(sp.limits(robot(), "arm_1", start), bound)
+        assert end.kind == "branch point"
+        assert end.value == pytest.approx(change_points(held)[bound == "lower"], abs=5e-9)
+
+
+def test_the_traced_delta_robot_passes_its_change_points():
+    motion = sp.trace(robot(), "arm_1", {"arm_1": 2.0, **arms(HELD[0])}, step=0.1, most_rows=120)
+    kinds = [e.kind for e in motion.events]
+    assert kinds == ["branch point", "branch point", "limit", "not closed"]
+    np.testing.assert_allclose([e.value for e in motion.events[:2]], change_points(HELD[0]),
+                               atol=5e-9)
+    at = int(np.argmin(np.abs(motion.driver - 2.8)))
+    exact = delta(motion.driver[at], others=HELD[0]).links["platform"][:3, 3].astype(float)
+    np.testing.assert_allclose(motion.frame("platform").position[at], exact, atol=1e-11)
+
+
+@pytest.mark.parametrize("steps", [1, 20])
+@pytest.mark.parametrize("held", HELD, ids=HELD_IDS)
+def test_the_delta_robot_moved_by_hand_passes_its_change_points(held, steps):
+    drive = Drive(sp.assemble(robot(), {"arm_1": 1.4, **arms(held)}), robot().drivers)
+    first, second = change_points(held)
+    for value in [*np.linspace(1.4, 2.7, steps + 1)[1:], first, 0.5 * (first + second), second,
+                  1.5, 2.7]:
+        assert drive.move("arm_1", value) is None
+        exact = delta(value, others=held).links["platform"][:3, 3].astype(float)
+        np.testing.assert_allclose(drive.state.placement("platform").translation, exact,
+                                   atol=1e-11)
+
+
+# ---------------------------------------------------------------- two parallelograms in a row
+
+FOLLOWED = pytest.mark.parametrize("values", [
+    [2.9, 3.3], np.linspace(2.5, 3.6, 12), np.linspace(0.5, 5.9, 7), np.linspace(5.9, 0.3, 400),
+    [3.0, 3.0001, 3.3, 2.9]], ids=["one step", "few", "long steps", "many", "to and fro"])
+MADE = pytest.mark.parametrize("lead", LEADS)
+
+
+def flat(first: float, last: float, lead: float) -> list[float]:
+    """Where either of two parallelograms lies flat between two angles of the crank, in order."""
+    found = sorted(x for k in range(-1, 4) for x in (k * np.pi, k * np.pi - lead)
+                   if min(first, last) < x < max(first, last))
+    return found if last > first else found[::-1]
+
+
+def start(crank: float, lead: float) -> dict[str, float]:
+    return {"crank_pin": crank, "rocker_pin": crank, "out_pin": crank + lead}
+
+
+@MADE
+@FOLLOWED
+@pytest.mark.parametrize("second", [0.1, 0.02])
+def test_two_parallelograms_in_a_row_go_straight_on_one_after_the_other(
+        tmp_path, lead, values, second):
+    mech = known.two_parallelograms(tmp_path, lead, second)
+    motion = sp.sweep(mech, "crank", values, guess=start(values[0], lead))
+    assert off(motion.coordinate("rocker_pin").value, motion.driver) < 1e-10
+    assert off(motion.coordinate("out_pin").value, motion.driver + lead) < 1e-10
+    expected = [x for k in range(1, len(values)) for x in flat(values[k - 1], values[k], lead)]
+    np.testing.assert_allclose([e.value for e in motion.events], expected, atol=1e-11)
+    for event in motion.events:
+        low, high = sorted(values[event.row - 1 : event.row + 1])
+        assert low < event.value < high
+
+
+@FOLLOWED
+def test_change_points_too_near_to_be_told_apart_are_passed_as_one(tmp_path, values):
+    lead = 1e-6
+    mech = known.two_parallelograms(tmp_path, lead)
+    motion = sp.sweep(mech, "crank", values, guess=start(values[0], lead))
+    assert off(motion.coordinate("out_pin").value, motion.driver + lead) < 1e-10
+    expected = [x for k in range(1, len(values)) for x in flat(values[k - 1], values[k], lead)]
+    middles = 0.5 * (np.array(expected[::2]) + expected[1::2])
+    np.testing.assert_allclose([e.value for e in motion.events], middles, atol=1e-6)
+
+
+@MADE
+@FOLLOWED
+def test_the_first_of_two_change_points_is_refused_where_that_is_asked_for(
+        tmp_path, lead, values):
+    mech = known.two_parallelograms(tmp_path, lead)
+    motion = sp.sweep(mech, "crank", values, guess=start(values[0], lead), on_crossing="stop")
+    met = next(x for k in range(1, len(values)) for x in flat(values[k - 1], values[k], lead))
+    assert [e.kind for e in motion.events] == ["branch point"]
+    assert motion.events[0].value == pytest.approx(met, abs=1e-9)
+
+
+@MADE
+def test_limits_of_two_parallelograms_are_the_nearest_change_points(tmp_path, lead):
+    mech = known.two_parallelograms(tmp_path, lead)
+    found = sp.limits(mech, "crank", start(1.0, lead))
+    assert found.lower.value == pytest.approx(0.0, abs=1e-9)
+    assert found.upper.value == pytest.approx(np.pi - lead, abs=1e-9)
+
+
+@MADE
+def test_traced_parallelograms_pass_four_change_points(tmp_path, lead):
+    mech = known.two_parallelograms(tmp_path, lead)
+    motion = sp.trace(mech, "crank", start(1.0, lead))
+    assert motion.driver[-1] == pytest.approx(1.0 + TURN, abs=1e-12)
+    assert off(motion.coordinate("out_pin").value, motion.driver + lead) < 1e-10
+    assert [e.kind for e in motion.events] == ["branch point"] * 4
+    np.testing.assert_allclose([e.value for e in motion.events], flat(1.0, 1.0 + TURN, lead),
+                               atol=1e-9)
+
+
+def uniform(mass: float, length: float) -> tuple:
+    inertia = mass * length**2 / 12
+    return mass, (0.5 * length, 0, 0), (0.0, inertia, inertia)
+
+
+@pytest.mark.parametrize("second", [0.1, 0.02])
+@pytest.mark.parametrize("lead", [0.3, 0.05, 1e-3])
+def test_two_parallelograms_thrown_turn_at_a_constant_pace(tmp_path, lead, second):
+    """Their inertia is the same in all positions, and no weight turns them."""
+    def weigh(tree):
+        return heavy(tree, crank=uniform(1.0, 0.1), rocker=uniform(1.0, 0.1),
+                     coupler=uniform(0.5, 0.3), link=uniform(0.4, 0.3), out=uniform(0.7, second))
+
+    mech = known.two_parallelograms(tmp_path, lead, second, weigh)
+    state = sp.assemble(mech, {"crank": 1.0}, start(1.0, lead))
+    motion = sp.simulate(mech, sp.solve_rates(mech, state, {"crank": 3.0}), 3.0)
+    exact = 1.0 + 3.0 * motion.time
+    assert np.abs(motion.coordinate("crank").value - exact).max() < 1e-7
+    assert off(motion.coordinate("rocker_pin").value, exact) < 1e-7
+    assert off(motion.coordinate("out_pin").value, exact + lead) < 1e-7
+    rows = [int(np.searchsorted(exact, x)) for x in flat(1.0, 10.0, lead)]
+    assert [e.kind for e in motion.events] == ["branch point"] * len(rows)
+    assert np.abs(np.array([e.row for e in motion.events]) - rows).max() <= 1
+
+
+# ---------------------------------------------------------------- parallelograms, all but exactly
+
+
+@pytest.mark.parametrize("values", [[2.9, 3.3], np.linspace(1.0, 4.0, 10),
+                                    np.linspace(1.0, 4.0, 301), np.linspace(1.0, 5.5, 3000)],
+                         ids=["one step", "few", "more", "many"])
+@pytest.mark.parametrize("excess", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10])
+def test_a_coupler_a_little_too_long_leads_to_the_crossed_linkage(tmp_path, excess, values):
+    """No branches cross: the rocker stays on its side of the line from crank to rocker pin."""
+    mech = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.3 + excess, 0.1)
+    x, y = 0.1 * np.cos(values) - 0.3, 0.1 * np.sin(values)
+    cosine = (0.01 + x * x + y * y - (0.3 + excess) ** 2) / (0.2 * np.hypot(x, y))
+    exact = np.arctan2(y, x) - np.arccos(cosine)
+    motion = sp.sweep(mech, "crank", values, guess={"rocker_pin": exact[0]})
+    assert off(motion.coordinate("rocker_pin").value, exact) < max(1e-11, 1e-15 / excess)
+    assert not [e for e in motion.events if e.kind != "near limit"]
+
+
+@pytest.mark.parametrize("rows", [2, 10, 301, 3000])
+@pytest.mark.parametrize("lack", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10])
+def test_a_coupler_a_little_too_short_has_a_limit(tmp_path, lack, rows):
+    """Where coupler and rocker are in line, just before the crank is."""
+    mech = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.3 - lack, 0.1)
+    limit = 2 * np.arcsin(np.sqrt(((0.4 - lack) ** 2 - 0.04) / 0.12))
+    with pytest.raises(sp.LimitError) as caught:
+        sp.sweep(mech, "crank", np.linspace(1.0, 4.0, rows), guess={"rocker_pin": 1.0})
+    # a closure residual r moves it by about r / sqrt(lack)
+    assert caught.value.limit == pytest.approx(limit, abs=max(1e-11, 1e-13 / np.sqrt(lack)))
+
+
+# ---------------------------------------------------------------- Sarrus' linkage
+
+
+@pytest.mark.parametrize("values", [[0.1, -0.1], [0.3, -0.2], [0.1, 0.101, -0.1], [1.5, 1.6, 1.5]])
+def test_a_first_step_over_a_crossing_is_noticed(tmp_path, values):
+    """Where two independent equations are lost at once the determinant keeps its sign."""
+    mech = known.sarrus(tmp_path)
+    guess = {"a_low": values[0], "a_mid": np.pi - 2 * values[0], "a_top": values[0] - np.pi,
+             "b_low": values[0], "b_mid": np.pi - 2 * values[0]}
+    motion = sp.sweep(mech, "arm", values, guess=guess)
+    assert off(motion.coordinate("b_mid").value, np.pi - 2 * motion.driver) < 1e-11
+    met = [np.pi / 2] * 2 if values[0] > 1 else [0.0]
+    np.testing.assert_allclose([e.value for e in motion.events], met, atol=1e-11)
+
+
+def test_sarrus_thrown_through_its_flat_positions_moves_as_it_is_swept():
+    """Two equations are lost there; the links pass each other, the platform does not turn."""
+    mech = sp.load("sarrus")
+    state = sp.solve_rates(mech, sp.assemble(mech), {"arm": -20.0})
+    motion = sp.simulate(mech, state, 0.5)
+    arm = motion.coordinate("arm")
+    swept = sp.sweep(mech, "arm", arm.value, guess=state, speed=arm.rate)
+    assert arm.value[-1] < -np.pi
+    assert np.abs(motion.q - swept.q).max() < 1e-10
+    assert np.abs(motion.v - swept.v).max() < 1e-7
+    assert np.abs(motion.frame("platform").rotation - np.eye(3)).max() < 1e-11
+    crossings = [e for e in motion.events if e.kind == "branch point"]
+    assert len(crossings) >= 3
+    assert [e.row for e in crossings] == [e.row for e in swept.events]
+
+
+# ---------------------------------------------------------------- couplers that are rods
+
+
+def rod_with_balls(folder, resolved: str) -> sp.Mechanism:
+    """A parallelogram whose coupler spins about its line."""
+    tree = (known.turning("crank_pin", "ground", "crank")
+            + known.turning("rocker_pin", "ground", "rocker", (0.3, 0, 0))
+            + known.floating("ball", "crank", "rod", (0.1, 0, 0))
+            + known.point("tip", "rod", (0.3, 0, 0.05))
+            + known.point("end", "rocker", (0.1, 0, 0.05)))
+    return known.load(folder, "rod_with_balls", tree, known.refine("ball", "spherical")
+                      + known.driver("crank", "crank_pin")
+                      + known.closure("socket", "spherical", "tip", "end") + resolved)
+
+
+def distance(folder) -> sp.Mechanism:
+    """A parallelogram whose coupler is one equation."""
+    tree = (known.turning("crank_pin", "ground", "crank")
+            + known.turning("rocker_pin", "ground", "rocker", (0.3, 0, 0))
+            + known.point("a", "crank", (0.1, 0, 0)) + known.point("b", "rocker", (0.1, 0, 0)))
+    return known.load(folder, "distance", tree, known.driver("crank", "crank_pin")
+                      + known.closure("coupler", "distance", "a", "b", length=0.3))
+
+
+@pytest.mark.parametrize("make", [
+    lambda folder: rod_with_balls(folder, '[passive.spin]\nbody = "rod"\naxis = ["ball", "tip"]\n'),
+    lambda folder: rod_with_balls(folder, ""), distance],
+    ids=["no spin", "least motion", "one equation"])
+@pytest.mark.parametrize("rows", [2, 9, 300])
+def test_a_parallelogram_with_a_rod_goes_straight_on(tmp_path, make, rows):
+    motion = sp.sweep(make(tmp_path), "crank", np.linspace(1.0, 3.8, rows),
+                      guess={"crank_pin": 1.0, "rocker_pin": 1.0})
+    assert off(motion.coordinate("rocker_pin").value, motion.driver) < 1e-11
+    np.testing.assert_allclose([e.value for e in motion.events], [np.pi], atol=1e-11)
