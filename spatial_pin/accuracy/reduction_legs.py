@@ -86,7 +86,8 @@ def _relation(
     """Return the closures that a leg stands for, one of them a distance that changes.
 
     Args:
-        a, b: the pins at its two ends.
+        a: the pin at its first end.
+        b: the pin at its last end.
         bodies: joints whose bodies they are on; the joints between these stay.
         around: the mechanism, in configurations in which these joints stand anywhere.
 

@@ -114,7 +114,7 @@ class Model:
     def _replace_leg(self, closure: Closure) -> bool:
         """Replace the leg that a closure ends, if it stands for a distance of variable length."""
         leg = leg_of(self, closure)
-        if leg is None or self.dynamics and not all(map(self._is_massless, leg.joints)):
+        if leg is None or (self.dynamics and not all(map(self._is_massless, leg.joints))):
             return False
         self._record_leg(leg)
         self.moving.remove(leg.joints[0])
@@ -215,9 +215,8 @@ class Model:
     def _record_leg(self, leg: Leg) -> None:
         link, names = self._link(leg.joints[0]), self.full.model.names
         self._relate(link, leg.made)
-        others = " and ".join(repr(names[i]) for i in leg.joints[1:])
-        said = " and ".join(f"{r.type.replace('_', ' ')}{f' that {others} alone changes' * bool(r.between)}"
-                            for r in leg.made)
+        changed = " that " + " and ".join(repr(names[i]) for i in leg.joints[1:]) + " alone changes"
+        said = " and ".join(r.type.replace("_", " ") + changed * bool(r.between) for r in leg.made)
         closed = " and ".join(repr(c.name) for c in leg.closures)
         self.notes.append((
             "leg", link, f"its pairs ({leg.pins[0].kind} and {leg.pins[1].kind}; joint "

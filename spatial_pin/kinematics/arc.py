@@ -43,7 +43,7 @@ class CurvePoint(NamedTuple):
         q: (nq,) configuration.
         t: (nv,) scaled unit tangent.
         sign: sign of the determinant of [regular rows; tangent].
-        sigma: smallest over largest singular value of the regular rows.
+        sigma: smallest over largest singular value of the regular rows; of one row its size.
         angles, slopes: relative angles of screw closures, and their scaled derivatives.
     """
 
@@ -201,6 +201,8 @@ def march(
 
 
 def _sigma(s: Array) -> float:
+    if len(s) == 1:  # one row is as large as itself; it loses its rank where it vanishes
+        return min(float(s[0]), 1.0)
     return float(s[-1] / s[0]) if s.size else 1.0
 
 
