@@ -36,7 +36,7 @@ class Leg(NamedTuple):
         joints: from the one that it hangs on to that of its last body; all but the first stay.
         closures: those by which it is closed: to another body, and to the body that it hangs on
             where its first joint is a floating one.
-        pins: the pairs at its two ends.
+        pins: the pairs at its two ends, both as seen from its first link.
         made: closures instead of these pairs.
     """
 
@@ -77,7 +77,9 @@ def _leg(model: Model, closure: Closure, joints: tuple[int, ...]) -> Leg | None:
     if a.body == b.body or {a.body, b.body} & set(joints):
         return None
     made = _relation(a, b, (first, last), model.around)
-    return None if made is None else Leg(joints, own, (a, b), made)
+    if made is None:
+        return None
+    return Leg(joints, own, (a, b.seen_from(model.around.placements(first, last)[0])), made)
 
 
 def _relation(

@@ -320,6 +320,19 @@ RELATIONS: dict[tuple[str, str], _Rule] = {
 }
 
 
+def reach(a: Pin, b: Pin) -> str:
+    """Return what is to be said of a rod whose universal joint cannot point it anywhere.
+
+    It can if the ball lies in the plane through its centre normal to its pin in the rod.
+    """
+    for joint, ball in ((a, b), (b, a)):
+        d = ball.own_centre - joint.own_centre
+        if (joint.kind, ball.kind) == ("universal", "spherical") and abs(
+                joint.own_axis @ d) > SAME * np.linalg.norm(d):
+            return "; where its universal joint cannot point, the full mechanism stops"
+    return ""
+
+
 def relation(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     """Return the closures that a link with pairs a and b stands for; None when there are none."""
     for first, second in ((a, b), (b, a)):

@@ -18,6 +18,7 @@ from spatial_pin.accuracy.reduction_links import (
     Place,
     Relation,
     Surroundings,
+    reach,
     relation,
 )
 from spatial_pin.kinematics.constraints import evaluation_of
@@ -201,7 +202,7 @@ class Model:
     def _link(self, i: int) -> str:
         return next(name for name in self.full.links if self.full.frame_on_joint(name)[0] == i)
 
-    def _record(self, i: int, joint: str, pins: Sequence[Pin], own: Sequence[Closure],
+    def _record(self, i: int, joint: str, pins: list[Pin], own: Sequence[Closure],
                 made: list[Relation]) -> None:
         link = self._link(i)
         said = " and ".join(
@@ -210,17 +211,19 @@ class Model:
         closed = " and ".join(repr(c.name) for c in own)
         self._relate(link, made)
         self.notes.append(("link", link, f"its pairs ({between}; joint {joint!r}, closure {closed})"
-                                         f" stand for one relation: {said}"))
+                                         f" stand for one relation: {said}{reach(*pins)}"))
 
     def _record_leg(self, leg: Leg) -> None:
         link, names = self._link(leg.joints[0]), self.full.model.names
         self._relate(link, leg.made)
-        changed = " that " + " and ".join(repr(names[i]) for i in leg.joints[1:]) + " alone changes"
+        inner = [repr(names[i]) for i in leg.joints[1:]]
+        changed = f" that {' and '.join(inner)} alone change{'s' * (len(inner) == 1)}"
         said = " and ".join(r.type.replace("_", " ") + changed * bool(r.between) for r in leg.made)
         closed = " and ".join(repr(c.name) for c in leg.closures)
         self.notes.append((
             "leg", link, f"its pairs ({leg.pins[0].kind} and {leg.pins[1].kind}; joint "
-            f"{names[leg.joints[0]]!r}, closure {closed}) stand for one relation: {said}"))
+            f"{names[leg.joints[0]]!r}, closure {closed}) stand for one relation: {said}"
+            + reach(*leg.pins)))
 
     def _relate(self, link: str, made: list[Relation]) -> None:
         taken = {c.name for c in self.closures} | {n for n, _ in self.relations}

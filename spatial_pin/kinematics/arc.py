@@ -84,7 +84,7 @@ class Curve:
                 return None
             rows = self.rows(q)
         svd = decompose(rows, CROSSING)
-        if svd.rank < len(rows):
+        if svd.rank < len(rows) or _sigma(svd.s) < CROSSING:
             return None
         return self.point(q, svd.null_space.T @ (svd.null_space @ along), rows, svd.s)
 
