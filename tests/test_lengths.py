@@ -177,18 +177,26 @@ def test_scattered_dimensions_are_closed_together(tmp_path):
         assert found.samples["shoulder"][k] == pytest.approx(angle, abs=1e-12)
 
 
-def test_a_leg_that_folds_to_nothing_is_a_singular_end(tmp_path):
-    """Where the length is zero the row's derivatives vanish, and the branch is not followed on."""
+def test_where_the_length_is_nothing_branches_cross(tmp_path):
+    """The row's derivatives vanish there: the car goes on or back."""
     tree = (known.sliding("car", "ground", "cart") + point("end", "cart")
             + known.sliding("stroke", "ground", "piston", (0, 1.0, 0)) + point("tip", "piston"))
     mechanism = load(tmp_path, "fold", tree + point("foot", "ground") + point(
         "base", "ground", (0, 1.0, 0)), known.driver("ram", "stroke") + between(
             "leg", ("foot", "end"), ("base", "tip")) + known.guess(car=0.5, stroke=0.5))
-    motion = sp.sweep(mechanism, "ram", np.linspace(0.5, 0.01, 20))
-    np.testing.assert_allclose(motion.coordinate("car").value, motion.coordinate("stroke").value,
-                               rtol=1e-12)
-    with pytest.raises(sp.SpatialPinError):
-        sp.sweep(mechanism, "ram", np.linspace(0.5, -0.5, 21))
+    for n in (2, 3, 22, 400):
+        values = np.linspace(0.5, -0.5, n)
+        motion = sp.sweep(mechanism, "ram", values)
+        np.testing.assert_allclose(motion.coordinate("car").value, values, atol=1e-12)
+        (event,) = motion.events
+        assert event.kind == "branch point" and event.value == pytest.approx(0.0, abs=1e-11)
+        with pytest.raises(sp.SingularError):
+            sp.sweep(mechanism, "ram", values, on_crossing="raise")
+    state = sp.assemble(mechanism, {"ram": 0.0})
+    with pytest.raises(sp.SingularError):
+        sp.solve_rates(mechanism, state, {"ram": 1.0})
+    modes = sp.assembly_modes(mechanism, {"ram": 0.3})
+    assert [m.coordinate("car").value for m in modes] == pytest.approx([-0.3, 0.3], abs=1e-12)
 
 
 # ---------------------------------------------------------------- forces

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.accuracy.reduction_files import Tree, relation_table
 from spatial_pin.accuracy.reduction_influence import Asked, Influence, Kept
-from spatial_pin.accuracy.reduction_legs import Leg, leg_of
+from spatial_pin.accuracy.reduction_legs import leg_of
 from spatial_pin.accuracy.reduction_links import (
     Bodies,
     Pin,
@@ -88,7 +88,6 @@ class Model:
                 or any(self._replace_leg(c) for c in self.closures if c.frames)
 
     def _replace(self, i: int) -> bool:
-        name = self.full.model.names[i]
         if i not in self.moving or i in self.influence.needed or not self.hangs_free((i,)):
             return False
         own = self.closures_on((i,))
@@ -104,7 +103,7 @@ class Model:
         made = relation(pins[0], pins[1], self.around)
         if made is None:
             return False
-        self._record(i, name, pins, own, made)
+        self._record("link", i, pins, own, made)
         gone = {j for j in (*self.moving, *self.welded)
                 if i in [int(k) for k in self.full.model.supports[j]]}
         self.moving -= gone
@@ -117,7 +116,7 @@ class Model:
         leg = leg_of(self, closure)
         if leg is None or (self.dynamics and not all(map(self._is_massless, leg.joints))):
             return False
-        self._record_leg(leg)
+        self._record("leg", leg.joints[0], leg.pins, leg.closures, leg.made, leg.joints[1:])
         self.moving.remove(leg.joints[0])
         self.welded.add(leg.joints[0])
         self.lengthening.update(leg.joints)
@@ -150,9 +149,7 @@ class Model:
 
     def _may_go(self, i: int, pins: list[Pin]) -> bool:
         """Whether the body of joint i is massless, or its mass does not matter or is lumped."""
-        if not self.dynamics:
-            return True
-        if self._is_massless(i):
+        if not self.dynamics or self._is_massless(i):
             return True
         mass = self._inertia(i)
         balls = all(p.kind in ("spherical", "universal") for p in pins)
@@ -202,28 +199,19 @@ class Model:
     def _link(self, i: int) -> str:
         return next(name for name in self.full.links if self.full.frame_on_joint(name)[0] == i)
 
-    def _record(self, i: int, joint: str, pins: list[Pin], own: Sequence[Closure],
-                made: list[Relation]) -> None:
-        link = self._link(i)
-        said = " and ".join(
-            f"{r.type} {r.length:.9g} m" if r.length else r.type.replace("_", " ") for r in made)
-        between = f"{pins[0].kind} and {pins[1].kind}"
-        closed = " and ".join(repr(c.name) for c in own)
+    def _record(
+        self, what: str, joint: int, pins: Sequence[Pin], own: Sequence[Closure],
+        made: list[Relation], inner: Sequence[int] = (),
+    ) -> None:
+        """Take note of a link or leg, hung on a joint, that is replaced by relations."""
+        link, names = self._link(joint), self.full.model.names
         self._relate(link, made)
-        self.notes.append(("link", link, f"its pairs ({between}; joint {joint!r}, closure {closed})"
-                                         f" stand for one relation: {said}{reach(*pins)}"))
-
-    def _record_leg(self, leg: Leg) -> None:
-        link, names = self._link(leg.joints[0]), self.full.model.names
-        self._relate(link, leg.made)
-        inner = [repr(names[i]) for i in leg.joints[1:]]
-        changed = f" that {' and '.join(inner)} alone change{'s' * (len(inner) == 1)}"
-        said = " and ".join(r.type.replace("_", " ") + changed * bool(r.between) for r in leg.made)
-        closed = " and ".join(repr(c.name) for c in leg.closures)
-        self.notes.append((
-            "leg", link, f"its pairs ({leg.pins[0].kind} and {leg.pins[1].kind}; joint "
-            f"{names[leg.joints[0]]!r}, closure {closed}) stand for one relation: {said}"
-            + reach(*leg.pins)))
+        others = " and ".join(repr(names[i]) for i in inner)
+        said = " and ".join(_words(one, others, len(inner)) for one in made)
+        closed = " and ".join(repr(c.name) for c in own)
+        self.notes.append((what, link, (
+            f"its pairs ({pins[0].kind} and {pins[1].kind}; joint {names[joint]!r}, closure "
+            f"{closed}) stand for one relation: {said}{reach(*pins)}")))
 
     def _relate(self, link: str, made: list[Relation]) -> None:
         taken = {c.name for c in self.closures} | {n for n, _ in self.relations}
@@ -337,6 +325,14 @@ class Model:
                 joint, point_on_body(self.full, joint, name)))
                 for k, name in enumerate(passive.axis, 1)]
             yield passive.name, {"body": passive.body, "axis": axis}
+
+
+def _words(made: Relation, others: str, count: int) -> str:
+    """Return a relation in words, and the joints that change it."""
+    kind = made.type.replace("_", " ")
+    if made.between:
+        return f"{kind} that {others} alone change{'s' * (count == 1)}"
+    return f"{kind} {made.length:.9g} m" if made.length else kind
 
 
 def _slopes(made: Mechanism) -> dict[str, Array]:

@@ -206,12 +206,16 @@ def unit_length(mechanism: Mechanism, closure: Closure) -> float:
     It is theirs in the guess, so that the row is the difference of the lengths near there, or the
     characteristic length where that is next to nothing.
     """
-    data = mechanism.model.createData()
+    model, size = mechanism.model, mechanism.characteristic_length
     q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
-    pin.forwardKinematics(mechanism.model, data, q)
-    first, second = (data.oMi[i].act(m.translation)
-                     for i, m in map(mechanism.frame_on_joint, closure.between))
-    length, size = float(np.linalg.norm(second - first)), mechanism.characteristic_length
+    ends = []
+    for joint, placement in map(mechanism.frame_on_joint, closure.between):
+        for i in reversed(list(model.supports[joint])[1:]):  # a `pin.Data` of many loops is large
+            own = model.joints[i].createData()
+            model.joints[i].calc(own, q)
+            placement = model.jointPlacements[i] * pin.SE3(own.M) * placement
+        ends.append(placement.translation)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
     return length if length > SHORT * size else size
 
 
