@@ -30,8 +30,8 @@ CASES = {  # title: mechanism, outputs, what is locked, driver, first and last v
     "RSSR: rocker": ("rssr", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
     "RSPC: guide": ("rspc", ["guide.slide"], [], "crank", 0.0, 2 * np.pi),
     "RSPC: slide": ("rspc", ["slide"], [], "crank", 0.0, 2 * np.pi),
-    "Stewart, one leg moves: platform": ("stewart", ["platform"], list(LEGS), "leg_1", 0.385, 0.41),
-    "Stewart, all legs free: platform": ("stewart", ["platform"], [], "leg_1", 0.385, 0.41),
+    "Gough platform, one leg moves": ("stewart", ["platform"], list(LEGS), "leg_1", 0.385, 0.41),
+    "Gough platform, six legs": ("stewart", ["platform"], [], "leg_1", 0.385, 0.41),
     "Delta: platform": ("delta", ["platform"], [], "arm_1", -0.2, 0.2),
     "four-bar: rocker": ("four_bar", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
     "Watt six-bar: first rocker": ("watt_six_bar", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
@@ -174,6 +174,25 @@ def compare(
         print(f"  {rows} rows: full {a:.1f}, reduced {b:.1f} µs a row, {a / b:.2f} times")
 
 
+def six_legs(poses: int, repeats: int) -> None:
+    """Assemble Gough's platform at random lengths of its legs, each time from its home."""
+    full = sp.load("stewart")
+    reduced = sp.reduce(full, ["platform"])
+    lengths = 0.3926 + np.random.default_rng(1).uniform(-0.02, 0.02, (poses, 6))
+    values = [{f"leg_{k}": x for k, x in enumerate(row, 1)} for row in lengths.tolist()]
+    homes = [(m, sp.assemble(m)) for m in (full, reduced)]
+
+    def assemble(mechanism: sp.Mechanism, home: sp.State) -> list[sp.State]:
+        return [sp.assemble(mechanism, x, home) for x in values]
+
+    worst = max(float(np.abs(one.placement("platform").homogeneous
+                             - other.placement("platform").homogeneous).max())
+                for one, other in zip(*(assemble(*home) for home in homes), strict=True))
+    a, b = medians([partial(assemble, *home) for home in homes], poses, repeats)
+    print(f"  {poses} poses assembled: full {1e-3 * a:.2f}, reduced {1e-3 * b:.2f} ms each, "
+          f"{a / b:.2f} times; difference {worst:.1e}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[361, 3600])
@@ -181,6 +200,8 @@ def main() -> None:
     options = parser.parse_args()
     for title, case in CASES.items():
         compare(title, *case, options.rows, options.repeats)
+    print("Gough platform, six legs at once:")
+    six_legs(20, min(options.repeats, 7))
     print("RSSR by hand:")
     for rows in options.rows:
         by_hand(rows, options.repeats)

@@ -84,6 +84,13 @@ def closure(name, kind, first, second, **keys) -> str:
     return "[[closures]]\n" + "\n".join(lines) + "\n"
 
 
+def between(name, frames, others) -> str:
+    """A distance between two frames that is that of two others."""
+    pairs = ["[" + ", ".join(f'"{f}"' for f in pair) + "]" for pair in (frames, others)]
+    return (f'[[closures]]\nname = "{name}"\ntype = "distance"\nframes = {pairs[0]}\n'
+            f"length_between = {pairs[1]}\n")
+
+
 def coupling(name, first, second, ratio, offset=0.0) -> str:
     return (f'[[closures]]\nname = "{name}"\ntype = "coupling"\njoints = ["{first}", "{second}"]\n'
             f"ratio = {ratio!r}\noffset = {offset!r}\n")
@@ -178,6 +185,28 @@ def rssr_with_a_rod(folder: Path) -> sp.Mechanism:
             + point("b", "rocker", (-c, 0, 0)))
     return load(folder, "rssr_with_a_rod", tree, driver("crank", "crank_pin") + closure(
         "coupler", "distance", "a", "b", length=b) + guess(rocker_pin=1.2))
+
+
+RAM = {"arm": (0.3, 0.0, 0.1), "anchor": (0.4, 0.0, 0.0), "along": (0.0, 0.6, 0.8),
+       "start": (0.02, 0.03, -0.01)}
+
+
+def arm_on_a_ram(folder: Path) -> sp.Mechanism:
+    """An arm about z whose tip is as far from its anchor as a slide elsewhere is long."""
+    tree = (turning("shoulder", "ground", "arm") + point("tip", "arm", RAM["arm"])
+            + point("anchor", "ground", RAM["anchor"])
+            + point("foot", "ground", (0.1, 0.2, 0.3))
+            + sliding("stroke", "ground", "piston", (0.1, 0.2, 0.3), RAM["along"])
+            + point("end", "piston", RAM["start"]))
+    return load(folder, "arm_on_a_ram", tree, driver("ram", "stroke") + between(
+        "rod", ("anchor", "tip"), ("foot", "end")) + guess(shoulder=1.0, stroke=0.3))
+
+
+def ram_answer(stroke) -> Pose:
+    (r, _, k), (d, _, _) = (vector(*RAM[name]) for name in ("arm", "anchor"))
+    length = vector(*RAM["start"]) + stroke * vector(*RAM["along"])
+    cosine = (r**2 + d**2 + k**2 - length.dot(length)) / (2 * r * d)
+    return Pose({"stroke": stroke, "shoulder": acos(cosine)}, {}, {})
 
 
 RSSP = {"crank": 0.1, "rod": 0.4, "start": (0.15, 0.05, 0.0), "along": (0.6, 0.0, 0.8)}
@@ -596,6 +625,7 @@ KNOWN = {
         lambda f: cut_at_main_pin(f, tilted), "slider", np.linspace(0.12, 0.2, 33),
         slider_crank_from_slide),
     "RSSR, rod as distance": Known(rssr_with_a_rod, "crank", TURN, rod_answer),
+    "arm on a ram": Known(arm_on_a_ram, "ram", np.linspace(0.15, 0.5, 29), ram_answer),
     "RSSP": Known(rssp, "crank", TURN, rssp_answer),
     "RSCR": Known(rscr, "crank", TURN, rscr_answer),
     "Hooke's joint as closure": Known(hooke_closure, "input", TURN, hooke_answer),

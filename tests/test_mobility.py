@@ -375,6 +375,7 @@ LIBRARY = {
 OF_KNOWN = {  # the mechanisms of the other tests
     **dict.fromkeys((name for name in KNOWN if "slider-crank" in name), PLANE),
     "RSSR, rod as distance": Count(1, 1, 1, 1, 1, 1),
+    "arm on a ram": Count(1, 1, 1, 1, 1, 1),
     "RSSP": BALL_ENDED,
     "RSCR": SPATIAL,
     "Hooke's joint as closure": Count(-2, 1, 1, 1, 1, 1, 0, True),

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.kinematics.constraints import unit_length
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.mechanism import point_on_body as point_on
@@ -173,6 +174,9 @@ class Extended:
             first, second = (self._frame(placements, name) for name in closure.frames)
             d = (second - first)[..., :3, 3]
             for row in closure.rows:
+                if closure.between:
+                    found.append(self._difference(placements, closure, d))
+                    continue
                 value = self._row(row, first[..., :3, :3], second[..., :3, :3], d)
                 if row.pitch is not None:
                     value = value - self._scale * row.pitch * self._angle(
@@ -185,6 +189,13 @@ class Extended:
     def _frame(self, placements: list[Array], name: str) -> Array:
         joint, offset = self.mechanism.frame_on_joint(name)
         return placements[joint] @ _matrix(offset)
+
+    def _difference(self, placements: list[Array], closure: Closure, d: Array) -> Array:
+        """Return the row of a distance that is that of two other frames, with its rates (3, N)."""
+        first, second = (self._frame(placements, name) for name in closure.between)
+        e = (second - first)[..., :3, 3]
+        unit = Long(unit_length(self.mechanism, closure))
+        return (dot(d, d) - dot(e, e)) * (self._scale / (2 * unit))
 
     def _row(self, row: Row, r1: Array, r2: Array, d: Array) -> Array:
         if row.u is None:

@@ -176,9 +176,10 @@ def reduce(
     """Return the smallest model that yields the outputs asked for.
 
     Geometry goes; so do loops and branches that no output depends on, links of two pairs that
-    stand for equations between their neighbours (a rod with two balls: one distance), equations
-    that hold of themselves (planar loops), and, unless `dynamics`, inertias and springs. Drivers
-    stay. A loop that is left out no longer limits the drivers: `verify` tells.
+    stand for equations between their neighbours (a rod with two balls: one distance; a leg with a
+    slide that is asked for or driven: one of variable length), equations that hold of themselves
+    (planar loops), and, unless `dynamics`, inertias and springs. Drivers stay. A loop that is left
+    out no longer limits the drivers: `verify` tells.
 
     Args:
         mechanism: the mechanism.

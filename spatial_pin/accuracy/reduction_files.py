@@ -154,11 +154,15 @@ def _frame(name: str, on: str, placement: pin.SE3, mass: float) -> Sequence[ET.E
     return link, joint
 
 
-def relation_table(name: str, made: Relation, frames: Sequence[str]) -> Mapping[str, Any]:
+def relation_table(
+    name: str, made: Relation, frames: Sequence[str], between: Sequence[str]
+) -> Mapping[str, Any]:
     """Return a relation as the closure of a mechanism file, between z axes of its frames."""
     table: dict[str, Any] = {"name": name, "type": made.type, "frames": list(frames)}
     if made.type == "universal":
         table.update(axis=[0.0, 0.0, 1.0], axis2=[0.0, 0.0, 1.0])
-    if made.type == "distance":
+    if between:
+        table["length_between"] = list(between)
+    elif made.type == "distance":
         table["length"] = made.length
     return table

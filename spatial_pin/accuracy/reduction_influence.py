@@ -19,7 +19,7 @@ import pinocchio as pin
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.assembly import ACCEPTED
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.mobility import loop_joints
+from spatial_pin.kinematics.mobility import joints_between
 from spatial_pin.kinematics.motion import COORDINATE_OUTPUTS, FRAME_UNITS
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
@@ -180,8 +180,9 @@ class Influence:
         moving -= {0, *self.locked}
         carried = set(moving) | set(self.bodies)
         for k in chosen:
+            closure = self.mechanism.closures[k]
             carried.update(self.mechanism.frame_on_joint(f)[0]
-                           for f in self.mechanism.closures[k].frames)
+                           for f in (*closure.frames, *closure.between))
         carriers = {int(j) for i in carried for j in model.supports[i]}
         return Kept(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
 
@@ -232,7 +233,8 @@ def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:
     """Return the joints of the tree that a closure relates to each other."""
     if closure.type == COUPLING:
         return {mechanism.joint_id(mechanism.coordinate(name).joint) for name in closure.joints}
-    return set(loop_joints(mechanism, closure))
+    return {joint for frames in (closure.frames, closure.between) if frames
+            for joint in joints_between(mechanism, frames)}
 
 
 def _columns(mechanism: Mechanism) -> Mapping[int, list[int]]:

@@ -59,6 +59,12 @@ class Pin(NamedTuple):
     own_axis: Array
     turn: Array
 
+    def seen_from(self, placement: pin.SE3) -> Pin:
+        """Return the pin as one of a body against which its link has this placement."""
+        return self._replace(own_centre=placement.act(self.own_centre),
+                             own_axis=placement.rotation @ self.own_axis,
+                             turn=self.turn @ placement.rotation.T)
+
 
 class Place(NamedTuple):
     """A frame on the body of a joint: origin (3,), z axis (3,), and what x should be near."""
@@ -79,11 +85,19 @@ class Place(NamedTuple):
 
 
 class Relation(NamedTuple):
-    """A closure to be: of the pair `type` between z axes (or origins) of two places."""
+    """A closure to be: of the pair `type` between z axes (or origins) of two places.
+
+    Attributes:
+        length: of a distance [m].
+        ends: (3,) its two ends on the link, in the axes of the link.
+        between: places whose distance it is, where that changes.
+    """
 
     type: str
     places: tuple[Place, Place]
     length: float = 0.0
+    ends: tuple[Array, ...] = ()
+    between: tuple[Place, ...] = ()
 
 
 class Surroundings:
@@ -113,6 +127,10 @@ class Surroundings:
                 return False
             offsets.append(n @ (m2.act(second.centre) - m1.act(first.centre)))
         return float(np.ptp(offsets)) <= CONSTANT * self.length
+
+    def placements(self, first: int, second: int) -> list[pin.SE3]:
+        """Return where the body of a joint is, as seen from another one's."""
+        return [place[first].actInv(place[second]) for place in self._placements]
 
     def keep_point(self, first: int, point1: Array, second: int, point2: Array) -> bool:
         """Whether two points of two bodies always coincide."""
@@ -174,7 +192,8 @@ def _balls(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     length = float(np.linalg.norm(b.own_centre - a.own_centre))
     if length <= SAME * around.length:
         return None
-    return [Relation("distance", (Place(a.body, a.centre), Place(b.body, b.centre)), length)]
+    return [Relation("distance", (Place(a.body, a.centre), Place(b.body, b.centre)), length,
+                     (a.own_centre, b.own_centre))]
 
 
 def _ball_revolute(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
@@ -186,7 +205,8 @@ def _ball_revolute(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | Non
     if radius <= SAME * around.length:
         return [Relation("spherical", (centre, point))]
     return [Relation("point_on_plane", (centre, point)),
-            Relation("distance", (centre, point), radius)]
+            Relation("distance", (centre, point), radius,
+                     (b.own_centre + along * b.own_axis, a.own_centre))]
 
 
 def _ball_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
@@ -225,7 +245,8 @@ def _parallel_revolutes(
     if length <= SAME * around.length:
         return None
     other = Place(b.body, b.centre - along * b.axis)
-    return [Relation("distance", (Place(a.body, a.centre), other), length)]
+    return [Relation("distance", (Place(a.body, a.centre), other), length,
+                     (a.own_centre, b.own_centre - along * b.own_axis))]
 
 
 def _meeting_revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
@@ -243,7 +264,8 @@ def _meeting_revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] |
     reach = 0.5 * around.length
     chord = reach * float(np.linalg.norm(u - w))
     return [Relation("distance", (Place(a.body, meeting[0] + reach * a.axis),
-                                  Place(b.body, meeting[1] + reach * b.axis)), chord)]
+                                  Place(b.body, meeting[1] + reach * b.axis)), chord,
+                     (a.own_centre + (s + reach) * u, b.own_centre + (t + reach) * w))]
 
 
 def _revolute_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
@@ -296,6 +318,19 @@ RELATIONS: dict[tuple[str, str], _Rule] = {
     **{(kind, "weld"): _welded for kind in (
         "revolute", "prismatic", "cylindrical", "universal", "spherical", "planar")},
 }
+
+
+def reach(a: Pin, b: Pin) -> str:
+    """Return what is to be said of a rod whose universal joint cannot point it anywhere.
+
+    It can if the ball lies in the plane through its centre normal to its pin in the rod.
+    """
+    for joint, ball in ((a, b), (b, a)):
+        d = ball.own_centre - joint.own_centre
+        if (joint.kind, ball.kind) == ("universal", "spherical") and abs(
+                joint.own_axis @ d) > SAME * np.linalg.norm(d):
+            return "; where its universal joint cannot point, the full mechanism stops"
+    return ""
 
 
 def relation(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,19 +11,21 @@ from numpy.typing import NDArray
 
 from spatial_pin.accuracy.reduction_files import Tree, relation_table
 from spatial_pin.accuracy.reduction_influence import Asked, Influence, Kept
+from spatial_pin.accuracy.reduction_legs import leg_of
 from spatial_pin.accuracy.reduction_links import (
     Bodies,
     Pin,
     Place,
     Relation,
     Surroundings,
+    reach,
     relation,
 )
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.linalg import Array, null_space
 from spatial_pin.mechanism.export import content_of
 from spatial_pin.mechanism.files import from_text
-from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, Passive, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 
 OPEN_CONFIGURATIONS = 4
@@ -51,6 +53,7 @@ class Model:
         self.full, self.q, self.kept, self.influence = mechanism, q, kept, influence
         self.asked, self.dynamics, self.lump = asked, dynamics, lump
         self.moving, self.welded = set(kept.moving), set(kept.welded)
+        self.lengthening: set[int] = set()  # joints that only make a distance longer
         self.bodies = Bodies(mechanism, q, kept.welded)
         self.closures: list[Closure] = [mechanism.closures[k] for k in kept.closures
                                         if not self._is_locked(mechanism.closures[k])]
@@ -58,7 +61,7 @@ class Model:
         self.masses: list[tuple[str, Place, float]] = []
         self.tables: dict[str, dict[str, Any]] = {}
         self.notes: list[Omitted] = []
-        self._around = Surroundings(mechanism, list(self._open()))
+        self.around = Surroundings(mechanism, list(self._open()))
 
     def _is_locked(self, closure: Closure) -> bool:
         return closure.type == COUPLING and not {
@@ -81,28 +84,26 @@ class Model:
         """Replace links that nothing is asked of by the equations that they stand for."""
         found = True
         while found:
-            found = any(self._replace(i) for i in sorted(self.moving, reverse=True))
+            found = any(self._replace(i) for i in sorted(self.moving, reverse=True)) \
+                or any(self._replace_leg(c) for c in self.closures if c.frames)
 
     def _replace(self, i: int) -> bool:
-        name = self.full.model.names[i]
-        if i not in self.moving or i in self.influence.needed or not self._is_end(i):
+        if i not in self.moving or i in self.influence.needed or not self.hangs_free((i,)):
             return False
-        ends = [c for c in self.closures if c.type == COUPLING and any(
-            self.full.coordinate(j).joint == name for j in c.joints)]
-        own = [c for c in self.closures
-               if c.frames and i in (self.bodies.frame(f)[0] for f in c.frames)]
+        own = self.closures_on((i,))
         is_free = self.full.pairs[i - 1] == "floating"
-        if ends or len(own) != (2 if is_free else 1) or any(c.equations for c in own):
+        if len(own) != (2 if is_free else 1) or any(
+                c.type == COUPLING or c.equations or c.between for c in own):
             return False
         pins = [self.bodies.closing_pin(c, i) for c in own]
         if not is_free:
             pins.insert(0, self.bodies.tree_pin(i))
         if pins[0].body == pins[1].body or not self._may_go(i, pins):
             return False
-        made = relation(pins[0], pins[1], self._around)
+        made = relation(pins[0], pins[1], self.around)
         if made is None:
             return False
-        self._record(i, name, pins, own, made)
+        self._record("link", i, pins, own, made)
         gone = {j for j in (*self.moving, *self.welded)
                 if i in [int(k) for k in self.full.model.supports[j]]}
         self.moving -= gone
@@ -110,30 +111,56 @@ class Model:
         self.closures = [c for c in self.closures if c not in own]
         return True
 
-    def _is_end(self, i: int) -> bool:
-        """Whether nothing that moves, or is asked for, hangs on the body of joint i."""
+    def _replace_leg(self, closure: Closure) -> bool:
+        """Replace the leg that a closure ends, if it stands for a distance of variable length."""
+        leg = leg_of(self, closure)
+        if leg is None or (self.dynamics and not all(map(self._is_massless, leg.joints))):
+            return False
+        self._record("leg", leg.joints[0], leg.pins, leg.closures, leg.made, leg.joints[1:])
+        self.moving.remove(leg.joints[0])
+        self.welded.add(leg.joints[0])
+        self.lengthening.update(leg.joints)
+        self.bodies = Bodies(self.full, self.q, frozenset(self.welded))
+        self.closures = [c for c in self.closures if c not in leg.closures]
+        return True
+
+    def closures_on(self, joints: tuple[int, ...]) -> tuple[Closure, ...]:
+        """Return the closures with a frame on the bodies of these joints, which move them.
+
+        A coupling of the first of them is one.
+        """
+        first = self.full.model.names[joints[0]]
+        return tuple(c for c in self.closures if (
+            first in (self.full.coordinate(j).joint for j in c.joints)
+            or any(self.bodies.frame(f)[0] in joints for f in (*c.frames, *c.between))))
+
+    def hangs_free(self, joints: tuple[int, ...]) -> bool:
+        """Whether nothing else that moves, or is asked for, hangs on the bodies of a chain."""
         supports = self.full.model.supports
-        hung = [j for j in self.moving if j != i and i in [int(k) for k in supports[j]]]
+        hung = [j for j in self.moving
+                if j not in joints and joints[0] in [int(k) for k in supports[j]]]
         asked = [f for f in self.asked.frames if self.bodies.of(
-            self.full.frame_on_joint(f)[0])[0] == i]
-        related = [r for _, r in self.relations if i in (p.body for p in r.places)]
+            self.full.frame_on_joint(f)[0])[0] in joints]
+        related = [p for _, r in self.relations for p in (*r.places, *r.between)
+                   if p.body in joints]
         springs = [f for s in self.full.springs for f in s.frames
-                   if self.dynamics and self.bodies.frame(f)[0] == i]
+                   if self.dynamics and self.bodies.frame(f)[0] in joints]
         return not (hung or asked or related or springs)
 
     def _may_go(self, i: int, pins: list[Pin]) -> bool:
         """Whether the body of joint i is massless, or its mass does not matter or is lumped."""
-        if not self.dynamics:
+        if not self.dynamics or self._is_massless(i):
             return True
         mass = self._inertia(i)
-        model = self.full.model
-        v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-        if np.any(model.damping[v]) or np.any(model.armature[v]):
-            return False
-        if mass.mass == 0.0 and not np.any(mass.inertia):
-            return True
         balls = all(p.kind in ("spherical", "universal") for p in pins)
         return self.lump and balls and self._lumped(i, pins, mass)
+
+    def _is_massless(self, i: int) -> bool:
+        """Whether no motion of the body of joint i takes a force."""
+        mass, model = self._inertia(i), self.full.model
+        v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+        return not (mass.mass or np.any(mass.inertia) or np.any(model.damping[v])
+                    or np.any(model.armature[v]))
 
     def _inertia(self, i: int) -> pin.Inertia:
         """Return the inertia of the rigid body that joint i moves, in its axes."""
@@ -172,9 +199,21 @@ class Model:
     def _link(self, i: int) -> str:
         return next(name for name in self.full.links if self.full.frame_on_joint(name)[0] == i)
 
-    def _record(self, i: int, joint: str, pins: list[Pin], own: list[Closure],
-                made: list[Relation]) -> None:
-        link = self._link(i)
+    def _record(
+        self, what: str, joint: int, pins: Sequence[Pin], own: Sequence[Closure],
+        made: list[Relation], inner: Sequence[int] = (),
+    ) -> None:
+        """Take note of a link or leg, hung on a joint, that is replaced by relations."""
+        link, names = self._link(joint), self.full.model.names
+        self._relate(link, made)
+        others = " and ".join(repr(names[i]) for i in inner)
+        said = " and ".join(_words(one, others, len(inner)) for one in made)
+        closed = " and ".join(repr(c.name) for c in own)
+        self.notes.append((what, link, (
+            f"its pairs ({pins[0].kind} and {pins[1].kind}; joint {names[joint]!r}, closure "
+            f"{closed}) stand for one relation: {said}{reach(*pins)}")))
+
+    def _relate(self, link: str, made: list[Relation]) -> None:
         taken = {c.name for c in self.closures} | {n for n, _ in self.relations}
         for k, one in enumerate(made):
             name = link if not k else f"{link}_{one.type}"
@@ -182,12 +221,6 @@ class Model:
                 name += "_"
             taken.add(name)
             self.relations.append((name, one))
-        said = " and ".join(
-            f"{r.type} {r.length:.9g} m" if r.length else r.type.replace("_", " ") for r in made)
-        between = f"{pins[0].kind} and {pins[1].kind}"
-        closed = " and ".join(repr(c.name) for c in own)
-        self.notes.append(("link", link, f"its pairs ({between}; joint {joint!r}, closure {closed})"
-                                         f" stand for one relation: {said}"))
 
     # ------------------------------------------------------------ equations
 
@@ -222,7 +255,7 @@ class Model:
         """Return the mechanism as it stands."""
         full = self.full
         content = content_of(full)
-        links = {f for c in self.closures for f in c.frames}
+        links = {f for c in self.closures for f in (*c.frames, *c.between)}
         links |= {name for name in self.asked.frames if name in full.links}
         fixed = {f.name for f in full.model.frames if f.type == pin.FrameType.FIXED_JOINT}
         links |= {self._child(name) for name in self.asked.frames if name in fixed}
@@ -237,7 +270,8 @@ class Model:
             self._turn(table, tree)
         for name, made in self.relations:
             frames = [tree.add(f"{name}_{k}", place) for k, place in enumerate(made.places, 1)]
-            closures.append(dict(relation_table(name, made, frames)))
+            ends = [tree.add(f"{name}_end_{k}", place) for k, place in enumerate(made.between, 1)]
+            closures.append(dict(relation_table(name, made, frames, ends)))
         for name, place, mass in self.masses:
             tree.add(name, place, mass)
         for table in closures:
@@ -275,17 +309,30 @@ class Model:
         table["frames"] = frames
         table.update({"axis": [0.0, 0.0, 1.0]} if "axis" in table else {})
 
+    def keeps_spin(self, passive: Passive) -> bool:
+        """Whether the body of a passive freedom still turns as it did."""
+        joint = self.full.frame_on_joint(passive.body)[0]
+        return joint not in self.lengthening and self.bodies.of(joint)[0] in self.moving
+
     def _passives(self, tree: Tree) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the passive freedoms of what is kept, their axes between frames that exist."""
         for passive in self.full.passives:
-            joint = self.full.frame_on_joint(passive.body)[0]
-            if self.bodies.of(joint)[0] not in self.moving:
+            if not self.keeps_spin(passive):
                 continue
+            joint = self.full.frame_on_joint(passive.body)[0]
             tree.links.add(passive.body)
             axis = [tree.add(f"{passive.name}_{k}", Place(
                 joint, point_on_body(self.full, joint, name)))
                 for k, name in enumerate(passive.axis, 1)]
             yield passive.name, {"body": passive.body, "axis": axis}
+
+
+def _words(made: Relation, others: str, count: int) -> str:
+    """Return a relation in words, and the joints that change it."""
+    kind = made.type.replace("_", " ")
+    if made.between:
+        return f"{kind} that {others} alone change{'s' * (count == 1)}"
+    return f"{kind} {made.length:.9g} m" if made.length else kind
 
 
 def _slopes(made: Mechanism) -> dict[str, Array]:

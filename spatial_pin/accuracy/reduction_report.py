@@ -13,8 +13,8 @@ class Omission(NamedTuple):
     """Something that a reduced mechanism does without.
 
     Attributes:
-        what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "equations",
-            "joint limits" or "passive freedom".
+        what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "leg",
+            "equations", "joint limits" or "passive freedom".
         name: of the part; empty where it is many.
         why: in words.
     """
@@ -43,8 +43,7 @@ def omissions(model: Model, locked: frozenset[int]) -> Iterator[Omission]:
     yield from (Omission(*note) for note in model.notes)
     yield from _lost_limits(model, locked)
     for passive in full.passives:
-        joint = full.frame_on_joint(passive.body)[0]
-        if model.bodies.of(joint)[0] not in model.moving:
+        if not model.keeps_spin(passive):
             yield Omission("passive freedom", passive.name, f"of {passive.body}, which is left out")
 
 

@@ -123,7 +123,7 @@ class Equations:
 
     @property
     def row_wrenches(self) -> Array:
-        """(n_rows, 6) wrench of each closure row at the world origin."""
+        """(n_wrenches, 6) wrench of each closure row at the world origin, and those after them."""
         return self.evaluation.row_wrenches()
 
     def check_rank(self, rank: int) -> None:

@@ -81,7 +81,9 @@ class _Rows:
         self.efforts, self.joint_efforts = np.empty((n, n_efforts)), np.empty((n, nv))
         self.a, self.multipliers = np.empty((n, nv)), np.empty((n, rows))
         self.given, self.transmitted = np.zeros((n, nj, 6)), np.empty((n, nj, 6))
-        self.poses = Poses(np.empty((n, nj, 4, 3)), np.empty((n, 6, nv)), np.empty((n, rows, 6)))
+        wrenches = equations.evaluation.constraints.n_wrenches
+        self.poses = Poses(np.empty((n, nj, 4, 3)), np.empty((n, 6, nv)),
+                           np.empty((n, wrenches, 6)))
         self.determined = np.empty((n, len(equations.pairs.names)), dtype=bool)
 
     def fill(self, k: int, equations: Equations, actuation: Actuation) -> None:

@@ -158,17 +158,26 @@ class ReactionChanges:
         """Return the wrenches of the closures on their second bodies, and those on all bodies."""
         rows, by_q = self._row_wrenches()
         total = self._new(self.mechanism.model.njoints, 6)
+
+        def borne(own: slice, at: slice) -> Array:
+            wrench: Array = np.tensordot(rows[at], self.multipliers[own], (0, 0))
+            wrench[:, self.by_q] += np.tensordot(self.multipliers[own, 0], by_q[at], 1)
+            return wrench
+
         found = []
         for pair in pairs.closed:
-            wrench = np.tensordot(rows[pair.rows], self.multipliers[pair.rows], (0, 0))
-            wrench[:, self.by_q] += np.tensordot(self.multipliers[pair.rows, 0], by_q[pair.rows], 1)
+            wrench = borne(pair.rows, pair.rows)
             found.append(wrench)
             total[pair.bodies[0]] -= wrench
             total[pair.bodies[1]] += wrench
+        for row, at, (first, second) in pairs.lengths:
+            wrench = borne(slice(row, row + 1), slice(at, at + 1))
+            total[first] += wrench
+            total[second] -= wrench
         return found, total
 
     def _row_wrenches(self) -> tuple[Array, Array]:
-        """Return the wrenches (n_rows, 6) of the rows and their derivatives (n_rows, 6, nv)."""
+        """Return the wrenches (n_wrenches, 6) of the rows and their derivatives by q (..., nv)."""
         c, rates = self.changes.rows.constraints, self.changes.rates
         n, nv = len(c.constants), self.nv
         b, x = (c.c_abx @ rates.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
@@ -187,8 +196,9 @@ class ReactionChanges:
                                  - np.outer(turn, dz) / z**2).imag
         couplings = len(c.couplings)  # rows without wrenches, between the products and the screws'
         own = np.zeros((couplings, 6)), np.zeros((couplings, 6, nv))
-        p = c.n_products
-        return np.concatenate([wrenches[:p], own[0]]), np.concatenate([by_q[:p], own[1]])
+        p, lengths = c.n_products, [other for _, other in c.differences]
+        return (np.concatenate([wrenches[:p], own[0], wrenches[lengths]]),
+                np.concatenate([by_q[:p], own[1], by_q[lengths]]))
 
     def _springs(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames."""

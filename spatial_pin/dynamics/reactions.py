@@ -31,13 +31,29 @@ class ClosedPair(NamedTuple):
     point: Array
 
 
+class Lengths(NamedTuple):
+    """What makes a distance as long as two other frames are apart.
+
+    Attributes:
+        row: of the closure.
+        wrench: where `Poses.rows` has its wrench on the second of the two frames' bodies, which
+            acts on the first.
+        bodies: these two.
+    """
+
+    row: int
+    wrench: int
+    bodies: tuple[int, int]
+
+
 class Poses(NamedTuple):
     """What reactions are worked out from, at one or many configurations.
 
     Attributes:
         placements: (..., njoints, 4, 3) columns of the rotation, then the position, of each joint.
         columns: (..., 6, nv) world joint Jacobian.
-        rows: (..., n_rows, 6) wrench of each closure row at the world origin.
+        rows: (..., n_wrenches, 6) wrench of each closure row at the world origin, then those of
+            the distances' lengths.
     """
 
     placements: Array
@@ -50,6 +66,7 @@ class Pairs:
 
     Attributes:
         closed: the closures between bodies.
+        lengths: what gives some of them their length.
         names: of all pairs, the tree's first.
     """
 
@@ -57,6 +74,7 @@ class Pairs:
         self.model = model = mechanism.model
         self.length = mechanism.characteristic_length
         self.closed = _closed_pairs(mechanism)
+        self.lengths = _lengths(mechanism)
         self.names = [*list(model.names)[1:], *(pair.name for pair in self.closed)]
         self.carries = np.zeros((model.njoints, model.njoints))  # joint i carries body j
         for i in range(model.njoints):
@@ -72,6 +90,10 @@ class Pairs:
             wrench = _borne(rows, multipliers, pair.rows)
             total[..., pair.bodies[0], :] -= wrench
             total[..., pair.bodies[1], :] += wrench
+        for row, at, (first, second) in self.lengths:
+            wrench = multipliers[..., row, None] * rows[..., at, :]
+            total[..., first, :] += wrench
+            total[..., second, :] -= wrench
         return total
 
     def summed(self, wrenches: Iterable[tuple[int, Array]]) -> Array:
@@ -125,7 +147,7 @@ class Pairs:
         """Return for every pair whether its reaction is unique.
 
         Args:
-            rows: (n_rows, 6) wrench of each closure row at the world origin.
+            rows: (n_wrenches, 6) as of `Poses`.
             self_stresses: (k, n_rows) orthonormal multipliers that balance among themselves.
         """
         if not len(self_stresses):
@@ -147,6 +169,18 @@ def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:
         rows = slice(at, at + closure.n_rows)
         at = rows.stop
         found.append(_closed_pair(mechanism, closure, rows))
+    return found
+
+
+def _lengths(mechanism: Mechanism) -> list[Lengths]:
+    closed = [c for c in mechanism.closures if c.type != COUPLING]
+    n_rows = sum(c.n_rows for c in mechanism.closures)
+    starts = np.cumsum([0, *(c.n_rows for c in closed)]).tolist()
+    between = [(at, c.between) for at, c in zip(starts, closed, strict=False) if c.between]
+    found = []
+    for k, (row, frames) in enumerate(between, start=n_rows):
+        first, second = (mechanism.frame_on_joint(f)[0] for f in frames)
+        found.append(Lengths(row, k, (first, second)))
     return found
 
 

@@ -152,6 +152,8 @@ class Rows:
                 cz, cdz, cddz = (x[sine + 1] + 1j * x[sine] for x in change)
                 turn = cddz / z - ddz * cz / z**2 - 2.0 * dz / z * (cdz / z - dz * cz / z**2)
                 total[at] -= pitch * turn.imag
+            for at, other in c.differences:
+                total[at] -= change[2][other]
         return out[0], out[1]
 
     def curvature(self, q: Array) -> tuple[Array, Array]:

@@ -101,8 +101,10 @@ class Batch:
         values -= self.constants
         residual = values[: c.n_products]
         angles = np.empty((c.n_angles, q.shape[1]))
-        if c.screws or c.couplings:
+        if c.screws or c.couplings or c.differences:
             residual = np.concatenate([residual, np.empty((len(c.couplings), q.shape[1]))])
+        for at, other in c.differences:
+            residual[at] -= values[other]
         for k, (at, sine, pitch) in enumerate(c.screws):
             angle = np.arctan2(values[sine], values[sine + 1])
             angles[k] = angle + 2.0 * np.pi * np.round((near[k] - angle) / (2.0 * np.pi))
@@ -136,7 +138,7 @@ class Batch:
     def jacobian(self, p: Placed) -> Array:
         """Return (n_rows + n_passive, nv, m) derivatives of the rows, for scaled velocities."""
         c, products = self.constraints, self._products(p)
-        if not (c.screws or c.couplings):
+        if not (c.screws or c.couplings or c.differences):
             return products
         out = np.zeros((c.n_rows + c.n_passive, *products.shape[1:]))
         out[: c.n_products], out[c.n_rows :] = products[: c.n_products], products[c.passive_at :]
@@ -144,6 +146,8 @@ class Batch:
             s, co = p.values[sine : sine + 2]
             slope = (co * products[sine] - s * products[sine + 1]) / (s * s + co * co)
             out[at] -= pitch * slope
+        for at, other in c.differences:
+            out[at] -= products[other]
         size = self.mechanism.velocity_scale
         for k, closure in enumerate(c.couplings, start=c.n_products):
             one, two = (self.mechanism.coordinate(name) for name in closure.joints)
@@ -173,7 +177,7 @@ class Batch:
         bias = dot(a2, p.b) + 2.0 * dot(a1, b1) + dot(p.a, b2)
         for k, at in enumerate(self._spin_at, start=c.passive_at):
             bias[k] = dot(p.b[k], second[at, 0])
-        if c.screws or c.couplings:
+        if c.screws or c.couplings or c.differences:
             bias = self._finish_bias(p, bias, dot(a1, p.b) + dot(p.a, b1))
         return bias, first, second
 
@@ -184,6 +188,8 @@ class Batch:
         for at, sine, pitch in c.screws:
             z, dz, ddz = (x[sine + 1] + 1j * x[sine] for x in (p.values, rate, bias))
             out[at] -= pitch * (ddz / z - (dz / z) ** 2).imag
+        for at, other in c.differences:
+            out[at] -= bias[other]
         return out
 
 

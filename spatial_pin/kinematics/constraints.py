@@ -14,7 +14,9 @@ enter through G' = H^T G and G'' = (H^T H^T + H'^T) G with H the 4 x 4 matrix of
 Pinocchio's `computeJointJacobiansTimeVariation` is not used: in 4.1 it is wrong for joints whose
 motion subspace varies (universal, composite).
 
-A screw row adds -k * angle, the angle of two directions, from two auxiliary dot rows.
+A screw row adds -k * angle, the angle of two directions, from two auxiliary dot rows. A distance
+that is that of two other frames (`length_between`) is the difference of two distance rows, the
+second an auxiliary one.
 A coupling row is linear in the joint coordinates. A passive row is the absolute spin of a body
 about a line fixed in it.
 """
@@ -31,12 +33,13 @@ import pinocchio as pin
 
 from spatial_pin.kinematics.views import accelerations, joint_jacobian, placements, twists
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import needed
+from spatial_pin.mechanism.configuration import joint_values, needed, with_values
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.rows import Row
 
+SHORT = 1e-3  # length of a distance, by the characteristic length, that is no unit for it
 DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
 
 
@@ -69,6 +72,8 @@ class Constraints:
         labels: closure and equation of each of the `n_rows` closure rows.
         n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
         n_angles: number of screw closures, whose relative angles count turns.
+        n_wrenches: of `Evaluation.row_wrenches`.
+        differences: (row, auxiliary row to be subtracted) of each distance between other frames.
         spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
     """
 
@@ -83,14 +88,18 @@ class Constraints:
         self.spins: list[tuple[int, Array]] = []
         labels: list[RowLabel] = []
         screws: list[tuple[int, Row, Closure]] = []
+        lengths: list[tuple[int, Closure]] = []
         for closure in mechanism.closures:
             for k, row in enumerate(closure.rows):
                 if row.pitch is not None:
                     screws.append((len(labels), row, closure))
+                if closure.between:
+                    lengths.append((len(labels), closure))
                 self._add_row(row, closure)
                 labels.append(RowLabel(closure.name, k))
         self.n_products = len(labels)
         self.screws = [self._add_screw(at, row, closure) for at, row, closure in screws]
+        self.differences = [self._add_length(at, closure) for at, closure in lengths]
         self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
         labels += [RowLabel(c.name, 0) for c in self.couplings]
         self.passive_at = len(self._constants)
@@ -99,6 +108,7 @@ class Constraints:
         self.n_rows = len(labels)
         self.n_passive = len(spin)
         self.n_angles = len(self.screws)
+        self.n_wrenches = self.n_rows + len(self.differences)
         a, b, x = self._a.rows, self._b.rows, self._x.rows
         self.c_abx = _matrix([*a, *b, *x], 4 * n)
         self.c_rates = _rate_matrix(a, b, n)
@@ -113,19 +123,31 @@ class Constraints:
         first, second = (self.mechanism.frame_on_joint(f) for f in closure.frames)
         return first, second
 
+    def _add_distance(self, frames: tuple[str, ...], unit: float, constant: float) -> None:
+        """Add the row d . d / 2 unit - constant of the vector d between two frames."""
+        (i1, m1), (i2, m2) = (self.mechanism.frame_on_joint(f) for f in frames)
+        p1, p2 = m1.translation, m2.translation
+        half = self.scale / (2.0 * unit)
+        self._a.add((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
+        self._b.add((half, i2, p2, 1.0), (-half, i1, p1, 1.0))
+        self._x.add((2.0, i2, p2, 1.0))
+        self._finish(constant, 2.0, self.support(i2) - self.support(i1))
+
+    def _add_length(self, at: int, closure: Closure) -> tuple[int, int]:
+        """Add the distance row between the other two frames; return (row, auxiliary row)."""
+        self._add_distance(closure.between, unit_length(self.mechanism, closure), 0.0)
+        return at, len(self._constants) - 1
+
     def _add_row(self, row: Row, closure: Closure) -> None:
+        if row.u is None:  # distance: (d . d - L²) / 2L
+            unit = unit_length(self.mechanism, closure) if closure.between else row.offset
+            self._add_distance(closure.frames, unit, 0.5 * row.offset * self.scale)
+            return
         (i1, m1), (i2, m2) = self._frames(closure)
         p1, p2 = m1.translation, m2.translation
-        d = ((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
         sign = self.support(i2) - self.support(i1)
-        if row.u is None:  # distance: (d . d - L²) / 2L
-            half = self.scale / (2.0 * row.offset)
-            self._a.add(*d)
-            self._b.add(*((half * f, *rest) for f, *rest in d))  # type: ignore[misc]
-            self._x.add((2.0, i2, p2, 1.0))
-            self._finish(0.5 * row.offset * self.scale, 2.0, sign)
-        elif row.w is None:  # point or screw: u . d
-            self._a.add(*d)
+        if row.w is None:  # point or screw: u . d
+            self._a.add((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
             self._b.add((self.scale, i1, m1.rotation @ row.u, 0.0))
             self._x.add((1.0, i2, p2, 1.0))
             self._finish(0.0, 1.0, sign)
@@ -176,6 +198,25 @@ class Constraints:
         for i in model.supports[joint]:
             mask[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
         return mask
+
+
+def unit_length(mechanism: Mechanism, closure: Closure) -> float:
+    """Return the length [m] that a distance between other frames is divided by.
+
+    It is theirs in the guess, so that the row is the difference of the lengths near there, or the
+    characteristic length where that is next to nothing.
+    """
+    model, size = mechanism.model, mechanism.characteristic_length
+    q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
+    ends = []
+    for joint, placement in map(mechanism.frame_on_joint, closure.between):
+        for i in reversed(list(model.supports[joint])[1:]):  # a `pin.Data` of many loops is large
+            own = model.joints[i].createData()
+            model.joints[i].calc(own, q)
+            placement = model.jointPlacements[i] * pin.SE3(own.M) * placement
+        ends.append(placement.translation)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    return length if length > SHORT * size else size
 
 
 def _rate_rows(a: list[Array], b: list[Array], n: int) -> list[Array]:
@@ -295,7 +336,7 @@ class Evaluation:
         self._spins = self._accelerations.reshape(-1)
         self._joint_jacobian = joint_jacobian(self.data, nv)
         self._make_buffers(n, nv, r)
-        self._plain = not (c.screws or c.couplings)
+        self._plain = not (c.screws or c.couplings or c.differences)
         self._offset = bool(np.any(c.constants))
         self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
         self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
@@ -352,13 +393,15 @@ class Evaluation:
                 self._spin_moments[:] = self._spin_axes
 
     def row_wrenches(self) -> Array:
-        """Return (n_rows, 6) force on body 2 per unit of each row, and moment about the origin.
+        """Return (n_wrenches, 6) force on body 2 per unit of each row, and moment about the origin.
 
         World axes, at the last `update`; a row's derivative is its wrench times the twist of
-        body 2 relative to body 1. Couplings, which act on joints, have none.
+        body 2 relative to body 1. Couplings, which act on joints, have none. After the rows come
+        those of `differences`: less their wrenches times the twists of their own two bodies.
         """
         c = self.constraints
-        wrenches = np.zeros((c.n_rows, 6))
+        wrenches = np.zeros((c.n_wrenches, 6))
+        wrenches[c.n_rows :] = self.wrenches[[other for _, other in c.differences]]
         wrenches[: c.n_products] = self.wrenches[: c.n_products]
         for at, sine, pitch in c.screws:
             s, co = self._values[sine : sine + 2]
@@ -366,12 +409,15 @@ class Evaluation:
             wrenches[at] -= pitch / (s * s + co * co) * turn
         return wrenches
 
-    def body_signs(self, joint: int) -> Array:
-        """Return (n_rows,) +1 (-1) for the rows whose body 2 (1) alone is carried by a joint."""
+    def opening(self, joint: int) -> Array:
+        """Return (n_rows, 6) derivatives of the rows for a twist of what a joint carries."""
         c, at = self.constraints, self.model.idx_vs[joint]
-        signs = np.zeros(c.n_rows)
-        signs[: c.n_products] = c.signs[: c.n_products, at] / self.mechanism.velocity_scale[at]
-        return signs
+        signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
+        wrenches = self.row_wrenches()
+        wrenches[: c.n_products] *= signs[: c.n_products]
+        for k, (row, other) in enumerate(c.differences, start=c.n_rows):
+            wrenches[row] -= signs[other] * wrenches[k]
+        return wrenches[: c.n_rows]
 
     def _finish_rows(self, q: Array) -> None:
         """Put product, screw, coupling and passive rows in their places."""
@@ -382,6 +428,9 @@ class Evaluation:
         self.residual[:p] = self._values[:p]
         for k, (at, sine, pitch) in enumerate(c.screws):
             self._screw(k, at, sine, pitch)
+        for at, other in c.differences:
+            self.residual[at] -= self._values[other]
+            self.jacobian[at] -= products[other]
         if c.couplings:
             self._couple(q)
         self.jacobian[c.n_rows :] = products[c.passive_at :]
@@ -448,6 +497,8 @@ class Evaluation:
             out[at] -= pitch * float(
                 (co * dds - s * ddc) / n - 2.0 * (co * ds - s * dc) * (co * dc + s * ds) / n**2
             )
+        for at, other in c.differences:
+            out[at] -= bias[other]
         out[c.n_rows :] = bias[c.passive_at :]
         return out
 

@@ -101,6 +101,7 @@ def geometry_of(mechanism: Mechanism, points: Iterable[str], length: float) -> G
     batch, n = Batch(constraints), len(constraints.constants)
     coefficients, constants = batch.coefficients.copy(), constraints.constants.copy()
     rows = np.flatnonzero(is_length(constraints)[: constraints.n_products])
+    rows = np.append(rows, [other for _, other in constraints.differences]).astype(np.intp)
     ratio = mechanism.characteristic_length / length
     coefficients[n + rows] *= ratio
     constants[rows] *= ratio
@@ -138,6 +139,7 @@ def kind_of(mechanism: Mechanism, points: Iterable[str]) -> tuple[Any, ...]:
         tuple((j.kind, j.parent, j.q, j.v) for j in joints), tuple(model.names),
         tuple(f.parentJoint for f in model.frames), tuple(carriers(mechanism, points)),
         c.labels, tuple(c.screws and [(at, sine) for at, sine, _ in c.screws]), c.c_abx.shape,
+        tuple(c.differences),
         tuple(Batch(c).bodies.tolist()), tuple(c.factors.flat),
         tuple((x.joints, x.ratio, x.offset) for x in c.couplings),
     )

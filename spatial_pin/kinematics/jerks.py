@@ -153,6 +153,8 @@ def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
     out[: c.n_products] = products[3][: c.n_products]
     for at, sine, pitch in c.screws:
         out[at] -= pitch * _angle_jerk(*(p[sine + 1] + 1j * p[sine] for p in products))
+    for at, other in c.differences:
+        out[at] -= products[3][other]
     out[c.n_rows :] = c.spin_bias @ bodies.reshape(-1)
     return out
 

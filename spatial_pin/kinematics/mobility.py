@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -267,7 +268,7 @@ def _loop(evaluation: Evaluation, closure: Closure) -> Loop:
     """Recognise the loop of a closure by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
-    joints = loop_joints(mechanism, closure)
+    joints = joints_between(mechanism, closure.frames)
     size = np.array([constraints.scale] * 3 + [1.0] * 3)
     columns = joint_jacobian(evaluation.data, mechanism.model.nv)
     twists = [columns[:, mechanism.model.idx_vs[i] + k] * size
@@ -279,10 +280,10 @@ def _loop(evaluation: Evaluation, closure: Closure) -> Loop:
     return Loop(closure.name, names, len(algebra), _algebra_name(algebra))
 
 
-def loop_joints(mechanism: Mechanism, closure: Closure) -> list[int]:
-    """Return the indices of the tree joints between the two frames of a closure."""
+def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
+    """Return the indices of the tree joints between two frames."""
     first, second = (
-        set(mechanism.model.supports[mechanism.frame_on_joint(f)[0]]) for f in closure.frames
+        set(mechanism.model.supports[mechanism.frame_on_joint(f)[0]]) for f in frames
     )
     return sorted((first ^ second) - {0})
 
@@ -345,7 +346,7 @@ def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:
     for i in range(1, model.njoints):
         count[model.parents[i]] += 1
     for closure in mechanism.closures:
-        for frame in closure.frames:
+        for frame in (*closure.frames, *closure.between):
             count[mechanism.frame_on_joint(frame)[0]] += 1
     return count
 
@@ -399,7 +400,7 @@ def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array)
         if model.parents[i] == body:
             centres[model.names[i]] = data.oMi[i].translation
     for closure in mechanism.closures:
-        for frame in closure.frames:
+        for frame in (*closure.frames, *closure.between):
             if mechanism.frame_on_joint(frame)[0] == body:
                 centres[closure.name] = data.oMf[mechanism.frame_id(frame)].translation
     limit = 1e-6 * mechanism.characteristic_length

@@ -181,7 +181,7 @@ class _Search:
         bodies = [i for i in range(1, model.njoints) if i not in self.loose]
         parts = [placements[bodies].reshape(-1)]
         pin.updateFramePlacements(model, evaluation.data)
-        frames = {f for c in self.mechanism.closures for f in c.frames}
+        frames = {f for c in self.mechanism.closures for f in (*c.frames, *c.between)}
         centres = [evaluation.data.oMf[self.mechanism.frame_id(f)].translation / self._length
                    for f in sorted(frames) if self._is_loose(f)]
         return np.concatenate([*parts, *centres])

@@ -127,10 +127,15 @@ class PiecewiseRows:
 
     def _make_pattern(self) -> None:
         c = self.constraints
-        self._r, self._c = np.nonzero(c.signs[: self._n])
+        moving = c.signs[: self._n] != 0.0
+        for at, other in c.differences:
+            moving[at] |= moving[other]
+        self._r, self._c = np.nonzero(moving)
         self._signs = c.signs[self._r, self._c]
         self._own = self._r < c.n_products
-        self._of_row = [np.flatnonzero(self._r == at) for at in range(self._n)] if c.screws else []
+        is_plain = not (c.screws or c.differences)
+        self._of_row = [] if is_plain else [
+            np.flatnonzero(self._r == at) for at in range(self._n)]
         coupled = [(c.n_products + k, *self._coupling(closure))
                    for k, closure in enumerate(c.couplings)]
         rows = [[row, row] for row, _, _ in coupled]
@@ -161,6 +166,9 @@ class PiecewiseRows:
             z = self._direction(sine)
             turn = z.real * entries[self._of_row[sine]] - z.imag * entries[self._of_row[sine + 1]]
             entries[self._of_row[at]] -= pitch * turn / abs(z) ** 2
+        for at, other in c.differences:
+            row, less = self._of_row[at], self._of_row[other]
+            entries[row[np.searchsorted(self._c[row], self._c[less])]] -= entries[less]
         self.values = np.concatenate([entries[self._own], self._coupled])
 
     def _direction(self, sine: int) -> complex:
@@ -175,9 +183,10 @@ class PiecewiseRows:
         return dense
 
     def row_wrenches(self) -> Array:
-        """Return (n_rows, 6) force on body 2 per unit of each row, and moment about the origin."""
+        """Return (n_wrenches, 6) as `Evaluation.row_wrenches`."""
         c = self.constraints
-        wrenches = np.zeros((c.n_rows, 6))
+        wrenches = np.zeros((c.n_wrenches, 6))
+        wrenches[c.n_rows :] = self._wrenches[[other for _, other in c.differences]]
         wrenches[: c.n_products] = self._wrenches[: c.n_products]
         for at, sine, pitch in c.screws:
             z = self._direction(sine)
@@ -204,6 +213,8 @@ class PiecewiseRows:
             z = self._direction(sine)
             dz, ddz = (complex(x[sine + 1], x[sine]) for x in (first, second))
             out[at] -= pitch * (ddz / z - (dz / z) ** 2).imag
+        for at, other in c.differences:
+            out[at] -= second[other]
         return out
 
     # ------------------------------------------------------------ forces

@@ -100,7 +100,9 @@ def _closure_text(closure: Any) -> str:
     if closure.type == COUPLING:
         a, b = closure.joints
         return f"coupling: {b} = {closure.ratio:g} * {a} + {closure.offset:g}"
-    return f"{closure.type}: {closure.frames[0]} - {closure.frames[1]} ({closure.n_rows} equations)"
+    length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
+    return (f"{closure.type}: {closure.frames[0]} - {closure.frames[1]}{length} "
+            f"({closure.n_rows} equations)")
 
 
 def _notes(mechanism: Mechanism, closed: bool, error: float) -> list[str]:

@@ -121,8 +121,7 @@ def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Ar
     model = mechanism.model
     pairs = {model.names[i]: model.jointPlacements[i].translation for i in model.children[joint]}
     for closure in mechanism.closures:
-        for body, placement in map(mechanism.frame_on_joint,
-                                   closure.frames if closure.type != COUPLING else ()):
+        for body, placement in map(mechanism.frame_on_joint, (*closure.frames, *closure.between)):
             if body == joint:
                 pairs[closure.name] = placement.translation
     if at is not None:
@@ -151,7 +150,7 @@ def _velocities(
     n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
     size = mechanism.characteristic_length
     unit = np.array([size] * 3 + [1.0] * 3)
-    loose = evaluation.body_signs(joint)[:, None] * evaluation.row_wrenches() * unit
+    loose = evaluation.opening(joint) * unit
     kept = [k for k in range(evaluation.model.nv) if k not in (*driven, output.v)]
     allowed = null_space(np.hstack([evaluation.jacobian[:n, kept], loose]))[:, len(kept):]
     own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]

@@ -114,7 +114,9 @@ def _closure(closure: Closure) -> dict[str, Any]:
     table["frames"] = list(closure.frames)
     table.update({"axis": geometry.axes1[:, 2].tolist()} if pair.uses_axis else {})
     table.update({"axis2": geometry.axes2[:, 2].tolist()} if pair.uses_axis2 else {})
-    table.update({"length": geometry.length} if pair.uses_length else {})
+    if pair.uses_length:
+        table.update({"length_between": list(closure.between)} if closure.between else
+                     {"length": geometry.length})
     table.update({"lead": geometry.lead} if pair.uses_lead else {})
     table.update({} if closure.equations is None else {"equations": list(closure.equations)})
     return table

@@ -41,6 +41,7 @@ from spatial_pin.mechanism.urdf import (
 )
 
 _REQUIRED: Any = object()
+BETWEEN = "length_between"
 
 
 def library_folder() -> Path:
@@ -205,12 +206,23 @@ def _closure(table: _Table) -> Closure:
         if closure.ratio == 0.0:
             table.fail("ratio", "is zero; lock the joint instead")
     else:
+        is_distance = PAIRS[kind].uses_length
         closure = Closure(name, kind, frames=table.two_names("frames"),
+                          between=_between(table) if is_distance else (),
                           geometry=_geometry(table, PAIRS[kind]))
         if "equations" in table:
             closure = replace(closure, equations=table.places("equations", closure.n_rows))
     table.close()
     return closure
+
+
+def _between(table: _Table) -> tuple[str, ...]:
+    """The two frames whose distance is the length of a distance, if it has no other."""
+    if BETWEEN not in table:
+        return ()
+    if "length" in table:
+        table.fail("length", f"or {BETWEEN}: a distance has one of the two")
+    return table.two_names(BETWEEN)
 
 
 def _geometry(table: _Table, pair: Pair) -> PairGeometry:
@@ -219,9 +231,12 @@ def _geometry(table: _Table, pair: Pair) -> PairGeometry:
     if pair.uses_axis2:
         default = np.array([0.0, 1.0, 0.0]) if pair.axis[0] else first
         second = table.axis("axis2") if "axis2" in table else default
-    length = table.number("length") if pair.uses_length else 0.0
-    if pair.uses_length and length <= 0.0:
-        table.fail("length", f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
+    length = 0.0
+    if pair.uses_length and BETWEEN not in table:
+        length = table.number("length")
+        if length <= 0.0:
+            table.fail("length",
+                       f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
     lead = table.number("lead") if pair.uses_lead else 0.0
     if not pair.uses_axis:
         return PairGeometry(np.eye(3), np.eye(3), length, lead)

@@ -48,6 +48,8 @@ class Closure:
     Attributes:
         name, type: as in the mechanism file.
         frames: names of the two frames it joins (empty for a coupling).
+        between: names of two other frames whose distance is the length of this one (distance of
+            variable length; else empty).
         geometry: the pair's axes, length and lead (None for a coupling).
         joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
         equations: which of the pair's equations are asked for, None for all; the others must
@@ -62,6 +64,7 @@ class Closure:
     ratio: float = 1.0
     offset: float = 0.0
     equations: tuple[int, ...] | None = None
+    between: tuple[str, ...] = ()
 
     @property
     def pair(self) -> Pair:
@@ -445,8 +448,7 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
         if closure.joints[0] == closure.joints[1]:
             raise MechanismFileError(f"{where}: couples {closure.joints[0]!r} with itself")
         return
-    ids = [_named(mechanism.frame_on_joint, name, f"{where}: frames: ")[0]
-           for name in closure.frames]
+    ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
     if closure.frames[0] == closure.frames[1]:
         raise MechanismFileError(f"{where}: joins frame {closure.frames[0]!r} with itself")
     if ids[0] == ids[1]:
@@ -454,6 +456,18 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
             f"{where}: frames {closure.frames[0]!r} and {closure.frames[1]!r} are fixed to the "
             "same body; a closure joins two bodies that can move against each other"
         )
+    ids = _bodies(mechanism, closure.between, f"{where}: length_between: ")
+    if set(closure.between) == set(closure.frames):
+        raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
+    if len(set(ids)) == 1:
+        raise MechanismFileError(
+            f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are fixed "
+            "to the same body, so that their distance is constant: give it as length"
+        )
+
+
+def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:
+    return [_named(mechanism.frame_on_joint, name, where)[0] for name in frames]
 
 
 def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:

@@ -32,7 +32,7 @@ class PairGeometry:
     Attributes:
         axes1: (3, 3) the pair's x, y, z in columns, in the axes of frame 1; z is the pair's axis.
         axes2: (3, 3) the same in the axes of frame 2.
-        length: distance between the origins [m] (distance).
+        length: distance between the origins [m] (distance; 0 where two other frames give it).
         lead: translation per turn [m] (screw).
     """
 

@@ -9,7 +9,7 @@ primitive   equation                meaning
 ==========  ======================  ============================================
 point       u . d = 0               origin 2 lies in the plane through 1 normal to u
 dot         u . w = c               angle between two directions
-distance    (d . d - L^2) / 2L = 0  origins are L apart
+distance    (d . d - L^2) / 2L = 0  origins are L apart, or as far as two other frames
 screw       u . d = pitch * angle   slide along u proportional to the turn about u
 ==========  ======================  ============================================
 

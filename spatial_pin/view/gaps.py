@@ -10,6 +10,7 @@ from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.rows import Row
 from spatial_pin.view.film import OPEN, Film, Reading, unit_of_length
 from spatial_pin.view.shapes import ball, rod
 from spatial_pin.view.stage import Entry, Item, Layer, Stage, ball_at, rod_between
@@ -59,6 +60,15 @@ def _coupling_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
     return Gap(closure, error * mechanism.characteristic_length, 0 * error, none)
 
 
+def _length(stage: Stage, closure: Closure, row: Row) -> Array | float:
+    """Return how long a distance is to be, (N,) [m] where other frames tell."""
+    if not closure.between:
+        return row.offset
+    first, second = (stage.points(i, m.translation) for i, m in map(
+        stage.film.mechanism.frame_on_joint, closure.between))
+    return np.linalg.norm(second - first, axis=1)
+
+
 def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
     """Return by how much the frames of a closure are off.
 
@@ -74,7 +84,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
     for row, off in zip(closure.rows, length.T, strict=True):
         if row.u is None:  # distance: along the line between the frames
             far = np.linalg.norm(apart, axis=1)
-            wrong = np.where(off != 0.0, far - row.offset, 0.0)
+            wrong = np.where(off != 0.0, far - _length(stage, closure, row), 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
         elif row.is_length:
             offset += off[:, None] * (turn @ row.u)

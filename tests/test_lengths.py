@@ -1,0 +1,350 @@
+"""Distances that are those of two other frames: rows, rates, forces, files, pictures."""
+
+from __future__ import annotations
+
+import mechanisms as known
+import numpy as np
+import pinocchio as pin
+import pytest
+from masses import heavy, with_masses
+from mechanisms import RAM, between, floating, load, point
+from test_batch import SEVERAL, assert_same, check_rows, configurations
+from test_closures import FIRST, JOINTS, SECOND, STEP, along, pose, refinement, somewhere
+from test_dynamics_derivatives import WEIGHT
+from test_reaction_derivatives import check
+
+import spatial_pin as sp
+from spatial_pin.accuracy.extended import Extended
+from spatial_pin.dynamics import sparse
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.jerks import Jerks, solve_jerks
+from spatial_pin.kinematics.pieces import PiecewiseRows
+from spatial_pin.kinematics.report import info
+from spatial_pin.mechanism.export import export_urdf
+from spatial_pin.view.film import film
+from spatial_pin.view.scene import scene
+
+LINKS = ("trunk", "left", "leaf", "right")
+ENDS = [  # which links the frames are on, and the two that give the length
+    (("leaf", "right"), ("ground", "side")),  # a slide beside the rest, as reductions make it
+    (("leaf", "right"), ("trunk", "leaf")),  # links that move both
+    (("left", "right"), ("right", "leaf")),
+]
+every_joint = pytest.mark.parametrize("joint", JOINTS)
+every_place = pytest.mark.parametrize("ends", ENDS, ids=["beside", "within", "across"])
+
+
+def tree_with(folder, joint: str, ends, seed: int):
+    """A trunk with two branches and a link beside: joints of one pair, one distance."""
+    rng = np.random.default_rng(seed)
+    tree, toml, names = "", "", []
+    for name, parent in (("trunk", "ground"), ("left", "trunk"), ("leaf", "left"),
+                         ("right", "ground"), ("side", "ground")):
+        tree += floating(f"to_{name}", parent, name, **pose(rng))
+        toml += refinement(f"to_{name}", joint, rng)
+    for k, name in enumerate((*ends[0], *ends[1])):
+        tree += point(f"end_{k}", name, **pose(rng))
+        names.append(f"end_{k}")
+    return load(folder, "tree", tree, toml + between("c", names[:2], names[2:])), rng
+
+
+def squares(mechanism: sp.Mechanism, q: np.ndarray) -> np.ndarray:
+    """The squared distances of the two pairs of frames."""
+    data = mechanism.model.createData()
+    pin.framesForwardKinematics(mechanism.model, data, q)
+    ends = [data.oMf[mechanism.frame_id(f"end_{k}")].translation for k in range(4)]
+    return np.array([np.sum((ends[1] - ends[0]) ** 2), np.sum((ends[3] - ends[2]) ** 2)])
+
+
+# ---------------------------------------------------------------- the row
+
+
+@every_place
+def test_the_row_is_the_difference_of_the_lengths_near_the_guess(tmp_path, ends):
+    mechanism, rng = tree_with(tmp_path, "floating", ends, 1)
+    evaluation = Evaluation(constraints_of(mechanism))
+    length = np.sqrt(squares(mechanism, mechanism.neutral)[1])
+    for _ in range(10):
+        q = somewhere(mechanism, rng)
+        one, other = squares(mechanism, q)
+        evaluation.update(q)
+        expected = (one - other) / (2.0 * length * mechanism.characteristic_length)
+        assert evaluation.residual[0] == pytest.approx(expected, rel=1e-13, abs=1e-14)
+
+
+@every_joint
+@every_place
+def test_jacobian_and_bias_are_derivatives(tmp_path, joint, ends):
+    mechanism, rng = tree_with(tmp_path, joint, ends, 3)
+    evaluation = Evaluation(constraints_of(mechanism))
+    q, nv = somewhere(mechanism, rng), mechanism.model.nv
+    v = rng.uniform(-1.0, 1.0, nv)
+    rows = along(evaluation, q, v)
+    evaluation.update(q)
+    jacobian, bias = evaluation.jacobian.copy(), evaluation.bias(q, v)
+    size = 1.0 + np.abs(rows).max()
+    scaled = v / mechanism.velocity_scale
+    assert np.abs(FIRST @ rows / STEP - jacobian @ scaled).max() < 1e-10 * size
+    assert np.abs(SECOND @ rows / STEP**2 - bias).max() < 1e-8 * size
+    columns = np.array([FIRST @ along(evaluation, q, e) / STEP for e in np.eye(nv)]).T
+    evaluation.update(q)
+    np.testing.assert_allclose(sp.closure_jacobian(mechanism, q), columns, rtol=0,
+                               atol=1e-10 * size)
+
+
+@every_joint
+@every_place
+def test_rows_of_many_configurations_and_of_pieces_are_the_same(tmp_path, joint, ends):
+    mechanism, rng = tree_with(tmp_path, joint, ends, 9)
+    v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
+    q = configurations(mechanism, 10)
+    check_rows(mechanism, q, v)
+    evaluation, pieces = Evaluation(constraints_of(mechanism)), PiecewiseRows(mechanism)
+    evaluation.update(q[:, 0])
+    pieces.update(q[:, 0])
+    assert len(set(zip(pieces.row_at, pieces.column_at, strict=True))) == len(pieces.row_at)
+    assert_same(pieces.jacobian, evaluation.jacobian)
+    assert_same(pieces.row_wrenches(), evaluation.row_wrenches())
+    assert_same(pieces.bias(q[:, 0], v[:, 0]), evaluation.bias(q[:, 0], v[:, 0]))
+
+
+@every_place
+def test_rates_in_extended_precision_are_the_same(tmp_path, ends):
+    mechanism, rng = tree_with(tmp_path, "universal", ends, 5)
+    nv = mechanism.model.nv
+    q, v, a = somewhere(mechanism, rng), *rng.uniform(-1.0, 1.0, (2, nv))
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.update(q)
+    rates = [evaluation.residual.copy(), evaluation.jacobian @ (v / mechanism.velocity_scale)]
+    second = evaluation.jacobian @ (a / mechanism.velocity_scale) + evaluation.bias(q, v)
+    rows = [x[None].astype(np.longdouble) for x in (q, v, a)]
+    found = Extended(mechanism).rows(*rows, np.zeros((1, 0)))[:, 0]
+    assert np.abs(found - np.array([*rates, second])).max() < 1e-14
+
+
+def test_a_twist_of_what_a_joint_carries_changes_the_row_as_its_coordinate_does(tmp_path):
+    for ends in ENDS:
+        mechanism, rng = tree_with(tmp_path, "revolute", ends, 6)
+        evaluation = Evaluation(constraints_of(mechanism))
+        evaluation.update(somewhere(mechanism, rng))
+        columns = np.array(evaluation.data.J).reshape(6, -1)
+        for i in range(1, mechanism.model.njoints):
+            k = mechanism.model.idx_vs[i]
+            assert_same(evaluation.opening(i) @ columns[:, k], evaluation.jacobian[:, k])
+
+
+# ---------------------------------------------------------------- motion
+
+
+def test_jerks_are_the_rates_of_accelerations(tmp_path):
+    mechanism = known.arm_on_a_ram(tmp_path)
+    start = sp.assemble(mechanism, {"ram": 0.3})
+    h, found = 1e-3, []
+    for t in (-2 * h, -h, h, 2 * h):  # stroke 0.3 + 0.7 t + 0.4 t² + 0.1 t³
+        value, speed, acceleration = 0.3 + 0.7 * t + 0.4 * t**2 + 0.1 * t**3, (
+            0.7 + 0.8 * t + 0.3 * t**2), 0.8 + 0.6 * t
+        state = sp.assemble(mechanism, {"ram": value}, start)
+        state = sp.solve_rates(mechanism, state, {"ram": speed}, {"ram": acceleration})
+        found.append(state.coordinate("shoulder").acceleration)
+    rate = (found[0] - 8 * found[1] + 8 * found[2] - found[3]) / (12 * h)
+    state = sp.solve_rates(mechanism, start, {"ram": 0.7}, {"ram": 0.8})
+    jerks = solve_jerks(mechanism, state, {"ram": 0.6})
+    assert isinstance(jerks, Jerks)
+    assert jerks.coordinate("shoulder") == pytest.approx(rate, rel=1e-8)
+
+
+def test_scattered_dimensions_are_closed_together(tmp_path):
+    """Samples over flat arrays, against every sample assembled by itself."""
+    known.arm_on_a_ram(tmp_path)
+    text = (tmp_path / "arm_on_a_ram.urdf").read_text(encoding="utf-8")
+    text = text.replace('xyz="0.3 0.0 0.1"', 'xyz="${r} 0 0.1"').replace(
+        'xyz="0.02 0.03 -0.01"', 'xyz="${w} 0.03 -0.01"')
+    head = ('<robot name="ram" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+            '<xacro:arg name="r" default="0.3"/><xacro:arg name="w" default="0.02"/>'
+            '<xacro:property name="r" value="$(arg r)"/>'
+            '<xacro:property name="w" value="$(arg w)"/>')
+    text = text.replace('<robot name="arm_on_a_ram">', head)
+    assert "${r}" in text and "${w}" in text
+    (tmp_path / "ram.urdf.xacro").write_text(text, encoding="utf-8")
+    toml = (tmp_path / "arm_on_a_ram.toml").read_text(encoding="utf-8")
+    (tmp_path / "ram.toml").write_text(toml.replace("arm_on_a_ram.urdf", "ram.urdf.xacro"))
+    mechanism = sp.load(tmp_path / "ram.toml")
+    state = sp.assemble(mechanism, {"ram": 0.3})
+    scatter = {"r": 1e-3, "w": 2e-3}
+    found = sp.tolerance(mechanism, "shoulder", scatter, state, samples=40)
+    for k in range(0, 40, 8):
+        own = sp.load(tmp_path / "ram.toml", **{n: found.dimensions[n][k] for n in scatter})
+        angle = sp.assemble(own, {"ram": 0.3}).coordinate("shoulder").value
+        assert found.samples["shoulder"][k] == pytest.approx(angle, abs=1e-12)
+
+
+def test_where_the_length_is_nothing_branches_cross(tmp_path):
+    """The row's derivatives vanish there: the car goes on or back."""
+    tree = (known.sliding("car", "ground", "cart") + point("end", "cart")
+            + known.sliding("stroke", "ground", "piston", (0, 1.0, 0)) + point("tip", "piston"))
+    mechanism = load(tmp_path, "fold", tree + point("foot", "ground") + point(
+        "base", "ground", (0, 1.0, 0)), known.driver("ram", "stroke") + between(
+            "leg", ("foot", "end"), ("base", "tip")) + known.guess(car=0.5, stroke=0.5))
+    for n in (2, 3, 22, 400):
+        values = np.linspace(0.5, -0.5, n)
+        motion = sp.sweep(mechanism, "ram", values)
+        np.testing.assert_allclose(motion.coordinate("car").value, values, atol=1e-12)
+        (event,) = motion.events
+        assert event.kind == "branch point" and event.value == pytest.approx(0.0, abs=1e-10)
+        with pytest.raises(sp.SingularError):
+            sp.sweep(mechanism, "ram", values, on_crossing="raise")
+    state = sp.assemble(mechanism, {"ram": 0.0})
+    with pytest.raises(sp.SingularError):
+        sp.solve_rates(mechanism, state, {"ram": 1.0})
+    modes = sp.assembly_modes(mechanism, {"ram": 0.3})
+    assert [m.coordinate("car").value for m in modes] == pytest.approx([-0.3, 0.3], abs=1e-12)
+
+
+# ---------------------------------------------------------------- forces
+
+
+@every_place
+def test_reactions_and_their_derivatives(tmp_path, ends):
+    """Reactions balance every body's motion in space, derivatives are those of differences."""
+    mechanism, rng = tree_with(tmp_path, "universal", ends, 1)
+    mechanism = with_masses(mechanism, tmp_path, **dict.fromkeys((*LINKS, "side"), WEIGHT))
+    n = mechanism.model.nv
+    q = pin.integrate(mechanism.model, mechanism.neutral, rng.uniform(-0.7, 0.7, n))
+    state = sp.State(mechanism, q, rng.uniform(-1, 1, n), closure_error=0.0)
+    check(mechanism, state, {"to_leaf.first": 0.4}, 3e-3, 1e-10)
+    answer = sp.forward_dynamics(mechanism, state, {"to_leaf.first": 0.4})
+    work = sp.inverse_dynamics(mechanism, sp.State(
+        mechanism, q, state.v, answer.a, closure_error=0.0), [*mechanism.coordinates])
+    total = pin.computeTotalMass(mechanism.model)
+    data = mechanism.model.createData()
+    pin.centerOfMass(mechanism.model, data, q, state.v, answer.a)
+    weight = total * (data.acom[0] - mechanism.model.gravity.linear)
+    np.testing.assert_allclose(answer.on_ground.linear, -weight, atol=1e-10)
+    assert work.efforts
+
+
+def test_the_force_along_a_ram_is_that_of_the_law_of_cosines(tmp_path):
+    """Statics: the work of the ram's effort is that of the arm's weight."""
+    mechanism = known.arm_on_a_ram(tmp_path)
+    mechanism = with_masses(mechanism, tmp_path, "gravity = [0.0, -9.81, 0.0]\n", arm=WEIGHT)
+    state = sp.assemble(mechanism, {"ram": 0.3})
+    answer = sp.inverse_dynamics(mechanism, state)
+    slope = sp.solve_rates(mechanism, state, {"ram": 1.0})
+    lift = 9.81 * WEIGHT[0] * slope.com("arm")[1][1]
+    assert answer.efforts["ram"] == pytest.approx(lift, rel=1e-12)
+    force, line = answer.reactions["rod"].linear, (
+        state.placement("tip").translation - state.placement("anchor").translation)
+    np.testing.assert_allclose(np.cross(force, line), 0.0, atol=1e-12)
+    length = np.linalg.norm(line)
+    u = np.array(RAM["along"])
+    e = state.placement("end").translation - state.placement("foot").translation
+    push = force @ line / length  # the same along either line, by the same work
+    assert push * (e @ u) / length == pytest.approx(answer.efforts["ram"], rel=1e-12)
+
+
+def test_a_falling_arm_keeps_its_energy(tmp_path):
+    mechanism = with_masses(known.arm_on_a_ram(tmp_path), tmp_path,
+                            "gravity = [0.0, -9.81, 0.0]\n", arm=WEIGHT, piston=WEIGHT)
+    start = sp.assemble(mechanism, {"ram": 0.3})
+    motion = sp.simulate(mechanism, start, 0.4, accuracy=sp.Accuracy.named("reference"))
+    assert motion.coordinate("ram").value[-1] < 0.2
+    assert motion.energy_drift < 1e-11 and motion.closure_error.max() < 1e-13
+    moved = sp.sweep(mechanism, "ram", np.linspace(0.2, 0.4, 5), speed=1.0)
+    rows = sp.kinetostatics(mechanism, moved)
+    alone = sp.inverse_dynamics(mechanism, moved.state(2))
+    for name, force in alone.reactions.items():
+        np.testing.assert_allclose(rows.reactions[name][2], force.vector, atol=1e-13)
+
+
+def test_many_of_them_by_sparse_factorisation(tmp_path, monkeypatch):
+    """Arms one on the other, each held by a ram."""
+    tree, toml, start, n = "", "", {}, 32
+    for k in range(n):
+        below, at = ("ground", 0.0) if k == 0 else (f"arm{k - 1}", 0.3)
+        tree += known.turning(f"shoulder{k}", below, f"arm{k}", (at, 0, 0))
+        tree += point(f"tip{k}", f"arm{k}", (0.3, 0, 0.1))
+        tree += point(f"anchor{k}", below, (at + 0.4, 0.05, 0))
+        tree += known.sliding(f"stroke{k}", "ground", f"piston{k}", axis=(0, 0.6, 0.8))
+        tree += point(f"end{k}", f"piston{k}", RAM["start"])
+        toml += between(f"rod{k}", (f"anchor{k}", f"tip{k}"), ("ground", f"end{k}"))
+        start |= {f"shoulder{k}": 1.0, f"stroke{k}": 0.3}
+    tree = heavy(tree, **{f"{part}{k}": WEIGHT for part in ("arm", "piston") for k in range(n)})
+    found = []
+    for large in (sparse.LARGE, 10**9):
+        monkeypatch.setattr(sparse, "LARGE", large)
+        mechanism = load(tmp_path, "chain", tree, toml + known.guess(**start))
+        assert sparse.is_large(mechanism) == (large < 10**9)
+        found.append(sp.forward_dynamics(mechanism, sp.assemble(mechanism)))
+    one, other = found
+    np.testing.assert_allclose(one.a, other.a, atol=1e-12 * np.abs(other.a).max())
+    largest = max(np.abs(r.vector).max() for r in other.reactions.values())
+    for name, force in other.reactions.items():
+        np.testing.assert_allclose(one.reactions[name].vector, force.vector, atol=1e-12 * largest)
+
+
+def test_the_transmission_angle_is_that_of_rod_and_arm(tmp_path):
+    mechanism = known.arm_on_a_ram(tmp_path)
+    state = sp.assemble(mechanism, {"ram": 0.3})
+    tip, anchor = (state.placement(n).translation for n in ("tip", "anchor"))
+    across = np.cross([0, 0, 1.0], tip)
+    sine = abs((tip - anchor) @ across) / np.linalg.norm(tip - anchor) / np.linalg.norm(across)
+    found = sp.transmission(mechanism, state, "shoulder", "ram")
+    assert found.angle == pytest.approx(np.arcsin(sine), abs=1e-12) and found.at == "rod"
+
+
+# ---------------------------------------------------------------- files and words
+
+
+def test_it_is_written_and_read_again(tmp_path):
+    mechanism = known.arm_on_a_ram(tmp_path)
+    (tmp_path / "again").mkdir()
+    _, toml = export_urdf(mechanism, tmp_path / "again" / "ram.urdf")
+    again = sp.load(toml)
+    (closure,) = again.closures
+    assert (closure.frames, closure.between) == (("anchor", "tip"), ("foot", "end"))
+    values = np.linspace(0.2, 0.4, 5)
+    np.testing.assert_array_equal(*(sp.sweep(m, "ram", values).q for m in (mechanism, again)))
+    assert "anchor - tip, as far as foot - end" in str(info(again))
+
+
+@pytest.mark.parametrize(("line", "word"), [
+    ('length_between = ["foot", "end"]\nlength = 0.3', "one of the two"),
+    ('length_between = ["foot", "ende"]', "did you mean 'end'"),
+    ('length_between = ["foot", "anchor"]', "fixed to the same body"),
+    ('length_between = ["tip", "anchor"]', "its own frames"),
+    ('length_between = ["foot"]', "must be a list of two names"),
+    ("", "length is missing"),
+])
+def test_what_cannot_be_is_refused(tmp_path, line, word):
+    known.arm_on_a_ram(tmp_path)
+    path = tmp_path / "arm_on_a_ram.toml"
+    text = path.read_text(encoding="utf-8").replace('length_between = ["foot", "end"]', line)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(sp.MechanismFileError, match=word):
+        sp.load(path)
+    path.write_text(text.replace('"distance"', '"spherical"'), encoding="utf-8")
+    if line:
+        with pytest.raises(sp.MechanismFileError, match="is not a key"):
+            sp.load(path)
+
+
+def test_pinocchio_has_no_such_closure(tmp_path):
+    with pytest.raises(sp.ClosureTypeError):
+        known.arm_on_a_ram(tmp_path).constraint_models()
+
+
+# ---------------------------------------------------------------- pictures
+
+
+def test_the_rod_grows_with_the_ram_and_a_gap_is_told_by_it(tmp_path):
+    mechanism = known.arm_on_a_ram(tmp_path)
+    closed = sp.assemble(mechanism, {"ram": 0.3})
+    q = closed.q.copy()
+    q[mechanism.coordinate("shoulder").q] += 0.2
+    state = sp.State(mechanism, q, closure_error=1.0)
+    items = {item.name: item for item in scene(film(state)).layer.items}
+    here, there = (items[f"gap rod {end}"].track.poses[0, :3] for end in ("from", "to"))
+    tip, anchor = (state.placement(n).translation for n in ("tip", "anchor"))
+    e = state.placement("end").translation - state.placement("foot").translation
+    np.testing.assert_allclose(there, tip, atol=1e-12)
+    assert np.linalg.norm(here - anchor) == pytest.approx(np.linalg.norm(e), abs=1e-12)
