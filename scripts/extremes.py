@@ -469,7 +469,7 @@ def too_heavy_or_light() -> float:
 
 def a_million_steps() -> float:
     motion = sp.sweep(sp.load("four_bar"), "crank", np.linspace(0, 1e6 * math.pi / 180, 1_000_001))
-    assert motion.closure_error.max() < 1e-12
+    assert motion.closure_error.max() < 1e-11  # the last bit of 17 453 rad is 4e-12
     return max(far(motion.coordinate("rocker_pin").value[k], forms.four_bar(
         mpf(motion.driver[k])).coordinates["rocker_pin"]) for k in range(0, 1_000_001, 99_991))
 

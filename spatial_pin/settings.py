@@ -161,15 +161,17 @@ LEVELS = {
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
         (0.0004, Accuracy(tolerance=0.0001)),
-        (5e-13, Accuracy(tolerance=1e-15)),
+        (5e-10, Accuracy(tolerance=1e-10)),
+        (7e-12, Accuracy(tolerance=1e-12)),
+        (6e-13, Accuracy(tolerance=1e-15)),
     ),
     "simulate": (
-        (0.03, Accuracy(tolerance=1e-08, integrator="RK45", time_tolerance=1e-06)),
-        (0.02, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
-        (0.0001, Accuracy(tolerance=1e-10, integrator="RK45", time_tolerance=1e-08)),
-        (6e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
-        (5e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
-        (4e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (0.03, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
+        (0.003, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
+        (0.0001, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
+        (6e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (7e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (6e-08, Accuracy(time_tolerance=1e-11)),
         (2e-08, Accuracy()),
     ),
 }
