@@ -5,7 +5,6 @@ loop equations), with the bound that `tests/test_extremes.py` holds it to; or th
 
     python scripts/extremes.py                # a table for the terminal, with what was measured
     python scripts/extremes.py --markdown     # the table of the README: bounds only
-    python scripts/extremes.py --slow         # a million steps of a sweep too: minutes
 
 Errors of lengths are relative to the mechanism's size, angles absolute, rates relative to the
 largest. Where the library tells an error of its own, the row fails if it tells less than there is.
@@ -61,7 +60,6 @@ class Extreme(NamedTuple):
         bound: of the error; None where it is refused.
         says: how it says so, where it degrades.
         refusal: the error class that is to be raised.
-        slow: takes longer than a few seconds.
     """
 
     name: str
@@ -70,7 +68,6 @@ class Extreme(NamedTuple):
     bound: float | None
     says: str = ""
     refusal: type[Exception] | None = None
-    slow: bool = False
 
 
 def far(got: float, want: Any, size: float = 1.0) -> float:
@@ -706,11 +703,11 @@ EXTREMES = (
             "`energy_drift` says it"),
     Extreme("simulation", "four-bar of 0.5 µm falling: energy drift",
             lambda: falls((1e-15, 1e-15, 1e-15), 1e-6), 1e-9, "`energy_drift` says it"),
-    Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11, slow=True),
+    Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11),
     Extreme("turns", "four-bar, a turn after 1e3 to 1e6 that all its joints count: angle, closure",
             after_many_turns, 1e-8, SAID_BY_CLOSURE),
     Extreme("steps", "four-bar, a hundred thousand steps of RK4, 1 ms: energy drift",
-            many_steps_in_time, 1e-5, "`energy_drift` says it", slow=True),
+            many_steps_in_time, 1e-5, "`energy_drift` says it"),
 )
 
 
@@ -743,15 +740,13 @@ def answer(extreme: Extreme) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--markdown", action="store_true", help="the table of the README")
-    parser.add_argument("--slow", action="store_true", help="the slow rows too")
     parser.add_argument("--only", default="", help="rows with this text in them")
     options = parser.parse_args()
     failed = 0
     if options.markdown:
         print("| extreme | tried | error at most, or what is raised |\n|---|---|---|")
     for extreme in EXTREMES:
-        if (extreme.slow and not options.slow) or options.only not in f"{extreme.name} " \
-                f"{extreme.tried}":
+        if options.only not in f"{extreme.name} {extreme.tried}":
             continue
         start = time.perf_counter()
         try:

@@ -20,14 +20,12 @@ SPEC = importlib.util.spec_from_file_location("extremes", SCRIPT)
 extremes = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(extremes)
 
-ROWS = [pytest.param(row, id=f"{row.name}: {row.tried}".replace(" ", "_"),
-                     marks=[pytest.mark.slow] * row.slow) for row in extremes.EXTREMES]
+ROWS = [pytest.param(row, id=f"{row.name}: {row.tried}".replace(" ", "_"))
+        for row in extremes.EXTREMES]
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_row_of_the_table(row, request):
-    if row.slow and not request.config.getoption("-m"):
-        pytest.skip("takes minutes: run it with -m slow")
+def test_row_of_the_table(row):
     found = extremes.measure(row)
     assert extremes.holds(row, found), f"{row.name}, {row.tried}: {found}"
 

@@ -25,7 +25,7 @@ from spatial_pin.linalg import Array
 REST = 8  # rows step by step after a failure
 CHUNK = 1200  # rows that are computed together at most: their arrays fit a processor's cache
 TRIES = 3  # each with half the length, before rows are followed step by step
-LONGEST = 24  # steps that make a curve
+LONGEST = 128  # steps that make a curve
 FIRST_STEP = 0.4  # rad, characteristic lengths, that a joint moves in the first steps
 LONGEST_STEP = 0.7  # the same in any step
 OFF = 3e-6  # closure residual between steps that their length is chosen for: one correction
