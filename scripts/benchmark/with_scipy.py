@@ -80,7 +80,7 @@ def run_distance(problem: Problem) -> Array:
     """
     a, b, c, d, w = problem.a, problem.b, problem.c, problem.d, problem.speed
     p, q, r, s = (a * a + c * c + d * d - b * b) / 2.0, -a * d, c * d, -a * c
-    h, small = problem.time_step, problem.tolerance * b
+    h, small = problem.time_step, 0.1 * problem.tolerance * b
     h1, h2, old1, old2 = 1.5 * h, 17 / 12 * h * h, -0.5 * h, 7 / 12 * h * h
     cos, sin = math.cos, math.sin
     psi, rate, acceleration = problem.guess, 0.0, 0.0

@@ -171,18 +171,27 @@ def _closed(batch: BranchBatch, q: Array, near: Array, values: Array) -> tuple[P
     placed = batch.place(q, near)
     residual = np.abs(placed.residual).max(axis=0, initial=0.0)
     enough = 0.1 * tolerance(branch)
-    opened = np.flatnonzero((residual > enough) & (residual < OFF))
-    if opened.size:
-        some = placed.take(opened)
-        lu = batch.factor(some)  # good for all corrections: points move little
-        for _ in range(CORRECTIONS):
-            q = batch.tree.integrate(some.q, np.nan_to_num(batch.correction(some, lu)))
-            branch.hold(q, values[opened])
-            some = batch.place(q, near[:, opened])
-            if np.abs(some.residual).max() <= enough:
-                break
-        placed.put(opened, some)
+    near_enough = residual < OFF
+    if near_enough.all():
+        if residual.max() > enough:
+            placed = _corrected(batch, placed, near, values, enough)
+    elif (some := np.flatnonzero(near_enough & (residual > enough))).size:
+        placed.put(some, _corrected(batch, placed.take(some), near[:, some], values[some], enough))
     return placed, float(residual.max())
+
+
+def _corrected(
+    batch: BranchBatch, placed: Placed, near: Array, values: Array, enough: float
+) -> Placed:
+    """Return configurations closed to a residual by a few corrections."""
+    lu = batch.factor(placed)  # good for all corrections: points move little
+    for _ in range(CORRECTIONS):
+        q = batch.tree.integrate(placed.q, np.nan_to_num(batch.correction(placed, lu)))
+        batch.branch.hold(q, values)
+        placed = batch.place(q, near)
+        if np.abs(placed.residual).max() <= enough:
+            break
+    return placed
 
 
 def _evaluated(batch: BranchBatch, placed: Placed, off: float) -> Points:
