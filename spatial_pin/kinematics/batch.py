@@ -16,7 +16,7 @@ from spatial_pin.kinematics.branch import Branch
 from spatial_pin.kinematics.constraints import Constraints
 from spatial_pin.kinematics.flat import FlatJoint, cross, dot, flat_tree_of
 from spatial_pin.kinematics.varying import Varying, times
-from spatial_pin.linalg import Array, StackedLU
+from spatial_pin.linalg import EPS, Array, StackedLU
 
 
 class Placed(NamedTuple):
@@ -74,8 +74,15 @@ class Batch:
 
     def _use(self, coefficients: Any, constants: Array) -> None:
         self.coefficients, self.constants, n = coefficients, constants, 2 * self._n
-        varies = isinstance(coefficients, Varying)
-        self._c_ab = coefficients.until(n) if varies else coefficients[:n]
+        self._arms: list[Array] = [np.eye(3)] * len(self.bodies)
+        if isinstance(coefficients, Varying):
+            self._c_ab: Any = coefficients.until(n)
+        else:
+            self._arms, self._c_ab = _on_arms(coefficients[:n])
+        counts = np.array([len(arms) for arms in self._arms], dtype=np.intp)
+        self._carriers = np.repeat(self.bodies, counts)
+        self._origins = np.cumsum(counts) + np.arange(len(counts))
+        self._tips = np.setdiff1d(np.arange(self._c_ab.shape[1]), self._origins)
 
     def of_other_dimensions(
         self, joints: list[FlatJoint], coefficients: Any, constants: Array
@@ -162,24 +169,27 @@ class Batch:
         Returns:
             (n_rows + n_passive, m) and the rates of `FlatTree.rates` at velocities v (nv, m).
         """
-        c, n = self.constraints, self._n
+        c = self.constraints
         first, second = self.tree.rates(p.g, v)
-        bodies = self.bodies
-        g, w, alpha = p.g[bodies], first[bodies, 0, None], second[bodies, 0, None]
-        g1, g2 = np.empty_like(g), np.empty_like(g)
-        g1[:, :3] = cross(w, g[:, :3])
-        g2[:, :3] = cross(w, g1[:, :3]) + cross(alpha, g[:, :3])
-        g1[:, 3], g2[:, 3] = first[bodies, 1], second[bodies, 1]
-        shape = 2, n, 5, p.q.shape[1]
-        flat = 4 * len(bodies), 5, p.q.shape[1]
-        a1, b1 = times(self._c_ab, g1.reshape(flat)).reshape(shape)
-        a2, b2 = times(self._c_ab, g2.reshape(flat)).reshape(shape)
+        w, alpha = first[self._carriers, 0], second[self._carriers, 0]
+        arms = np.concatenate([p.g[:0, 0], *(times(own, p.g[body, :3]) for own, body in
+                                             zip(self._arms, self.bodies, strict=True))])
+        swing = cross(w, arms)
+        a1, b1 = self._rates(swing, first)
+        a2, b2 = self._rates(cross(w, swing) + cross(alpha, arms), second)
         bias = dot(a2, p.b) + 2.0 * dot(a1, b1) + dot(p.a, b2)
         for k, at in enumerate(self._spin_at, start=c.passive_at):
             bias[k] = dot(p.b[k], second[at, 0])
         if c.screws or c.couplings or c.differences:
             bias = self._finish_bias(p, bias, dot(a1, p.b) + dot(p.a, b1))
         return bias, first, second
+
+    def _rates(self, tips: Array, bodies: Array) -> Array:
+        """Return rates (2, r, 5, m) of A and B, from those of the arms and of the bodies."""
+        every = np.empty((self._c_ab.shape[1], *tips.shape[1:]))
+        every[self._tips], every[self._origins] = tips, bodies[self.bodies, 1]
+        found: Array = times(self._c_ab, every)
+        return found.reshape(2, self._n, *tips.shape[1:])
 
     def _finish_bias(self, p: Placed, bias: Array, rate: Array) -> Array:
         c = self.constraints
@@ -191,6 +201,22 @@ class Batch:
         for at, other in c.differences:
             out[at] -= bias[other]
         return out
+
+
+def _on_arms(coefficients: Array) -> tuple[list[Array], Array]:
+    """Return the arms of every body, and coefficients on arms and origins instead of placements.
+
+    Arms (k, 3) are fixed in a body: one where all vectors of it have the same line, else its axes.
+    """
+    arms, parts = [], [coefficients[:, :0]]
+    for k in range(0, coefficients.shape[1], 4):
+        own = coefficients[:, k : k + 3]
+        sizes = np.linalg.norm(own, axis=1)
+        line = own[sizes.argmax()] / max(sizes.max(), np.finfo(float).tiny)
+        off = np.abs(own - np.outer(own @ line, line))
+        arms.append(line[None] if np.all(off <= 4.0 * EPS * sizes[:, None]) else np.eye(3))
+        parts += [own @ arms[-1].T, coefficients[:, k + 3, None]]
+    return arms, np.hstack(parts)
 
 
 class BranchBatch(Batch):

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.kinematics.split import split_of
-from spatial_pin.kinematics.varying import times
+from spatial_pin.kinematics.varying import Varying, times
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -83,14 +83,17 @@ class FlatTree:
 
     def place(self, q: Array) -> Array:
         """Return G (njoints, 4, 5, m): columns of R, then p, at the configurations q (nq, m)."""
-        m = q.shape[1]
-        g = np.zeros((self.n_joints, 4, 5, m))
+        g = np.empty((self.n_joints, 4, 5, q.shape[1]))
+        g[0] = 0.0
         for axis, row in ((0, 0), (0, 3), (1, 1), (1, 4), (2, 2)):
             g[0, axis, row] = 1.0
         for j in self.joints:
             parent, own = g[j.parent], g[j.at]
-            own[3] = parent[3] + times(j.offset, parent[:3])
-            parts = times(j.turned, parent[:3])
+            if j.parent or isinstance(j.turned, Varying) or isinstance(j.offset, Varying):
+                own[3] = parent[3] + times(j.offset, parent[:3])
+                parts = times(j.turned, parent[:3])
+            else:  # the axes of the ground are those of the world
+                own[3], parts = j.offset[WRAPPED, None], j.turned[:, WRAPPED, None]
             if j.kind in ("ball", "free"):
                 _place_ball(j, q, parts, own)
                 continue
@@ -98,7 +101,7 @@ class FlatTree:
                 own[:3] = parts
             else:
                 np.multiply(parts[3:6], np.cos(q[j.q]), out=own[:3])
-                own[:3] += np.multiply(parts[6:], np.sin(q[j.q]), out=parts[6:])
+                own[:3] += parts[6:] * np.sin(q[j.q])
                 own[:3] += parts[:3]
             if j.kind != "turn":
                 own[3] += times(j.axis, own[:3]) * (j.pitch * q[j.q])

@@ -23,7 +23,7 @@ from spatial_pin.kinematics.nodes import Points, Skeleton
 from spatial_pin.linalg import Array
 
 REST = 8  # rows step by step after a failure
-CHUNK = 1200  # rows that are computed together at most: their arrays fit a processor's cache
+CHUNK = 24_000  # joint coordinates in rows computed together: their arrays fit a processor's cache
 TRIES = 3  # each with half the length, before rows are followed step by step
 LONGEST = 128  # steps that make a curve
 FIRST_STEP = 0.4  # rad, characteristic lengths, that a joint moves in the first steps
@@ -180,7 +180,8 @@ class Runner:
     def _on_curve(self, skeleton: Skeleton, k: int, end: int) -> Iterator[Rows]:
         """Yield rows from k to `end` in chunks, the last one shortened by the first that fails."""
         seen = np.empty((2, 0))
-        for values in np.array_split(self.values[k:end], math.ceil((end - k) / CHUNK)):
+        chunks = math.ceil((end - k) * self.batch.tree.nv / CHUNK)
+        for values in np.array_split(self.values[k:end], chunks):
             points = nodes.closed(self.batch, skeleton, values)
             self._off = max(self._off, points.off)
             seen = np.hstack([seen[:, -2:], [values, points.lu.magnitude]])

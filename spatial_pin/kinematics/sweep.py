@@ -178,8 +178,11 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     """Report rows near a limit position, where joints move so fast that digits are lost."""
     if not len(t):
         return []
-    pace = np.abs(t / motion.mechanism.velocity_scale).max(axis=1)
-    pace *= motion.mechanism.velocity_scale[motion.mechanism.coordinate(motion.driver_name).v]
+    size = motion.mechanism.velocity_scale
+    paces = np.abs(t / size) * size[motion.mechanism.coordinate(motion.driver_name).v]
+    if paces.max() <= FAST:
+        return []
+    pace = paces.max(axis=1)
     fast = np.flatnonzero(pace > FAST * max(1.0, pace.min()))
     if not fast.size:
         return []
