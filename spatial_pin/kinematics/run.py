@@ -3,9 +3,10 @@
 `Branch.step` follows the branch at equal distances that its curvature sets, whatever the rows are.
 Its points and rates make a curve; rows are interpolated on it, closed, and get their rates
 hundreds at a time (`batch`). Where rows are many, or bodies spin, the steps are divided first, so
-that rows between them are closed to round-off as they are. Every row is judged: closed, and on the
-same side of every singularity; those from the first one that fails on are thrown away and followed
-step by step instead.
+that rows between them are closed to round-off as they are; a few hundred rows at equal distances
+are such a division themselves. Every row is judged: closed, and on the same side of every
+singularity; those from the first one that fails on are thrown away and followed step by step
+instead.
 """
 
 from __future__ import annotations
