@@ -113,8 +113,8 @@ def trace(
     Returns:
         A Motion whose rates are with respect to the arc length; limit positions, and crossings
         with other branches that are passed straight on, are its events.
-        The last row is the first one again, in which bodies that spin freely jump back; if the curve was not closed within `most_rows`, the
-        last event is of kind "not closed".
+        The last row is the first one again, in which bodies that spin freely jump back; if the
+        curve was not closed within `most_rows`, the last event is of kind "not closed".
 
     Raises:
         AssemblyError: the guess does not close.

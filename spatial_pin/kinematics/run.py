@@ -122,7 +122,8 @@ class Runner:
                     continue
                 break
             until = self._until(skeleton, n, k, end)
-            if until == k and not branch.spins:  # shorter than the rows are apart: these are faster one by one
+            if until == k and not branch.spins:
+                # shorter than the rows are apart: these are faster one by one
                 self._stand(skeleton, k)
                 break
             self._curve, self._off = skeleton, 0.0
