@@ -114,7 +114,7 @@ def test_a_slide_that_runs_away_is_named(tmp_path, values):
     mech = mechanisms.load(tmp_path, "runaway", tree, mechanisms.driver("crank", "pin")
                            + mechanisms.closure("on_wall", "point_on_plane", "wall", "block",
                                                 axis=(0, 1, 0)) + mechanisms.guess(pin=1.5, out=1))
-    with pytest.raises(sp.SingularError, match="out has run away to [0-9]+ m") as caught:
+    with pytest.raises(sp.SingularError, match=r"out has run away to [0-9]+ m") as caught:
         sp.sweep(mech, "crank", values)
     last = caught.value.motion.state(-1)
     assert last.coordinate("out").value == pytest.approx(
