@@ -268,6 +268,18 @@ def test_a_passive_spin_does_not_depend_on_the_rows(name, monkeypatch):
     assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
 
 
+@pytest.mark.parametrize("name", ["rssr", "rssr_crossed", "swash_plate"])
+@pytest.mark.parametrize("rows", [[0, 3000], [0, 400, 401, 1900, 3000], range(0, 3001, 200),
+                                  [0, 1700, 1300, 2800]])
+def test_a_passive_spin_is_exact_however_few_the_rows_are(name, rows, monkeypatch):
+    """Over one row of a whole turn, too; step by step, steps are as short as that asks."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    fine = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 3001))
+    rows = list(rows)
+    assert_same(sp.sweep(mechanism, driver, fine.driver[rows]).q, fine.q[rows], 1e-10)
+    monkeypatch.setattr(run, "is_possible", lambda _: False)
+    assert_same(sp.sweep(mechanism, driver, fine.driver[rows]).q, fine.q[rows], 1e-7)
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10, 1e-13, 1e-15])

@@ -583,6 +583,16 @@ def test_an_unresolved_passive_freedom_changes_no_output(free_rssr):
     assert free.closure_error.max() < 1e-13
 
 
+def test_a_crank_turns_round_whatever_a_rod_spins_meanwhile(free_rssr):
+    """Over a turn the rod spins by no whole one, resolved or not: all else is back."""
+    resolved = sp.load("rssr")
+    assert sp.limits(resolved, "crank").full_turn and sp.limits(free_rssr, "crank").full_turn
+    for mechanism in (resolved, free_rssr):
+        traced = sp.trace(mechanism, "crank")
+        assert traced.driver[-1] - traced.driver[0] == pytest.approx(2.0 * np.pi, abs=1e-12)
+        assert not traced.events
+
+
 # ---------------------------------------------------------------- what is refused
 
 NOT_FINITE = [float("nan"), float("inf"), -float("inf")]

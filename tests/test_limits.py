@@ -2,6 +2,7 @@
 
 from math import acos, pi
 
+import mechanisms
 import numpy as np
 import pytest
 
@@ -102,3 +103,19 @@ def test_only_plane_four_bars_have_a_grashof_type():
     for name in ("rssr", "slider_crank", "bennett"):
         with pytest.raises(sp.SpatialPinError, match="Grashof"):
             sp.grashof(sp.load(name))
+
+
+@pytest.mark.parametrize("values", [[1.5, -0.5], np.linspace(1.5, -0.1, 50)])
+def test_a_slide_that_runs_away_is_named(tmp_path, values):
+    """A slide along a crank reaches a wall until they are parallel: nearer values do not help."""
+    tree = (mechanisms.turning("pin", "ground", "crank")
+            + mechanisms.sliding("out", "crank", "block", axis=(1, 0, 0))
+            + mechanisms.point("wall", "ground", (0, 1, 0)))
+    mech = mechanisms.load(tmp_path, "runaway", tree, mechanisms.driver("crank", "pin")
+                           + mechanisms.closure("on_wall", "point_on_plane", "wall", "block",
+                                                axis=(0, 1, 0)) + mechanisms.guess(pin=1.5, out=1))
+    with pytest.raises(sp.SingularError, match=r"out has run away to [0-9]+ m") as caught:
+        sp.sweep(mech, "crank", values)
+    last = caught.value.motion.state(-1)
+    assert last.coordinate("out").value == pytest.approx(
+        1.0 / np.sin(last.coordinate("crank").value), rel=1e-12)

@@ -30,6 +30,7 @@ CLOSED = 1e-22  # square of the closure residual that round-off may leave
 CONTRACTION = 0.25  # a second correction may be this fraction of the first
 TURNED = 0.5  # least cosine between the path directions at the two ends of a step
 STRETCH = 64.0  # rad, characteristic lengths, that joints move between new estimates of the way
+SPUN = 0.02  # likewise in one step where bodies spin: it leaves up to about 1e-6 rad
 MOST_STRETCHES = 1e4  # a value farther away is not followed to in one row
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
@@ -308,6 +309,8 @@ class Branch:
             stretches = self._stretches(target)
             if not stretches <= most:
                 raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
+            if self.spins and self.accuracy.corrections is None:
+                stretches *= STRETCH / SPUN
             self._reach(target if stretches <= 1.0 else self.s + (target - self.s) / stretches)
 
     def _stretches(self, target: float) -> float:

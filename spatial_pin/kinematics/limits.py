@@ -16,7 +16,7 @@ from spatial_pin.kinematics.curve import Curve, CurvePoint
 from spatial_pin.kinematics.joint_range import within_joint_limits
 from spatial_pin.kinematics.locating import located, room_after, room_ahead
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.kinematics.newton import SquareSystem, driven_groups, passive_freedoms
 from spatial_pin.kinematics.ranges import Bound, Range
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
@@ -74,7 +74,8 @@ def _bound(
     evaluation = system.evaluation
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
-    place, angles, q = _body_places(evaluation), evaluation.angles.copy(), state.q
+    bodies = _not_spinning(system)
+    place, angles, q = _body_places(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
         arrival = march(system, q, start + sense * k * span, direction, tolerance)
         if arrival.kind == "lost":
@@ -82,7 +83,7 @@ def _bound(
         if arrival.kind != "reached":
             return Bound(arrival.value, arrival.kind)
         evaluation.update(arrival.q)
-        repeats = np.abs(_body_places(evaluation) - place).max() < REPEATED
+        repeats = np.abs(_body_places(evaluation, bodies) - place).max(initial=0.0) < REPEATED
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")
         q = arrival.q
@@ -112,8 +113,8 @@ def trace(
     Returns:
         A Motion whose rates are with respect to the arc length; limit positions, and crossings
         with other branches that are passed straight on, are its events.
-        The last row is the first one again; if the curve was not closed within `most_rows`, the
-        last event is of kind "not closed".
+        The last row is the first one again, in which bodies that spin freely jump back; if the
+        curve was not closed within `most_rows`, the last event is of kind "not closed".
 
     Raises:
         AssemblyError: the guess does not close.
@@ -231,12 +232,23 @@ def _advance(
     return point
 
 
-def _body_places(evaluation: Evaluation) -> Array:
-    """Return the placements of the bodies that have no passive spin, lengths scaled."""
-    mechanism = evaluation.mechanism
+def _not_spinning(system: SquareSystem) -> list[int]:
+    """Return the bodies without passive freedoms, resolved or not, where the system stands.
+
+    The others need not come back with the loops: what they spin over a turn is no whole one.
+    """
+    evaluation, mechanism = system.evaluation, system.evaluation.mechanism
     spinning = {joint for joint, _ in evaluation.constraints.spins}
-    bodies = [i for i in range(mechanism.model.njoints) if i not in spinning]
-    scale = np.array([1.0, 1.0, 1.0, mechanism.characteristic_length])[:, None]
+    if len(system.passive):
+        free = passive_freedoms(evaluation, system.passive * system.scale)
+        names, groups = {name for name, _ in free}, driven_groups(mechanism)
+        spinning |= {i for i, first in enumerate(groups) if mechanism.model.names[first] in names}
+    return [i for i in range(mechanism.model.njoints) if i not in spinning]
+
+
+def _body_places(evaluation: Evaluation, bodies: list[int]) -> Array:
+    """Return the placements of bodies, lengths scaled."""
+    scale = np.array([1.0, 1.0, 1.0, evaluation.mechanism.characteristic_length])[:, None]
     return evaluation.placements[bodies] / scale
 
 
@@ -254,17 +266,24 @@ class _TracedRows:
 
     def add(self, point: CurvePoint) -> None:
         """Keep a point, with the second derivative of the curve there."""
+        model = self.curve.model
         self.points.append(point)
         self.accelerations.append(self.curve.curvature(point))
         self.errors.append(self.curve.evaluation.closure_error)
         if len(self.points) < 2:
-            self.first_place = _body_places(self.curve.evaluation)
+            self.bodies = _not_spinning(self.curve.system)
+            self.own = np.isin(np.repeat(np.arange(model.njoints), model.nvs), self.bodies)
+            self.first_place = _body_places(self.curve.evaluation, self.bodies)
 
     def is_back(self, point: CurvePoint, step: float) -> bool:
-        """Whether all bodies are within a step of where they began, moving the same way."""
+        """Whether all bodies are within a step of where they began, moving the same way.
+
+        But for those that spin freely, whose joints have other axes then.
+        """
         self.curve.rows(point.q)
-        gap = np.abs(_body_places(self.curve.evaluation) - self.first_place).max()
-        return gap < step and float(point.t @ self.points[0].t) > 0.5
+        gap = np.abs(_body_places(self.curve.evaluation, self.bodies) - self.first_place).max()
+        now, first = (x.t[self.own] for x in (point, self.points[0]))
+        return bool(gap < step and now @ first > 0.5 * np.sqrt((now @ now) * (first @ first)))
 
     def add_first_again(self) -> None:
         """End with the first configuration, angles counted on."""

@@ -68,7 +68,8 @@ def solve_rates(
     """Solve velocities and accelerations of all joints of a closed state.
 
     Passive freedoms follow the mechanism file (no spin about the named line); those that it does
-    not resolve take the joint rates of least norm.
+    not resolve take the joint rates of least norm, velocities and accelerations each for itself: in
+    these freedoms an acceleration is not the derivative of the velocity. Resolve them to know more.
 
     Args:
         mechanism: the mechanism.

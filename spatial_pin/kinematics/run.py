@@ -32,6 +32,7 @@ LONGEST_STEP = 0.7  # the same in any step
 OFF = 3e-6  # closure residual between steps that their length is chosen for: one correction
 CLOSED = 1e-15  # the same for divided steps: none
 EVEN = 1e-15  # of the driver, by which rows at equal distances may be elsewhere
+SPUN = 0.01  # rad, characteristic lengths, that a step of bodies that spin may be long
 MANY = 3.0  # rows by steps after a division above which steps are divided
 # costs [µs] of a row step by step, of a long step, of a row together with others, of all else
 STEP_COST, LONG_COST, ROW_COST, START_COST = 70.0, 100.0, 3.5, 1500.0
@@ -98,6 +99,8 @@ class Runner:
         left = abs(float(self.values[end - 1]) - self.branch.s)
         if self._length is None:
             self._length = self._reach(FIRST_STEP) * 0.5 ** min(self._failures, 3)
+        if self.branch.spins and np.ptp(self.values[k - 1 : k + 1]) > self._reach(SPUN):
+            return end  # only divided steps tell the spin exactly
         saved = (end - k) * (STEP_COST - ROW_COST) - left / self._length * LONG_COST - START_COST
         return end if saved > 0.0 else k
 
@@ -120,7 +123,8 @@ class Runner:
                     continue
                 break
             until = self._until(skeleton, n, k, end)
-            if until == k:  # shorter than the rows are apart: these are faster one by one
+            if until == k and not branch.spins:
+                # shorter than the rows are apart: these are faster one by one
                 self._stand(skeleton, k)
                 break
             self._curve, self._off = skeleton, 0.0
@@ -162,7 +166,7 @@ class Runner:
         n, curve = self._parts * skeleton.n, skeleton
         if self.branch.spins or end - k > MANY * n:
             rows = self.values[k - 1 : end]
-            stride = _stride(rows, skeleton.s0, n)
+            stride = _stride(rows, skeleton.s0, n) if end > k else 0
             values = (_subdivided(rows, stride) if stride else
                       np.linspace(skeleton.s0, skeleton.end, n + 1))
             points = nodes.divided(self.batch, skeleton, values)

@@ -26,6 +26,7 @@ from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
+FAR = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
@@ -255,7 +256,16 @@ def _error(
             f"{where} is too far from the row before to be followed to ({last}): joints move by "
             f"more than {STRETCH * MOST_STRETCHES:g} rad or characteristic lengths between them; "
             "ask for values between")
-    return SingularError(
-        f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "
-        "ask for values nearer to each other", motion=motion,
-    )
+    lost = f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "
+    why = _run_away(motion.mechanism, stop.q) or "ask for values nearer to each other"
+    return SingularError(lost + why, motion=motion)
+
+
+def _run_away(mechanism: Mechanism, q: Array) -> str:
+    """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
+    slides = [c for c in mechanism.coordinate_table.values() if c.q >= 0 and c.unit == "m"]
+    far = max(slides, key=lambda c: abs(q[c.q]), default=None)
+    if far is None or abs(q[far.q]) < FAR * mechanism.characteristic_length:
+        return ""
+    return (f"{far.name} has run away to {q[far.q]:.3g} m there, and may have no end: a slide that "
+            "is parallel to what it should reach")
