@@ -211,7 +211,8 @@ def plot(
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    motion_needed(motion)
+    if not hasattr(motion, "output"):  # as a Mechanism or a State
+        motion_needed(motion)
     asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
     if not asked:
         raise ValueError("no outputs to plot: give at least one name")
