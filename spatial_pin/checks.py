@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,6 +67,19 @@ def finite_number(value: Any, what: str) -> float:
     if value is None or isinstance(value, str | bytes | bool):
         raise ValueError(f"{what} must be a number, not {value!r}")
     return float(finite_array(value, (), what))
+
+
+def mapping(value: Any, what: str) -> Mapping[str, Any]:
+    """Return `value`, names to numbers, as it is; nothing for None.
+
+    Raises:
+        TypeError: it is no mapping.
+    """
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{what} must be a mapping as {{'name': value}}, not {_beginning(value)}")
+    return value
 
 
 def whole_number(value: Any, what: str) -> int:

@@ -47,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"spatial-pin: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"spatial-pin: {error.filename}: {error.strerror}", file=sys.stderr)
+        what = f"{error.filename}: " if error.filename else "cannot write: "
+        print(f"spatial-pin: {what}{error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130
@@ -89,8 +90,23 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"spatial-pin: warning: {message}", file=sys.stderr)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Takes options between the words of a command: `assemble rssr --set d=315mm crank=60deg`."""
+
+    _within = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self.get_default("run") is None or self._within:
+            return super().parse_known_args(args, namespace)
+        self._within = True  # the next line calls this again, for options and words in turn
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._within = False
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="spatial-pin", description=DESCRIPTION)
+    parser = _Parser(prog="spatial-pin", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"spatial-pin {sp.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -112,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--json", metavar="F", help="write it as JSON (- for the screen)")
 
     sub = command("assemble", _assemble, "close the loops at given driver values")
-    sub.add_argument("values", nargs="*", type=_setting, metavar="DRIVER=VALUE")
+    sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
     _guess_option(sub)
     sub.add_argument("--limits", action="store_true", help="keep the joint limits")
     sub.add_argument("--json", metavar="F", help="write the configuration as JSON")
@@ -155,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
     _guess_option(sub)
 
     sub = command("modes", _modes, "all closed configurations at given driver values")
-    sub.add_argument("values", nargs="*", type=_setting, metavar="DRIVER=VALUE")
+    sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
     sub.add_argument("--patience", type=_count, default=200,
                      help="stop after so many starts without a new one (200)")
     sub.add_argument("--json", metavar="F", help="write the modes as JSON (- for the screen)")
@@ -411,7 +427,9 @@ def _beginning(
     efforts = _unique(options, options.effort)
     _in_units(efforts, "N", "kN", "Nm", "N·m")
     state = sp.assemble(mechanism, start, _guess(options))
-    return sp.solve_rates(mechanism, state, rates), efforts
+    if rates:  # without, it starts from rest, drivers or none
+        state = sp.solve_rates(mechanism, state, rates)
+    return state, efforts
 
 
 def _simulate(options: argparse.Namespace) -> None:

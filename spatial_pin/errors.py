@@ -29,7 +29,7 @@ class UnknownNameError(SpatialPinError, LookupError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], where: str = "") -> None:
         self.name = name
-        self.valid = sorted(valid)
+        self.valid = sorted(set(valid))
         super().__init__(f"{where}no {kind} {name!r}; {suggestion(name, self.valid)}")
 
 
@@ -87,8 +87,8 @@ class ClosureTypeError(SpatialPinError):
 
 def suggestion(name: str, valid: Iterable[str]) -> str:
     """Return "did you mean 'x'?" for the nearest valid name, else the list of names."""
-    names = list(valid)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    names = list(dict.fromkeys(valid))
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f"did you mean {near[0]!r}?"
     shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")

@@ -284,6 +284,29 @@ def test_wrong_usage_is_exit_code_2_and_says_how(fail, words):
     assert "usage: spatial-pin" in err and "Traceback" not in err
 
 
+@pytest.mark.parametrize("words", [
+    ("assemble", "rssr", "--set", "d=315mm", "crank=60deg"),
+    ("assemble", "--set", "d=315mm", "rssr", "crank=60deg"),
+])
+def test_options_stand_anywhere_between_the_words_of_a_command(run, words):
+    assert run(*words) == run("assemble", "rssr", "crank=60deg", "--set", "d=315mm")
+
+
+def test_a_full_disk_is_told_as_such(fail):
+    code, err = fail("assemble", "rssr", "--json", "/dev/full")
+    assert code == 1 and err == "spatial-pin: cannot write: No space left on device\n"
+
+
+def test_a_tree_without_drivers_falls_from_rest(run, tmp_path):
+    (tmp_path / "rod.urdf").write_text(
+        '<robot name="rod"><link name="ground"/><link name="rod"><inertial><mass value="1"/>'
+        '<origin xyz="1 0 0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+        '</inertial></link><joint name="pin" type="continuous"><parent link="ground"/>'
+        '<child link="rod"/><axis xyz="0 1 0"/></joint></robot>', encoding="utf-8")
+    shown = run("simulate", tmp_path / "rod.urdf", "--duration", "1ms", "--rows", "2")
+    assert "pin  +0.000000 to +0.000005 rad, rate +0 to +0.00981 rad/s" in shown  # g t, g t^2 / 2
+
+
 def test_two_values_for_one_coordinate_are_refused(fail):
     code, err = fail("assemble", "rssr", "crank=1", "crank_pin=2")
     assert code == 1 and "crank_pin" in err

@@ -348,3 +348,35 @@ def test_the_rod_grows_with_the_ram_and_a_gap_is_told_by_it(tmp_path):
     e = state.placement("end").translation - state.placement("foot").translation
     np.testing.assert_allclose(there, tip, atol=1e-12)
     assert np.linalg.norm(here - anchor) == pytest.approx(np.linalg.norm(e), abs=1e-12)
+
+
+# ---------------------------------------------------------------- reduced
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_locked_pair_of_frames_is_a_plain_length(tmp_path, swapped):
+    """Two rams of a plate on a knee: one locked, the other moves it."""
+    rams = [("first", ("ground", "tip"), ("foot_1", "rod_1")),
+            ("second", ("anchor", "corner"), ("foot_2", "rod_2"))]
+    mech = load(tmp_path, "two_rams", (
+        known.turning("hip", "ground", "thigh")
+        + known.turning("knee", "thigh", "plate", (0.5, 0, 0))
+        + point("tip", "plate", (0.3, 0.1, 0))
+        + point("corner", "plate", (0.1, -0.2, 0))
+        + point("anchor", "ground", (0.4, -0.6, 0))
+        + point("foot_1", "ground", (2, 0, 0)) + point("foot_2", "ground", (3, 0, 0))
+        + known.sliding("ram_1", "foot_1", "rod_1", (0, 0, 0), (0, 0, 1))
+        + known.sliding("ram_2", "foot_2", "rod_2", (0, 0, 0), (0, 0, 1))
+    ), "".join(known.driver(f"leg_{k}", f"ram_{k}")
+               + between(name, *((b, a) if swapped else (a, b)))
+               for k, (name, a, b) in enumerate(rams, 1))
+        + known.guess(hip=0.3, knee=0.4, ram_1=0.7, ram_2=0.8))
+    start = sp.assemble(mech, {"leg_1": 0.7, "leg_2": 0.8})
+    small = sp.reduce(mech, "plate", lock={"leg_2": 0.8}, guess=start)
+    plain, = (c for c in small.closures if not c.between)
+    assert plain.name == "second" and plain.geometry.length == pytest.approx(0.8, abs=1e-15)
+    values = np.linspace(0.7, 0.65, 6)
+    full = sp.sweep(mech, "leg_1", values, guess=start).frame("plate")
+    less = sp.sweep(small, "leg_1", values, guess=small.state(start)).frame("plate")
+    for one, other in zip(full, less, strict=True):
+        assert np.abs(one - other).max() < 1e-12

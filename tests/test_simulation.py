@@ -90,6 +90,12 @@ def test_rows_are_where_they_are_asked_for(tmp_path):
     assert motion.coordinate("pin").value == pytest.approx(swing(1.0, np.array(times)), abs=1e-9)
 
 
+def test_a_row_at_the_start_alone_is_the_state_it_starts_from(tmp_path):
+    mech = hanging(tmp_path)
+    motion = run(mech, sp.assemble(mech, {"pin": 1.0}), 2.0, times=[0.0])
+    assert motion.time.tolist() == [0.0] and motion.coordinate("pin").value == [1.0]
+
+
 def test_two_rods_swing_as_lagrange_says(tmp_path):
     """Double pendulum of point masses at the ends of massless rods; absolute angles a, b."""
     (m1, m2), (l1, l2) = (1.3, 0.7), (0.5, 0.8)

@@ -136,3 +136,30 @@ def test_a_mechanism_that_nobody_holds_is_forgotten():
     del mechanism, state
     gc.collect()
     assert gone() is None
+
+
+@pytest.mark.parametrize(("call", "says"), [
+    (lambda m, s: sp.assemble(m, 3.0), "drivers must be a mapping"),
+    (lambda m, s: sp.solve_rates(m, s, 3.0), "speeds must be a mapping"),
+    (lambda m, s: sp.forward_dynamics(m, s, 3.0), "efforts must be a mapping"),
+    (lambda m, s: sp.simulate(m, s, 1.0, lambda t, state: 3.0), "efforts must be a mapping"),
+    (lambda m, s: sp.simulate(m, s, 1.0, drives={"crank": 3.0}), "law of 'crank' is 3.0"),
+    (lambda m, s: sp.kinetostatics(m, s), "a Motion is needed, not State"),
+    (lambda m, s: sp.dead_centres(m), "a Motion is needed, not Mechanism"),
+    (lambda m, s: sp.plot(s, "rocker_pin"), "a Motion is needed, not State"),
+])
+def test_what_is_of_the_wrong_kind_is_refused_in_words(call, says):
+    mechanism = sp.load("four_bar")
+    with pytest.raises(TypeError, match=says):
+        call(mechanism, sp.assemble(mechanism, {"crank": 1.0}))
+
+
+@pytest.mark.parametrize(("call", "error", "says"), [
+    (lambda m: sp.assemble(m, {1: 2.0}), sp.SpatialPinError, "no coordinate or driver 1; there"),
+    (lambda m: sp.assembly_modes(m, patience=0), ValueError, "patience is 0"),
+    (lambda m: sp.tolerance(m, "rocker_pin", {"d": 1e-4}, samples=-1), ValueError, "samples is -1"),
+    (lambda m: sp.report(m, "page.html"), sp.SpatialPinError, "a Mechanism cannot be shown"),
+])
+def test_what_cannot_be_asked_for_is_refused_in_words(call, error, says):
+    with pytest.raises(error, match=says):
+        call(sp.load("rssr"))

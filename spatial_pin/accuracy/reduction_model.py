@@ -268,6 +268,7 @@ class Model:
                     if table["name"] in {c.name for c in self.closures}]
         for table in closures:
             self._turn(table, tree)
+            self._fix_length(table)
         for name, made in self.relations:
             frames = [tree.add(f"{name}_{k}", place) for k, place in enumerate(made.places, 1)]
             ends = [tree.add(f"{name}_end_{k}", place) for k, place in enumerate(made.between, 1)]
@@ -291,6 +292,17 @@ class Model:
         joint, placement = self.full.frame_on_joint(fixed_joint)
         return next(n for n in self.full.links if self.full.frame_on_joint(n)[0] == joint
                     and self.full.frame_on_joint(n)[1] == placement)
+
+    def _fix_length(self, table: dict[str, Any]) -> None:
+        """Make a distance plain if one of its two pairs of frames moves as one body by now."""
+        pairs = [table["frames"], table["length_between"]] if "length_between" in table else []
+        for k, rigid in enumerate(pairs):
+            (first, at_1), (second, at_2) = map(self.bodies.frame, rigid)
+            if first == second:
+                del table["length_between"]
+                table["frames"] = pairs[1 - k]
+                table["length"] = float(np.linalg.norm(at_2.translation - at_1.translation))
+                return
 
     def _turn(self, table: dict[str, Any], tree: Tree) -> None:
         """Put frames under a closure whose axes are turned."""

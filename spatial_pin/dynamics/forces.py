@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_number
+from spatial_pin.checks import finite_number, mapping
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.views import joint_jacobian
@@ -181,7 +181,7 @@ def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> 
         ValueError: a value is NaN or infinite.
     """
     total = np.zeros(mechanism.model.nv)
-    for name, value in (efforts or {}).items():
+    for name, value in mapping(efforts, "efforts").items():
         total[mechanism.driven_coordinate(name).v] += finite_number(value, f"effort at {name!r}")
     return total
 

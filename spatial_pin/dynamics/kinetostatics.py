@@ -14,7 +14,7 @@ from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.inverse import Actuation, balance
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.motion import Motion
+from spatial_pin.kinematics.motion import Motion, motion_needed
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.summary import effort_lines, first_of, heading, tidy, where
 from spatial_pin.linalg import Array
@@ -128,6 +128,7 @@ def kinetostatics(
         SpatialPinError: a freedom is not actuated, or the motion is of another mechanism.
         SingularError: the loops lose rank in a row.
     """
+    motion_needed(motion)
     if motion.mechanism is not mechanism:
         raise SpatialPinError(
             f"the motion belongs to mechanism {motion.mechanism.name!r}, not to this load of "

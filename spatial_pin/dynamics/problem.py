@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from spatial_pin.checks import mapping
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.least_constraint import LeastConstraint
 from spatial_pin.dynamics.simulation import Projection
@@ -45,6 +46,14 @@ class Row(NamedTuple):
     angles: Array
 
 
+def _law(name: str, law: Any) -> DriverLaw:
+    if not callable(law):
+        raise TypeError(f"drives: the law of {name!r} is {law!r}; it must be a function of time "
+                        "that returns (value, rate, acceleration), as those of spatial_pin.laws")
+    found: DriverLaw = law
+    return found
+
+
 class Problem:
     """A mechanism, what acts on it and what is prescribed.
 
@@ -70,7 +79,8 @@ class Problem:
         self.forces = Forces(mechanism, laws)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
-        self.drives = [(mechanism.driven_coordinate(n), law) for n, law in (drives or {}).items()]
+        self.drives = [(mechanism.driven_coordinate(n), _law(n, law))
+                       for n, law in mapping(drives, "drives").items()]
         at_drivers = {mechanism.driven_coordinate(d.joint).v for d in mechanism.drivers.values()}
         acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
         self.by_drivers = self.law is None and not laws and acted <= at_drivers

@@ -108,6 +108,8 @@ class Run:
         self.y = system.unknowns(state.v, 0.0)
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
+        if not self.end > self.t:  # nothing but the state it starts from
+            self.rows.fill(system)
         while self.t < self.end:
             before = system.evaluations
             try:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.checks import mapping
 from spatial_pin.errors import AssemblyError
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
@@ -74,7 +75,7 @@ def assemble(
     needed(mechanism)
     accuracy = accuracy_of(accuracy)
     held: dict[str, float] = {}
-    for name, value in (drivers or {}).items():
+    for name, value in mapping(drivers, "drivers").items():
         coordinate = mechanism.driven_coordinate(name).name
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")

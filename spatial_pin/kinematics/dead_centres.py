@@ -6,7 +6,7 @@ import numpy as np
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.branch import Branch, Stopped
-from spatial_pin.kinematics.motion import Event, Motion
+from spatial_pin.kinematics.motion import Event, Motion, motion_needed
 from spatial_pin.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -32,6 +32,7 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         UnknownNameError: there is no such coordinate.
         SingularError: branches cross, or the rates are not determined, right at one.
     """
+    motion_needed(motion)
     found = []
     for name in grounded_outputs(motion) if output is None else [output]:
         rates = _rates(motion, name)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
+from spatial_pin.checks import mapping, positive_number
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.assembly import nearest_turn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -60,7 +61,9 @@ def assembly_modes(
     Raises:
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
     """
-    search = _Search(mechanism, dict(drivers or {}), accuracy_of(accuracy))
+    positive_number(patience, "patience")
+    positive_number(most_starts, "most_starts")
+    search = _Search(mechanism, dict(mapping(drivers, "drivers")), accuracy_of(accuracy))
     rng = np.random.default_rng(seed)
     last = 0
     bar = tqdm(total=most_starts, desc=f"{mechanism.name}: modes", delay=1.0, leave=False,

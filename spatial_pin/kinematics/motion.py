@@ -354,3 +354,14 @@ class Motion:
 
     def __str__(self) -> str:
         return summary(self)
+
+
+def motion_needed(motion: object) -> None:
+    """Refuse what is no Motion.
+
+    Raises:
+        TypeError: says how to get one.
+    """
+    if not isinstance(motion, Motion):
+        raise TypeError(f"a Motion is needed, not {type(motion).__name__}: sp.sweep(mechanism, "
+                        "driver, values) or sp.simulate(mechanism, state, duration) makes one")

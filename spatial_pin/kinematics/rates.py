@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from spatial_pin.checks import mapping
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
@@ -86,7 +87,8 @@ def solve_rates(
         ValueError: a value is NaN or infinite, or makes rates that are.
     """
     state = of_mechanism(mechanism, state)
-    speeds, accelerations = speeds or {}, accelerations or {}
+    speeds = mapping(speeds, "speeds")
+    accelerations = mapping(accelerations, "accelerations")
     v_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"speed of {k!r}")
             for k, x in speeds.items()}
     a_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"acceleration of {k!r}")

@@ -14,7 +14,7 @@ from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.summary import heading, ranges
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.pairs import COUPLING
 
 
@@ -36,6 +36,7 @@ class Info:
     closures: dict[str, str]
     coordinates: dict[str, str]
     drivers: dict[str, str]
+    springs: dict[str, str]
     mobility: Mobility | None
     closure_error: float
     notes: list[str] = field(default_factory=list)
@@ -69,6 +70,7 @@ class Info:
             f"closures ({len(self.closures)}):\n{listing(self.closures)}".rstrip(":\n"),
             f"coordinates ({len(self.coordinates)}):\n{listing(self.coordinates)}",
             f"drivers ({len(self.drivers)}):\n{listing(self.drivers)}".rstrip(":\n"),
+            f"springs ({len(self.springs)}):\n{listing(self.springs)}" * bool(self.springs),
             str(self.mobility or ""),
             "\n".join(self.notes),
         ]
@@ -90,6 +92,7 @@ def info(mechanism: Mechanism) -> Info:
         {c.name: _closure_text(c) for c in mechanism.closures},
         {c.name: c.unit for c in mechanism.coordinate_table.values()},
         {d.name: f"prescribes {d.joint}" for d in mechanism.drivers.values()},
+        {s.name: _spring_text(mechanism, s) for s in mechanism.springs},
         mobility(mechanism, state) if closed else None,
         error,
         _notes(mechanism, closed, error),
@@ -99,10 +102,19 @@ def info(mechanism: Mechanism) -> Info:
 def _closure_text(closure: Any) -> str:
     if closure.type == COUPLING:
         a, b = closure.joints
-        return f"coupling: {b} = {closure.ratio:g} * {a} + {closure.offset:g}"
+        offset = f" + {closure.offset:g}" if closure.offset else ""
+        return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation)"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     return (f"{closure.type}: {closure.frames[0]} - {closure.frames[1]}{length} "
-            f"({closure.n_rows} equations)")
+            f"({closure.n_rows} equation{'s' * (closure.n_rows != 1)})")
+
+
+def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
+    turns = spring.joint is not None and mechanism.driven_coordinate(spring.joint).unit == "rad"
+    per, length = ("N·m/rad", "rad") if turns else ("N/m", "m")
+    damping = f", {spring.damping:g} {per.replace('/', '·s/')}" if spring.damping else ""
+    where = spring.joint or " - ".join(spring.frames)
+    return f"{where}: {spring.stiffness:g} {per}{damping}, free at {spring.free:g} {length}"
 
 
 def _notes(mechanism: Mechanism, closed: bool, error: float) -> list[str]:

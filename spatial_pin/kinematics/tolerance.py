@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from spatial_pin.checks import whole_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.dimension_path import varied
@@ -125,6 +126,8 @@ def tolerance(
     nominal = {one.output: one.value for one in found}
     units = {one.output: one.unit for one in found}
     linear = {one.output: _propagated(one.derivatives, spread) for one in found}
+    if whole_number(samples, "samples") < 0:
+        raise ValueError(f"samples is {samples}; it must be 0 or more")
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)

@@ -242,7 +242,7 @@ def _thinned(film: Film) -> Film:
     return replace(film, q=q, seconds=seconds, readings=readings, notes=notes, rows=rows)
 
 
-def _not_shown(given: object) -> str:
+def not_shown(given: object) -> str:
     """Return what is wrong with something that is neither a Motion nor a State."""
     kind = type(given).__name__
     remedy = "sp.assemble(mechanism) or sp.sweep(mechanism, driver, values)"
@@ -261,7 +261,7 @@ def film(motion_or_state: Motion | State) -> Film:
         ValueError: the motion has no rows.
     """
     if not hasattr(motion_or_state, "q"):
-        raise SpatialPinError(_not_shown(motion_or_state))
+        raise SpatialPinError(not_shown(motion_or_state))
     if np.ndim(motion_or_state.q) == 1:
         return _of_state(motion_or_state)  # type: ignore[arg-type]
     motion: Motion = motion_or_state  # type: ignore[assignment]

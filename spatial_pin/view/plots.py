@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kinematics.motion import Output
+from spatial_pin.kinematics.motion import Output, motion_needed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -201,11 +201,18 @@ def plot(
 
     Returns:
         The figure.
+
+    Raises:
+        TypeError: it is no Motion.
+        UnknownNameError: there is no such output.
+        ValueError: no outputs, or a suffix that no figure has.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
+    if not hasattr(motion, "output"):  # as a Mechanism or a State
+        motion_needed(motion)
     asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
     if not asked:
         raise ValueError("no outputs to plot: give at least one name")

@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
+from spatial_pin.view.film import not_shown
 from spatial_pin.view.look import Look
 from spatial_pin.view.markup import paragraph
 from spatial_pin.view.plots import usual_outputs
@@ -27,6 +29,8 @@ def _subject(
     shown: Motion | State, outputs: Sequence[str] | str | None, title: str | None,
     look: Look | None,
 ) -> Subject:
+    if not isinstance(shown, State | Motion):
+        raise SpatialPinError(not_shown(shown))
     mechanism = shown.mechanism
     title = title or mechanism.title or mechanism.name
     if isinstance(shown, State):
