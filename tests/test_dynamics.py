@@ -543,6 +543,29 @@ def test_only_the_overconstrained_loop_is_undetermined(tmp_path):
 LINK = {"mass": 0.5, "inertia": (1e-3, 2e-3, 2.5e-3)}
 
 
+def test_a_gear_and_a_lock_share_a_torque_that_no_bearing_feels(tmp_path):
+    """Two bodies on one axis, held together twice: the torque between them is one of many."""
+    tree = heavy(
+        known.turning("a", "ground", "one") + known.turning("b", "ground", "other")
+        + known.point("x", "one") + known.point("y", "other"),
+        one=(1.0, (0.1, 0.0, 0.2)), other=(2.0, (0.1, 0.3, 0.0)))
+    mech = known.load(
+        tmp_path, "held_twice", tree,
+        known.driver("turn", "a") + known.coupling("gear", "a", "b", 1.0) + known.closure(
+            "lock", "perpendicular", "x", "y", axis=(1, 0, 0), axis2=(0, 1, 0)))
+    state = sp.solve_rates(mech, sp.assemble(mech), {"turn": 1.0})
+    answer = sp.forward_dynamics(mech, state, {"turn": 3.0})
+    assert answer.determined == {"a": True, "b": True, "lock": False}
+    # the bearings bear what each body needs, whoever turns it, but for the torque about the axis
+    need, bodies = needed_by_body(answer.state), [mech.joint_id(j) for j in "ab"]
+    for name, body, link in zip("ab", bodies, ("one", "other"), strict=True):
+        weight = np.array([0.0, 0.0, -9.81 * mech.model.inertias[body].mass])
+        arm = answer.state.com(link).position
+        needed = need[body] - np.concatenate([weight, np.cross(arm, weight)])
+        np.testing.assert_allclose(answer.reactions[name].vector[:5], needed[:5], atol=1e-12)
+        assert abs(answer.reactions[name].angular[2]) < 1e-12
+
+
 def heavy_chain(build, folder, n):
     links = {f"link{k}": (LINK["mass"], (0.1, 0.01, 0), LINK["inertia"]) for k in range(1, n + 1)}
     return with_masses(build(folder), folder, **links)

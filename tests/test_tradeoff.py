@@ -19,8 +19,8 @@ from spatial_pin.accuracy.cases import CASES
 from spatial_pin.accuracy.exact import ExactRows
 from spatial_pin.accuracy.extended import EPS, Extended
 from spatial_pin.accuracy.reference import Astray, SimulationReference, SweepReference
-from spatial_pin.accuracy.tasks import task_of
-from spatial_pin.accuracy.tradeoff import pareto, tradeoff
+from spatial_pin.accuracy.tasks import SHORTER, SimulationTask, task_of
+from spatial_pin.accuracy.tradeoff import pareto, tradeoff, with_reference
 from spatial_pin.cli import main
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.settings import MEASURED
@@ -277,6 +277,20 @@ def test_the_usual_simulation_ends_before_a_singular_configuration():
     task = task_of(sp.load("delta"), "simulate")
     assert 0.2 < task.arguments["duration"] < 0.4
     assert len(task.run(sp.Accuracy.named("draft"))) == 201
+
+
+def test_the_usual_simulation_is_as_short_as_its_reference_needs():
+    """As if a loose integration had passed the singular configuration; what was asked for stays."""
+    mech = sp.load("delta")
+    usual = task_of(mech, "simulate")
+    singular = usual.arguments["duration"] / SHORTER
+    beyond = {**usual.arguments, "duration": 2.0 * singular,
+              "times": np.linspace(0.0, 2.0 * singular, 21)}
+    task, reference = with_reference(SimulationTask(mech, beyond, is_usual=True))
+    assert 0.7 * singular < task.arguments["duration"] < singular
+    assert reference.error < 1e-9
+    with pytest.raises(sp.SingularError, match="cannot be followed beyond"):
+        with_reference(SimulationTask(mech, beyond))
 
 
 # ---------------------------------------------------------------- the front

@@ -77,15 +77,29 @@ class SimulationTask:
 
     Attributes:
         arguments: arguments of `simulate`, without accuracy.
+        is_usual: nobody asked for just this duration.
     """
 
     mechanism: Mechanism
     arguments: dict[str, Any]
+    is_usual: bool = False
     kind: ClassVar[str] = "simulate"
 
     def run(self, accuracy: Accuracy) -> Simulation:
         """Do it with a setting."""
         return simulate(self.mechanism, accuracy=accuracy, **self.arguments)
+
+    def before(self, error: SingularError) -> SimulationTask:
+        """Return a shorter one, which ends well before what it met.
+
+        Raises:
+            SingularError: that, if the duration was asked for, or nothing came before.
+        """
+        if not self.is_usual or error.motion is None or len(error.motion) < 2:
+            raise error
+        assert error.motion.time is not None
+        return _fall(self.mechanism, self.arguments["state"],
+                     SHORTER * float(error.motion.time[-1]))
 
     def __str__(self) -> str:
         return f"simulation of {self.arguments['duration']:.6g} s"
@@ -195,28 +209,23 @@ def _usual_simulation(mechanism: Mechanism) -> SimulationTask:
             f"mechanism {mechanism.name!r} has no masses, or no gravity, that would move it: give "
             "the task as a mapping with a 'duration', a 'state' and 'efforts'")
     duration = SWINGS * math.sqrt(mechanism.characteristic_length / gravity)
-    state = assemble(mechanism)
+    task = _fall(mechanism, assemble(mechanism), duration)
     try:
-        motion = _rough(mechanism, state, duration)
+        motion: Motion = task.run(Accuracy.named("draft"))
     except SingularError as error:
-        if error.motion is None or error.motion.time is None or len(error.motion.time) < 2:
-            raise
-        motion, duration = error.motion, SHORTER * float(error.motion.time[-1])
+        task = task.before(error)
+        assert error.motion is not None
+        motion = error.motion
     if np.abs(motion.v / mechanism.velocity_scale).max(initial=0.0) < STILL:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r} stands still under gravity: give the task as a mapping "
             "with a 'duration', a 'state' and 'efforts'")
+    return task
+
+
+def _fall(mechanism: Mechanism, state: State, duration: float) -> SimulationTask:
     return SimulationTask(mechanism, {"state": state, "duration": duration,
-                                      "times": _times(duration)})
-
-
-def _rough(mechanism: Mechanism, state: State, duration: float) -> Motion:
-    return simulate(mechanism, state, duration, times=_times(duration),
-                    accuracy=Accuracy.named("draft"))
-
-
-def _times(duration: float) -> Array:
-    return np.linspace(0.0, duration, ROWS)
+                                      "times": np.linspace(0.0, duration, ROWS)}, is_usual=True)
 
 
 _USUAL: dict[str, Callable[[Mechanism], Task]] = {

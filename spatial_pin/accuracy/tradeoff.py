@@ -23,7 +23,7 @@ from spatial_pin.accuracy.reference import (
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
 from spatial_pin.checks import positive_number, whole_number
 from spatial_pin.dynamics.simulate import Simulation
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -224,9 +224,7 @@ def tradeoff(
     if isinstance(settings, Accuracy):
         settings = [settings]
     begun = time.perf_counter()
-    doing = task_of(mechanism, task)
-    reference = (SweepReference(doing) if isinstance(doing, SweepTask)
-                 else SimulationReference(doing))
+    doing, reference = with_reference(task_of(mechanism, task))
     tried = [accuracy_of(x) for x in settings] if settings is not None else _grid(reference)
     if not tried:
         raise ValueError("no settings to try")
@@ -243,6 +241,19 @@ def tradeoff(
     flags = pareto([row.time_per_step for row in rows], [found.known_error(row) for row in rows])
     return replace(found, rows=tuple(replace(row, on_front=flag)
                                      for row, flag in zip(rows, flags, strict=True)))
+
+
+def with_reference(task: Task) -> tuple[Task, SweepReference | SimulationReference]:
+    """Return a task and its reference, the usual simulation shortened until it has one.
+
+    A loose integration may pass a singular configuration by its error.
+    """
+    if isinstance(task, SweepTask):
+        return task, SweepReference(task)
+    try:
+        return task, SimulationReference(task)
+    except SingularError as error:
+        return with_reference(task.before(error))
 
 
 def _grid(reference: SweepReference | SimulationReference) -> list[Accuracy]:

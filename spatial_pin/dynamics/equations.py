@@ -340,15 +340,20 @@ class Equations:
     def at_joints(self, effort: Array, multipliers: Array) -> Array:
         """Return efforts (nv,) with springs about joints and what couplings do there."""
         total = effort + self.turning
-        coupled = len(self.evaluation.constraints.couplings)
-        if coupled:
-            rows = slice(len(multipliers) - coupled, None)
-            total = total + multipliers[rows] @ self.scaled[rows] / self.scale
+        couplings = self._couplings()
+        if len(couplings):
+            total = total + multipliers[-len(couplings) :] @ couplings
         return total
+
+    def _couplings(self) -> Array:
+        """Return the efforts (n_couplings, nv) at joints of unit multipliers of the couplings."""
+        n_rows = len(self.scaled)
+        return self.scaled[n_rows - len(self.evaluation.constraints.couplings) :] / self.scale
 
     def determined(self) -> dict[str, bool]:
         """Return for every pair whether its reaction is unique."""
-        return self.pairs.determined(self.row_wrenches, self.spaces.left_null_space)
+        return self.pairs.determined(
+            self.poses(), self._couplings(), self.spaces.left_null_space)
 
 
 def _by_size(motions: Array) -> Array:

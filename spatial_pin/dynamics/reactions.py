@@ -143,20 +143,29 @@ class Pairs:
         force[..., :3] -= _along(axes[..., :3, ~turns], tau[..., ~turns])
         return force
 
-    def determined(self, rows: Array, self_stresses: Array) -> dict[str, bool]:
+    def determined(
+        self, poses: Poses, couplings: Array, self_stresses: Array
+    ) -> dict[str, bool]:
         """Return for every pair whether its reaction is unique.
 
         Args:
-            rows: (n_wrenches, 6) as of `Poses`.
+            poses: where the bodies are, at one configuration.
+            couplings: (n_couplings, nv) efforts at joints of unit multipliers of the couplings,
+                whose rows are the last.
             self_stresses: (k, n_rows) orthonormal multipliers that balance among themselves.
         """
         if not len(self_stresses):
             return dict.fromkeys(self.names, True)
         unit = np.array([1.0] * 3 + [1.0 / self.length] * 3)
-        scale = max(float(np.abs(rows * unit).max(initial=0.0)), 1e-300)
-        on_bodies = self.on_bodies(rows, self_stresses)
-        joints = np.moveaxis(self.carries @ on_bodies, -2, 0)[1:]
-        closed = [_borne(rows, self_stresses, pair.rows) for pair in self.closed]
+        pulls = couplings * np.where(self.turns, 1.0 / self.length, 1.0)
+        scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
+                    float(np.abs(pulls).max(initial=0.0)), 1e-300)
+        efforts = self_stresses[:, self_stresses.shape[1] - len(couplings) :] @ couplings
+        at_joints = _moved(-self.carries @ self.on_bodies(poses.rows, self_stresses),
+                           poses.placements[:, 3])
+        joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
+                  for i in range(1, self.model.njoints)]
+        closed = [_borne(poses.rows, self_stresses, pair.rows) for pair in self.closed]
         largest = [float(np.abs(w * unit).max(initial=0.0)) / scale for w in [*joints, *closed]]
         return {name: size < UNMOVED for name, size in zip(self.names, largest, strict=True)}
 
