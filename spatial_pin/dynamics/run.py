@@ -181,11 +181,12 @@ class Run:
 
     def _singular(self, state: State) -> SingularError:
         loops = constraints_of(self.problem.mechanism).n_rows
-        why = ("the loops lose rank, or branches cross, just ahead of" if loops else
-               "masses differ too much, or forces have no bounds, for steps of any length from")
+        why = "masses differ too much, or forces have no bounds, for steps of any length"
+        if loops:
+            why = f"the loops lose rank or branches cross just ahead, or {why}"
         return SingularError(
             f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
-            f"{self.t:.9g} s: {why} {state}", state=state)
+            f"{self.t:.9g} s: {why}, at {state}", state=state)
 
     def _begin(self, state: State) -> System:
         if self.system is not None and self.system.projection is not None:
