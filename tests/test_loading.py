@@ -67,6 +67,12 @@ def write(tmp_path):
 # ---------------------------------------------------------------- the doors
 
 
+@pytest.mark.parametrize("source", [3, None, ["rssr"]])
+def test_what_is_neither_a_name_nor_a_path_is_refused(source):
+    with pytest.raises(TypeError, match="by its name or path, not"):
+        sp.load(source)
+
+
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_a_library_mechanism_is_loaded_by_its_name(name):
     by_name, by_path = sp.load(name), sp.load(LIBRARY / f"{name}.toml")

@@ -6,6 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -78,8 +79,11 @@ def load(source: str | Path, **parameters: float) -> Mechanism:
 
     Raises:
         MechanismFileError: a file cannot be used; says which key, joint or closure, and why.
+        TypeError: the source is neither a name nor a path.
         ValueError: a parameter is NaN or infinite.
     """
+    if not isinstance(source, str | PathLike):
+        raise TypeError(f"a mechanism is loaded by its name or path, not {source!r}")
     path = _find(source)
     if path.suffix == ".toml":
         return _load_toml(path, parameters)
