@@ -257,6 +257,13 @@ def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
     assert 1e-3 < forces.acceleration < 0.5
 
 
+@pytest.mark.parametrize("resistance", ["damping", "armature"])
+def test_a_rod_whose_ball_takes_a_force_to_be_turned_is_not_lumped(resistance):
+    full = sp.load("rssr")
+    getattr(full.model, resistance)[full.coordinate("ball_a.x").v] = 0.1
+    assert sizes(sp.reduce(full, "rocker_pin", dynamics=True, lump=True)) == sizes(full)
+
+
 def test_a_lumped_rod_with_a_universal_joint_says_how_far_its_centre_of_mass_moves(tmp_path):
     """It lies (0.02, -0.01) m beside the line between the centres of the two pairs."""
     lumped = sp.reduce(rsup(tmp_path, "S", 0.3), "P", dynamics=True, lump=True)

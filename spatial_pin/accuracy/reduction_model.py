@@ -151,16 +151,22 @@ class Model:
         """Whether the body of joint i is massless, or its mass does not matter or is lumped."""
         if not self.dynamics or self._is_massless(i):
             return True
+        if self._resists(i):
+            return False
         mass = self._inertia(i)
         balls = all(p.kind in ("spherical", "universal") for p in pins)
         return self.lump and balls and self._lumped(i, pins, mass)
 
     def _is_massless(self, i: int) -> bool:
         """Whether no motion of the body of joint i takes a force."""
-        mass, model = self._inertia(i), self.full.model
+        mass = self._inertia(i)
+        return not (mass.mass or np.any(mass.inertia) or self._resists(i))
+
+    def _resists(self, i: int) -> bool:
+        """Whether joint i itself takes a force to be moved."""
+        model = self.full.model
         v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-        return not (mass.mass or np.any(mass.inertia) or np.any(model.damping[v])
-                    or np.any(model.armature[v]))
+        return bool(np.any(model.damping[v]) or np.any(model.armature[v]))
 
     def _inertia(self, i: int) -> pin.Inertia:
         """Return the inertia of the rigid body that joint i moves, in its axes."""
