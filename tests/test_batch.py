@@ -11,7 +11,7 @@ import pytest
 from test_closures import JOINTS, every_type, settle, somewhere, tree_with
 
 import spatial_pin as sp
-from spatial_pin.kinematics import run
+from spatial_pin.kinematics import nodes, run
 from spatial_pin.kinematics.batch import Batch
 from spatial_pin.kinematics.constraints import Constraints, Evaluation
 from spatial_pin.kinematics.flat import FlatTree
@@ -305,6 +305,23 @@ def test_branches_that_cross_twice_at_one_place_are_not_passed_unnoticed(rows, b
         assert [e.kind for e in motion.events] == ["branch point"]
         assert motion.events[0].value == pytest.approx(crossing, abs=1e-9)
         assert abs(motion.driver[-1] - crossing) < 1.01 * abs(begin - end) / (rows - 1)
+
+
+def test_far_rows_of_a_spinning_rod_are_not_gone_on_to_from_steps_that_fail(monkeypatch):
+    """Points that fail between rows are as good a reason to go row by row as rows that do."""
+    divided, calls = nodes.divided, []
+
+    def failing(*given):
+        calls.append(given)
+        return divided(*given)._replace(good=2)
+
+    expected = sp.sweep(sp.load("rssr"), "crank", [0.0, 6.0])
+    monkeypatch.setattr(run, "LONGEST", 4)
+    monkeypatch.setattr(nodes, "divided", failing)
+    motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 6.0])
+    assert len(calls) == 1
+    rockers = (m.coordinate("rocker_pin").value for m in (motion, expected))
+    assert_same(*rockers, 1e-12)
 
 
 def test_a_state_as_guess_says_where_the_other_drivers_are_held():

@@ -127,14 +127,15 @@ class Runner:
                 # shorter than the rows are apart: these are faster one by one
                 self._stand(skeleton, k)
                 break
-            self._curve, self._off = skeleton, 0.0
+            self._curve, self._off, self._is_whole = skeleton, 0.0, True
             for rows in self._rows(skeleton, k, until):
                 yield k, rows
                 k += len(rows.q)
                 if k == len(values):
                     return
-            self._stand(self._curve, k if k < until else None)
-            if k < until:
+            failed = k < until or not self._is_whole
+            self._stand(self._curve, k if failed else None)
+            if failed:
                 break
             tries = TRIES
             self._adapt(abs(h), skeleton.n == min(n, LONGEST))
@@ -170,7 +171,7 @@ class Runner:
             values = (_subdivided(rows, stride) if stride else
                       np.linspace(skeleton.s0, skeleton.end, n + 1))
             points = nodes.divided(self.batch, skeleton, values)
-            self._off = points.off
+            self._off, self._is_whole = points.off, points.good == len(values)
             if stride and points.good > stride:
                 yield _rows_of(points, slice(stride, points.good, stride))
             joined = nodes.joined(self.batch, points, values)
