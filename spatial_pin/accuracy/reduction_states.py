@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+import numpy as np
+
+from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -14,11 +16,10 @@ def carried_over(reduced: Mechanism, state: State) -> State:
         j = full.getJointId(own.names[i])
         q[own.idx_qs[i] :][: own.nqs[i]] = state.q[full.idx_qs[j] :][: full.nqs[j]]
     at = [state.mechanism.coordinate_table[name].v for name in reduced.coordinates]
-    evaluation = Evaluation(constraints_of(reduced))
     screws = [c.name for c in state.mechanism.closures if c.type == "screw"]
-    left = [c.name for c in reduced.closures if c.type == "screw"]
-    if len(evaluation.turns):
-        evaluation.turns[:] = [state.angles[screws.index(name)] for name in left]
-    evaluation.update(q)
-    return State(reduced, q, state.v[at], state.a[at], closure_error=evaluation.closure_error,
-                 angles=evaluation.angles)
+    angles = np.array([state.angles[screws.index(c.name)]
+                       for c in reduced.closures if c.type == "screw"])
+    with evaluation_of(reduced, angles) as evaluation:
+        evaluation.update(q)
+        return State(reduced, q, state.v[at], state.a[at],
+                     closure_error=evaluation.closure_error, angles=evaluation.angles)

@@ -77,15 +77,13 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
     free = np.ones(near.model.nv, dtype=bool)
     free[[near.coordinate_table[name].v for name in drivers]] = False
     accuracy = Accuracy.named("engineering")
-    with evaluation_of(near) as evaluation:
-        evaluation.turns[:] = state.angles
+    with evaluation_of(near, state.angles) as evaluation:
         evaluation.update(state.q)
         jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
         rows = independent_rows(jacobian)
         spare = decompose(jacobian[rows]).null_space
         before = determinant_sign_of(np.vstack([jacobian[rows], spare]))
-    with evaluation_of(there) as evaluation:
-        evaluation.turns[:] = state.angles
+    with evaluation_of(there, state.angles) as evaluation:
         q = with_values(there, state.q, dict(drivers))
         q, error = close(evaluation, q, free, accuracy.tolerance)
         q = nearest_turn(there, q, drivers, values)
