@@ -159,6 +159,18 @@ def along(evaluation: Evaluation, q: np.ndarray, v: np.ndarray) -> np.ndarray:
                      for t in PLACES])
 
 
+def check_derivatives(evaluation: Evaluation, q: np.ndarray, v: np.ndarray) -> float:
+    """Compare Jacobian and bias at q with differences along v; return the size of the rows."""
+    rows = along(evaluation, q, v)
+    evaluation.update(q)
+    jacobian, bias = evaluation.jacobian.copy(), evaluation.bias(q, v)
+    size = 1.0 + float(np.abs(rows).max())
+    scaled = v / evaluation.mechanism.velocity_scale
+    assert np.abs(FIRST @ rows / STEP - jacobian @ scaled).max() < 1e-10 * size
+    assert np.abs(SECOND @ rows / STEP**2 - bias).max() < 1e-8 * size
+    return size
+
+
 # ---------------------------------------------------------------- value, Jacobian, bias
 
 
@@ -222,13 +234,7 @@ def test_jacobian_and_bias_are_derivatives(tmp_path, kind, joint, frames):
         q = somewhere(mechanism, rng)
         v = rng.uniform(-1.0, 1.0, mechanism.model.nv)
         settle(evaluation, q)
-        rows = along(evaluation, q, v)
-        evaluation.update(q)
-        jacobian, bias = evaluation.jacobian.copy(), evaluation.bias(q, v)
-        size = 1.0 + np.abs(rows).max()
-        scaled = v / mechanism.velocity_scale
-        assert np.abs(FIRST @ rows / STEP - jacobian @ scaled).max() < 1e-10 * size
-        assert np.abs(SECOND @ rows / STEP**2 - bias).max() < 1e-8 * size
+        check_derivatives(evaluation, q, v)
 
 
 @every_type

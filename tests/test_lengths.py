@@ -9,7 +9,16 @@ import pytest
 from masses import heavy, with_masses
 from mechanisms import RAM, between, floating, load, point
 from test_batch import SEVERAL, assert_same, check_rows, configurations
-from test_closures import FIRST, JOINTS, SECOND, STEP, along, pose, refinement, somewhere
+from test_closures import (
+    FIRST,
+    JOINTS,
+    STEP,
+    along,
+    check_derivatives,
+    pose,
+    refinement,
+    somewhere,
+)
 from test_dynamics_derivatives import WEIGHT
 from test_reaction_derivatives import check
 
@@ -79,13 +88,7 @@ def test_jacobian_and_bias_are_derivatives(tmp_path, joint, ends):
     evaluation = Evaluation(constraints_of(mechanism))
     q, nv = somewhere(mechanism, rng), mechanism.model.nv
     v = rng.uniform(-1.0, 1.0, nv)
-    rows = along(evaluation, q, v)
-    evaluation.update(q)
-    jacobian, bias = evaluation.jacobian.copy(), evaluation.bias(q, v)
-    size = 1.0 + np.abs(rows).max()
-    scaled = v / mechanism.velocity_scale
-    assert np.abs(FIRST @ rows / STEP - jacobian @ scaled).max() < 1e-10 * size
-    assert np.abs(SECOND @ rows / STEP**2 - bias).max() < 1e-8 * size
+    size = check_derivatives(evaluation, q, v)
     columns = np.array([FIRST @ along(evaluation, q, e) / STEP for e in np.eye(nv)]).T
     evaluation.update(q)
     np.testing.assert_allclose(sp.closure_jacobian(mechanism, q), columns, rtol=0,
