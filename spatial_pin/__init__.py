@@ -16,6 +16,7 @@ from spatial_pin.errors import (
     MechanismFileError,
     SingularError,
     SpatialPinError,
+    SpatialPinWarning,
 )
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.dead_centres import dead_centres
@@ -57,6 +58,7 @@ __all__ = [
     "Simulation",
     "SingularError",
     "SpatialPinError",
+    "SpatialPinWarning",
     "State",
     "Tradeoff",
     "assemble",

@@ -15,6 +15,10 @@ class SpatialPinError(Exception):
     """Base of every error this library raises about a mechanism."""
 
 
+class SpatialPinWarning(UserWarning):
+    """An answer that is right, but perhaps not to the question that was meant."""
+
+
 class MechanismFileError(SpatialPinError):
     """A mechanism file cannot be used; the message names file, key and remedy."""
 
