@@ -3,12 +3,17 @@
 from typing import Any
 
 from spatial_pin.accuracy.reduce import Reduced, reduce
-from spatial_pin.accuracy.tradeoff import Tradeoff, tradeoff
-from spatial_pin.dynamics.derivatives import dynamics_derivatives
-from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.dynamics.inverse import inverse_dynamics
-from spatial_pin.dynamics.kinetostatics import kinetostatics
+from spatial_pin.accuracy.reduction_report import Omission
+from spatial_pin.accuracy.reference import Errors
+from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
+from spatial_pin.accuracy.verification import Verification
+from spatial_pin.dynamics.derivatives import Derivatives, dynamics_derivatives
+from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
+from spatial_pin.dynamics.inverse import Efforts, inverse_dynamics
+from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
+from spatial_pin.dynamics.reaction_derivatives import Linear
 from spatial_pin.dynamics.simulate import Simulation, simulate
+from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import (
     AssemblyError,
     ClosureTypeError,
@@ -17,50 +22,95 @@ from spatial_pin.errors import (
     SingularError,
     SpatialPinError,
     SpatialPinWarning,
+    UnknownNameError,
 )
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.dead_centres import dead_centres
-from spatial_pin.kinematics.grashof import grashof
-from spatial_pin.kinematics.jacobians import closure_jacobian, influence, jacobian, jacobian_rate
-from spatial_pin.kinematics.jerks import solve_jerks
+from spatial_pin.kinematics.grashof import Grashof, grashof
+from spatial_pin.kinematics.jacobians import (
+    Influence,
+    closure_jacobian,
+    influence,
+    jacobian,
+    jacobian_rate,
+)
+from spatial_pin.kinematics.jerks import Jerks, solve_jerks
+from spatial_pin.kinematics.joint_limits import JointLimit, Passing
 from spatial_pin.kinematics.limits import limits, trace
-from spatial_pin.kinematics.mobility import Mobility, mobility
+from spatial_pin.kinematics.mobility import Loop, Mobility, PassiveFreedom, mobility
 from spatial_pin.kinematics.modes import assembly_modes
-from spatial_pin.kinematics.motion import FrameMotion, Motion
+from spatial_pin.kinematics.motion import Event, FrameMotion, Motion, Output
+from spatial_pin.kinematics.ranges import Range
 from spatial_pin.kinematics.rates import solve_rates
-from spatial_pin.kinematics.sensitivity import sensitivity
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.sensitivity import Sensitivity, sensitivity
+from spatial_pin.kinematics.state import PointRates, RelativeMotion, State
 from spatial_pin.kinematics.sweep import sweep
-from spatial_pin.kinematics.tolerance import tolerance
-from spatial_pin.kinematics.transmission import transmission
+from spatial_pin.kinematics.tolerance import Tolerance, tolerance
+from spatial_pin.kinematics.transmission import Transmission, transmission
 from spatial_pin.mechanism import laws
+from spatial_pin.mechanism.configuration import CoordinateRates
 from spatial_pin.mechanism.files import list_mechanisms, load
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism import Closure, Coordinate, Driver, Mechanism, Passive, Spring
 from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"
 
 # they load meshcat and matplotlib
-_SEEN_ON_USE = ("Look", "export_html", "live", "movie", "plot", "report", "screenshot", "show")
+_SEEN_ON_USE = ("Look", "Vectors", "Viewer", "export_html", "live", "movie", "plot", "report",
+                "screenshot", "show")
 
 __all__ = [
     "Accuracy",
     "AssemblyError",
+    "Closure",
     "ClosureTypeError",
+    "Coordinate",
+    "CoordinateRates",
+    "Derivatives",
+    "Driver",
+    "Dynamics",
+    "Efforts",
+    "Errors",
+    "Event",
     "FrameMotion",
+    "Grashof",
+    "Influence",
+    "Jerks",
+    "JointLimit",
+    "Kinetostatics",
     "LimitError",
+    "Linear",
     "Look",
+    "Loop",
+    "Measured",
     "Mechanism",
     "MechanismFileError",
     "Mobility",
     "Motion",
+    "Omission",
+    "Output",
+    "Passing",
+    "Passive",
+    "PassiveFreedom",
+    "PointRates",
+    "Projection",
+    "Range",
     "Reduced",
+    "RelativeMotion",
+    "Sensitivity",
     "Simulation",
     "SingularError",
     "SpatialPinError",
     "SpatialPinWarning",
+    "Spring",
     "State",
+    "Tolerance",
     "Tradeoff",
+    "Transmission",
+    "UnknownNameError",
+    "Vectors",
+    "Verification",
+    "Viewer",
     "assemble",
     "assembly_modes",
     "closure_jacobian",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from spatial_pin.kinematics.motion import Motion
@@ -12,7 +12,18 @@ if TYPE_CHECKING:
 
 
 class SpatialPinError(Exception):
-    """Base of every error this library raises about a mechanism."""
+    """Base of every error this library raises about a mechanism.
+
+    It can be copied and sent to another process, with all that it keeps.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Make it anew from its message, then give it its fields: no constructor is called."""
+        return _again, (type(self), self.args), self.__dict__
+
+
+def _again(kind: type[SpatialPinError], args: tuple[Any, ...]) -> SpatialPinError:
+    return kind.__new__(kind, *args)
 
 
 class SpatialPinWarning(UserWarning):

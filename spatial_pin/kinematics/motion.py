@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -120,6 +120,10 @@ class Motion:
     driver_speed: Array
     events: list[Event] = field(default_factory=list)
     angles: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        return {k: x for k, x in self.__dict__.items() if k != "_bodies"}
 
     def __len__(self) -> int:
         return len(self.q)

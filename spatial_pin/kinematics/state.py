@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -104,6 +104,16 @@ class State:
         self.angles = _frozen(np.empty(0) if angles is None else angles)
         self.branch = branch
         self._rate_error = rate_error
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        return {k: x for k, x in self.__dict__.items() if k not in ("data", "_located")}
+
+    def __setstate__(self, kept: Mapping[str, Any]) -> None:
+        """Take what was kept; a copy is as read-only as the first."""
+        self.__dict__.update(kept)
+        for name in ("q", "v", "a", "angles"):
+            setattr(self, name, _frozen(kept[name]))
 
     @cached_property
     def rate_error(self) -> float:

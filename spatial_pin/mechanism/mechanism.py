@@ -174,8 +174,9 @@ class Mechanism:
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but the memo."""
-        return {**self.__dict__, "memo": {}}
+        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral")}
+        return {**kept, "memo": {}}
 
     @cached_property
     def dimensions(self) -> dict[str, float]:

@@ -1,0 +1,96 @@
+"""What a user gets from the library has a name there: types to annotate with, errors to catch."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+import sys
+from collections.abc import Iterator
+from functools import cached_property
+from types import ModuleType
+
+import spatial_pin as sp
+from spatial_pin import errors
+
+PACKAGE = sp.__name__
+
+
+def modules() -> list[ModuleType]:
+    names = [m.name for m in pkgutil.walk_packages(sp.__path__, f"{PACKAGE}.")]
+    return [importlib.import_module(n) for n in names if not n.endswith("__main__")]
+
+
+CLASSES = {
+    c.__name__: c for module in modules() for c in vars(module).values()
+    if inspect.isclass(c) and c.__module__ == module.__name__
+}
+
+
+def named_in(annotation: object, module: str) -> Iterator[type]:
+    """Classes of the library that an annotation names, as seen from a module."""
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", "")
+    for word in re.findall(r"(?<![\w.])[A-Za-z]\w+", text):
+        found = vars(sys.modules[module]).get(word, CLASSES.get(word))
+        if inspect.isclass(found) and found.__module__.startswith(PACKAGE):
+            yield found
+
+
+def yielded(cls: type) -> Iterator[type]:
+    """Classes that fields, properties and methods of a class give."""
+    for base in cls.__mro__:
+        if not base.__module__.startswith(PACKAGE):
+            continue
+        for name, annotation in vars(base).get("__annotations__", {}).items():
+            if not name.startswith("_"):
+                yield from named_in(annotation, base.__module__)
+        for name, member in vars(base).items():
+            if name.startswith("_"):
+                continue
+            if isinstance(member, property):
+                member = member.fget
+            elif isinstance(member, cached_property):
+                member = member.func
+            function = getattr(member, "__func__", member)
+            if inspect.isfunction(function):
+                yield from named_in(function.__annotations__.get("return"), base.__module__)
+
+
+def given_to_users() -> dict[type, str]:
+    """Every class a public function returns, or that is found in one of these, and through what."""
+    found: dict[type, str] = {}
+    todo = []
+    for name in sp.__all__:
+        item = getattr(sp, name)
+        if inspect.isfunction(item):
+            returned = item.__annotations__.get("return")
+            todo += [(c, name) for c in named_in(returned, item.__module__)]
+        elif inspect.isclass(item):
+            todo.append((item, name))
+    while todo:
+        cls, through = todo.pop()
+        if cls not in found and not cls.__name__.startswith("_"):
+            found[cls] = through
+            todo += [(c, f"{through} > {cls.__name__}") for c in yielded(cls)]
+    return found
+
+
+# how a closure is made up of equations: data of the library, not an answer
+INSIDE = {"Pair", "PairGeometry", "Row"}
+
+
+def test_every_type_that_a_user_gets_has_a_name_at_the_top() -> None:
+    missing = {c.__name__: through for c, through in given_to_users().items()
+               if c.__name__ not in INSIDE and getattr(sp, c.__name__, None) is not c}
+    assert not missing
+    assert {"Efforts", "Dynamics", "Sensitivity", "Event"} <= set(sp.__all__)
+
+
+def test_every_error_of_the_library_has_a_name_at_the_top() -> None:
+    ours = {name for name, c in vars(errors).items() if inspect.isclass(c)
+            and issubclass(c, Exception)}
+    assert ours <= set(sp.__all__)
+
+
+def test_the_list_of_names_is_sorted_and_true() -> None:
+    assert sp.__all__ == sorted(set(sp.__all__))
+    assert all(hasattr(sp, name) for name in sp.__all__)
