@@ -196,7 +196,7 @@ class Table:
         best: tuple[int, int, Piece] | None = None
         tried = []
         for level in range(HALVINGS):
-            k = math.floor((s - self.path.start) / self.span * 2**level)
+            k = self._number(level, s)
             if self._is_divided(level, k) or (
                     level < HALVINGS - 1 and self._is_at_limit(level, k)):
                 continue
@@ -215,6 +215,25 @@ class Table:
         self._divide(tried[: tried.index(best[:2])])
         return self._keep(*best)
 
+    def _ends(self, level: int, k: int) -> tuple[float, float]:
+        """Return the ends of a piece: to the bit those of its neighbours, halved or not."""
+        width = self.span / 2**level
+        return self.path.start + k * width, self.path.start + (k + 1) * width
+
+    def _number(self, level: int, s: float) -> int:
+        """Return the number of the piece of a level that holds s.
+
+        Raises:
+            Lost: s is so large that pieces are no longer than its round-off.
+        """
+        k = math.floor((s - self.path.start) / self.span * 2**level)
+        for near in (k, k - 1, k + 1):  # s may round into the piece beside
+            first, last = self._ends(level, near)
+            if first <= s <= last and first < last:
+                return near
+        raise Lost(f"{self.coordinate.name} = {s:.6g} {self.coordinate.unit} is too large to be "
+                   "told from its neighbours; count it from a value near 0")
+
     def _divide(self, pieces: list[tuple[int, int]]) -> None:
         """Remember pieces, by level and number, not to be made again, in no turn."""
         self.divided.update(pieces)
@@ -230,10 +249,9 @@ class Table:
 
         Functions go as the square root there: coefficients of Chebyshev polynomials fall slowly.
         """
-        width = self.span / 2**level
-        first = self.path.start + (k - NEAR) * width
-        return any(first <= limit <= first + (1.0 + 2.0 * NEAR) * width
-                   for limit in self.path.limits)
+        first, last = self._ends(level, k)
+        near = NEAR * (last - first)
+        return any(first - near <= limit <= last + near for limit in self.path.limits)
 
     def _keep(self, level: int, k: int, piece: Piece) -> Piece:
         self.pieces[level, k] = piece
@@ -242,17 +260,16 @@ class Table:
 
     def _make(self, level: int, k: int) -> Piece | None:
         """Return a new piece; None where the branch does not go."""
-        width = self.span / 2**level
-        first = self.path.start + k * width
-        found = self._through(first, width, self.nodes)
+        ends = self._ends(level, k)
+        found = self._through(*ends, self.nodes)
         if found is not None and found.tail > self.exact and self.nodes < NODES:
-            found = self._through(first, width, NODES)
+            found = self._through(*ends, NODES)
         return found
 
-    def _through(self, first: float, width: float, n: int) -> Piece | None:
+    def _through(self, first: float, last: float, n: int) -> Piece | None:
         """Return the piece through n nodes; None where the branch does not go."""
         try:
-            rows = self.rows(first + 0.5 * width * (1.0 + points(n)))
+            rows = self.rows(first + 0.5 * (last - first) * (1.0 + points(n)))
         except Lost:
             return None
         coefficients = np.zeros((NODES, self.columns.width))
@@ -262,7 +279,7 @@ class Table:
             enough = (k for k in FEWER if self._tail(coefficients[:k]) < SAFELY * self.exact)
             self.nodes = next(enough, NODES)
         pace = np.abs(rows[:, self.columns.t] / self.mechanism.velocity_scale).max()
-        return Piece(first, first + width, coefficients, cells_of(coefficients[:, self.often]),
+        return Piece(first, last, coefficients, cells_of(coefficients[:, self.often]),
                      float(pace), np.zeros(self.model.nq), tail)
 
     def _again(self, level: int, k: int) -> Piece | None:
@@ -279,8 +296,8 @@ class Table:
             self.period = self._compare(old, turns)
             if self.period is None:
                 return None
-        return old._replace(first=old.first + turns * TURN, last=old.last + turns * TURN,
-                            shift=old.shift + turns * self.period)
+        first, last = self._ends(level, k)
+        return old._replace(first=first, last=last, shift=old.shift + turns * self.period)
 
     def _compare(self, old: Piece, turns: int) -> Array | None:
         """Return what a turn of the coordinate adds to q (nq,); None if bodies do not come back."""

@@ -1,0 +1,148 @@
+"""Bodies that stand still stay there, with any integrator, for any duration: every loop ends."""
+
+import mechanisms as known
+import numpy as np
+import pinocchio as pin
+import pytest
+from masses import heavy
+
+import spatial_pin as sp
+from spatial_pin.dynamics.embedding import Lost
+from spatial_pin.dynamics.one_freedom import OneFreedom
+from spatial_pin.dynamics.problem import Problem
+from spatial_pin.dynamics.simulate import _independent
+
+ROD = (1.3, (0.5, 0.0, 0.0), (0.0, 0.1, 0.1))
+SETTINGS = {
+    **{name: {"integrator": name} for name in ("DOP853", "RK45", "Radau", "BDF", "LSODA")},
+    **{name: {"integrator": name, "step": 0.01} for name in ("RK4", "Gauss")},
+    "projected": {"formulation": "projected"},
+}
+DOWN = "gravity = [0.0, 0.0, -9.81]\n"
+
+
+def hanging(folder, angle, seed=0):
+    """A pendulum about any axis on a tilted base, that hangs at rest at an angle of its joint."""
+    rng = np.random.default_rng(seed)
+    rpy, axis, com = rng.uniform(-1.2, 1.2, 3), rng.normal(size=3), rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    down = pin.rpy.rpyToMatrix(*rpy).T @ np.array([0.0, 0.0, -1.0])
+    lever, across = com - (com @ axis) * axis, np.cross(axis, com)
+    rest = np.arctan2(down @ across, down @ lever)
+    com = pin.AngleAxis(rest - angle, axis).toRotationMatrix() @ com
+    tree = heavy(known.turning("pin", "ground", "rod", rpy=tuple(rpy), axis=tuple(axis)),
+                 rod=(1.3, tuple(com), (0.1, 0.08, 0.12)))
+    return known.load(folder, "hanging", tree, DOWN), {"pin": float(angle)}
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_pendulum_hanging_still_stays_so(tmp_path, seed):
+    """Round-off pushes it over the edge between two pieces of its table and back."""
+    for k, angle in enumerate(np.random.default_rng(seed).normal(size=3) * [0.03, 0.1, 1.0]):
+        mech, guess = hanging(tmp_path, angle, seed + 100 * k)
+        state = sp.assemble(mech, guess=guess)
+        motion = sp.simulate(mech, state, 1.0)
+        assert np.abs(motion.q - state.q).max() < 1e-13
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_it_stays_so_with_any_integrator(tmp_path, setting):
+    for angle in (0.02, 0.11, -0.4):
+        mech, guess = hanging(tmp_path, angle)
+        state = sp.assemble(mech, guess=guess)
+        motion = sp.simulate(mech, state, 1.0, accuracy=sp.Accuracy(**SETTINGS[setting]))
+        assert np.abs(motion.q - state.q).max() < 1e-12
+
+
+@pytest.mark.parametrize("start", [0.03, -0.11, 0.7, 3.0, -41.3, 1e5 + 0.3])
+def test_pieces_of_a_table_meet_to_the_bit(tmp_path, start):
+    """Whatever their lengths, and after turns that use them again: no number lies between two."""
+    mech, _ = hanging(tmp_path, 0.0)
+    system = _independent(Problem(mech, None, None, None, 1e-10),
+                          sp.assemble(mech, guess={"pin": start}))
+    assert isinstance(system, OneFreedom)
+    table = system.table
+    edges = [edge for level in range(4) for k in (*range(-14, 15), 600, -601)
+             for edge in table._ends(level, k)]
+    near = [np.nextafter(edge, way) for edge in edges for way in (-np.inf, np.inf)]
+    for s in (*edges, *near, *np.nextafter(near, np.inf)):
+        for level in range(4):
+            first, last = table._ends(level, table._number(level, float(s)))
+            assert first <= s <= last
+    places = np.array(sorted([*edges[:120], *near[:240]]))
+    values = table.columns_of(places)
+    assert np.all(np.abs(values[:, 0] - places) < 1e-13 * (100.0 + np.abs(places)))
+
+
+def test_a_coordinate_that_round_off_hides_is_refused(tmp_path):
+    mech, _ = hanging(tmp_path, 0.0)
+    system = _independent(Problem(mech, None, None, None, 1e-10),
+                          sp.assemble(mech, guess={"pin": 0.3}))
+    with pytest.raises(Lost, match=r"pin = 1e\+18 rad is too large"):
+        system.table.columns_of(np.array([0.3, 1e18]))
+
+
+# ---------------------------------------------------------------- other bodies that stand still
+
+
+def standing(folder):
+    """The same pendulum upright: round-off may tip it, but not in a second."""
+    mech, guess = hanging(folder, 0.1)
+    return mech, {"pin": guess["pin"] + np.pi}
+
+
+def double(folder):
+    tree = heavy(known.turning("shoulder", "ground", "upper")
+                 + known.turning("elbow", "upper", "lower", (1, 0, 0)), upper=ROD, lower=ROD)
+    return (known.load(folder, "double", tree, "gravity = [0.0, -9.81, 0.0]\n"),
+            {"shoulder": -0.5 * np.pi})
+
+
+def ball(folder):
+    tree = heavy(known.floating("ball", "ground", "bob", rpy=(0.3, -0.2, 0.9)),
+                 bob=(2.0, (0.0, 0.0, -0.7), (0.1, 0.12, 0.05)))
+    turned = pin.log3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.9).T)
+    return (known.load(folder, "ball", tree, DOWN + known.refine("ball", "spherical")),
+            {"ball": turned})
+
+
+def on_a_spring(folder):
+    tree = heavy(known.sliding("slide", "ground", "block"), block=ROD)
+    spring = '[[springs]]\nname = "s"\njoint = "slide"\nstiffness = 130.0\nfree_length = 0.3\n'
+    return (known.load(folder, "on_a_spring", tree, DOWN + spring),
+            {"slide": 0.3 - 1.3 * 9.81 / 130.0})
+
+
+def parallelogram(folder):
+    """Three rods that hang: a loop at rest."""
+    tree = (known.turning("left", "ground", "a") + known.turning("knee", "a", "b", (1, 0, 0))
+            + known.turning("right", "ground", "c", (0.8, 0, 0))
+            + known.point("b_end", "b", (0.8, 0, 0))
+            + known.point("c_end", "c", (1, 0, 0)))
+    toml = "gravity = [0.0, -9.81, 0.0]\n" + known.closure("pin", "revolute", "b_end", "c_end")
+    down = -0.5 * np.pi
+    return (known.load(folder, "parallelogram", heavy(tree, a=ROD, b=(1.0, (0.4, 0, 0)), c=ROD),
+                       toml), {"left": down, "knee": -down, "right": down})
+
+
+STILL = {f.__name__: f for f in (standing, double, ball, on_a_spring, parallelogram)}
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("name", STILL)
+def test_what_stands_still_stays_where_it_is(tmp_path, name, setting):
+    mech, guess = STILL[name](tmp_path)
+    state = sp.assemble(mech, guess=guess)
+    motion = sp.simulate(mech, state, 0.7, times=[0.0, 0.3, 0.7],
+                         accuracy=sp.Accuracy(**SETTINGS[setting]))
+    assert max(np.abs(pin.difference(mech.model, state.q, q)).max() for q in motion.q) < 1e-11
+
+
+@pytest.mark.parametrize("name", ["double", "parallelogram"])
+def test_a_driver_that_stands_still_by_law_holds_all(tmp_path, name):
+    mech, guess = STILL[name](tmp_path)
+    held = "shoulder" if name == "double" else "left"
+    state = sp.assemble(mech, guess=guess)
+    value = state.coordinate(held)[0]
+    motion = sp.simulate(mech, state, 1.0, drives={held: lambda t: (value, 0.0, 0.0)})
+    assert max(np.abs(pin.difference(mech.model, state.q, q)).max() for q in motion.q) < 1e-11
