@@ -1,5 +1,6 @@
 """Spatial mechanisms with closed loops on Pinocchio."""
 
+from importlib import import_module
 from typing import Any
 
 from spatial_pin.accuracy.reduce import Reduced, reduce
@@ -56,8 +57,9 @@ from spatial_pin.settings import Accuracy
 __version__ = "0.1.0"
 
 # they load meshcat and matplotlib
-_SEEN_ON_USE = ("Look", "Vectors", "Viewer", "export_html", "live", "movie", "plot", "report",
-                "screenshot", "show")
+_SEEN_ON_USE = dict.fromkeys(("Look", "Viewer", "export_html", "live", "movie", "plot", "report",
+                              "screenshot", "show"), "spatial_pin.view")
+_SEEN_ON_USE["Vectors"] = "spatial_pin.view.arrows"
 
 __all__ = [
     "Accuracy",
@@ -150,7 +152,5 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name in _SEEN_ON_USE:
-        from spatial_pin import view
-
-        return getattr(view, name)
+        return getattr(import_module(_SEEN_ON_USE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

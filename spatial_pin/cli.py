@@ -21,6 +21,7 @@ from spatial_pin.kinematics.usual import usual_motion
 from spatial_pin.mechanism.export import export_urdf
 from spatial_pin.mechanism.files import library_titles
 from spatial_pin.operators import OPERATORS
+from spatial_pin.outputs import figure_suffix, write_text
 from spatial_pin.units import Quantity, quantity
 from spatial_pin.view import Viewer
 from spatial_pin.view.plots import usual_outputs
@@ -67,7 +68,7 @@ def _check_files(options: argparse.Namespace) -> None:
         if not path or (name == "json" and path == "-"):
             continue
         if name == "plot":
-            _check_figure(path)
+            figure_suffix(Path(path), "--plot")
         folder = Path(path).parent
         if Path(path).is_dir():
             raise ValueError(f"--{name} {path}: this is a folder; give the name of a file")
@@ -75,15 +76,6 @@ def _check_files(options: argparse.Namespace) -> None:
             raise ValueError(f"--{name} {path}: there is no folder {str(folder)!r}")
         if not os.access(path if Path(path).exists() else folder, os.W_OK):
             raise ValueError(f"--{name} {path}: not allowed to write there")
-
-
-def _check_figure(path: str) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
-
-    known = FigureCanvasAgg.get_supported_filetypes()
-    if Path(path).suffix.lower().removeprefix(".") not in known:
-        raise ValueError(f"--plot {path}: its suffix says how to write a figure: .png, .svg, .pdf "
-                         f"(or .{', .'.join(sorted(set(known) - {'png', 'svg', 'pdf'}))})")
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -584,8 +576,7 @@ def _write_json(content: Any, path: str) -> None:
     if path == "-":
         print(text)
     else:
-        with open(path, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
+        write_text(Path(path), text + "\n")
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ import pytest
 import spatial_pin as sp
 
 PACKAGE = Path(sp.__file__).parent
-LAYERS = ["errors", "linalg", "checks", "settings", "units", "operators", "mechanism", "kinematics",
-          "dynamics", "accuracy", "view", "cli", "__main__"]
+LAYERS = ["errors", "outputs", "linalg", "checks", "settings", "units", "operators", "mechanism",
+          "kinematics", "dynamics", "accuracy", "view", "cli", "__main__"]
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 
 

@@ -4,6 +4,8 @@ import asyncio
 import contextlib
 import importlib.util
 import os
+import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -317,6 +319,37 @@ def test_closed_browser_leaves_nothing_behind():
     assert not group_of(leader) and not folder.exists()
     with pytest.raises(SpatialPinError, match="closed"):
         browser.evaluate("1")
+
+
+FILMING = """
+import sys, time, numpy as np, spatial_pin as sp
+movie = __import__("importlib").import_module("spatial_pin.view.movie")
+def shoot(browser, seconds):
+    print(browser._process.pid, browser._folder.name, flush=True)
+    time.sleep(600)
+movie.shoot = shoot
+sp.movie(sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.3, 3.0, 9)), sys.argv[1])
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_killed_movie_leaves_neither_browser_nor_half_a_file(tmp_path, how):
+    path = tmp_path / "film.gif"
+    path.write_text("the last one")
+    command = [sys.executable, "-c", FILMING, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                          text=True) as process:
+        leader, folder = process.stdout.readline().split()
+        assert group_of(int(leader))
+        process.send_signal(how)
+        process.wait(60)
+    end = time.monotonic() + 60
+    while (group_of(int(leader)) or Path(folder).exists()) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not group_of(int(leader))
+    assert not Path(folder).exists()
+    assert path.read_text() == "the last one"
 
 
 def test_script_that_throws_and_page_that_is_not_there_are_clear_errors(browser, tmp_path):

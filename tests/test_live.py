@@ -354,6 +354,16 @@ def test_page_without_secrets_may_be_seen_through_a_tunnel():
             assert got.status == 200
 
 
+@pytest.mark.parametrize("name", ["rebound.example.com", "rebound.example.com:80", "localhost.x:80",
+                                  "127.0.0.1.example.com", "localhost:80@example.com", ""])
+def test_page_is_not_shown_under_another_name(name):
+    with sp.show(sp.assemble(sp.load("rssr")), open_browser=False) as viewer:
+        asked = urllib.request.Request(viewer.url, headers={"Host": name})
+        with pytest.raises(urllib.error.HTTPError, match="403") as caught:
+            urllib.request.urlopen(asked, timeout=10)
+        caught.value.close()
+
+
 def test_long_question_is_refused_unread(rssr):
     headers = headers_of(rssr)
     assert post(rssr, b" " * (LONGEST_QUESTION + 1), headers)[0] == 413

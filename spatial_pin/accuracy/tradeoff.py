@@ -27,6 +27,7 @@ from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.outputs import writable_path, write_text
 from spatial_pin.settings import Accuracy, accuracy_of
 
 if TYPE_CHECKING:
@@ -162,10 +163,8 @@ class Tradeoff:
 
     def to_json(self, path: str | Path) -> Path:
         """Write `as_dict`; returns the path."""
-        path = Path(path)
-        path.write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n",
-                        encoding="utf-8")
-        return path
+        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
+        return write_text(writable_path(path), text)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw error over time per step, both logarithmic, with the Pareto front.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin.accuracy.grid import describe
+from spatial_pin.outputs import literal, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,9 +104,9 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
     axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
              ylabel="largest error [rad, characteristic lengths; rates by the largest]")
     _frame(axes, tradeoff)
-    figure.suptitle(f"{tradeoff.mechanism}: {tradeoff.task}", fontsize=12)
+    figure.suptitle(literal(f"{tradeoff.mechanism}: {tradeoff.task}"), fontsize=12)
     if path is not None:
-        figure.savefig(path)
+        save_figure(figure, path)
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -22,6 +23,7 @@ from spatial_pin.kinematics.views import accelerations, placements, twists
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.outputs import is_special, replacing, writable_path, write_bytes
 
 
 class Event(NamedTuple):
@@ -300,20 +302,32 @@ class Motion:
         return table
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write `columns` with all digits; returns the path."""
-        table = self.columns()
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
+        """Write `columns` with all digits; returns the path.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+        """
+        table, path = self.columns(), writable_path(path)
+        with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(table)
             writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
-        return Path(path)
+        return path
 
     def save(self, path: str | Path) -> Path:
-        """Write all arrays to an .npz file that `Motion.load` reads; returns the path."""
-        path = Path(path)
-        path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+        """Write all arrays to an .npz file that `Motion.load` reads; returns the path.
+
+        The suffix is added where it is missing, but not to the name of a pipe or device.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+        """
+        path = writable_path(path)
+        if path.suffix != ".npz" and not is_special(path):
+            path = path.with_name(path.name + ".npz")
+        content = io.BytesIO()  # pipes cannot be written out of order
         np.savez_compressed(
-            path, driver=self.driver if self.driver is not None else np.empty(0),
+            content, driver=self.driver if self.driver is not None else np.empty(0),
             driver_name=self.driver_name,
             time=self.time if self.time is not None else np.empty(0),
             q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
@@ -324,7 +338,7 @@ class Motion:
             event_row=np.array([e.row for e in self.events], dtype=int),
             event_text=np.array([e.text for e in self.events], dtype=str),
         )
-        return path
+        return write_bytes(path, content.getbuffer())
 
     @classmethod
     def load(cls, path: str | Path, mechanism: Mechanism) -> Motion:

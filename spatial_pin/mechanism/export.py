@@ -14,6 +14,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.urdf import PAIR_OF_URDF_TYPE
+from spatial_pin.outputs import writable_path, write_text
 
 
 def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
@@ -28,7 +29,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     Raises:
         SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
-    path = Path(path)
+    path = writable_path(path)
     toml = path.with_suffix(".toml")
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
@@ -44,11 +45,11 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
         if target.resolve() in sources:
             raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
     try:
-        path.write_text(mechanism.urdf, encoding="utf-8")
+        write_text(path, mechanism.urdf)
         if not content:
             return [path]
         content["tree"] = path.name
-        toml.write_text(_toml(content), encoding="utf-8")
+        write_text(toml, _toml(content))
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return [path, toml]

@@ -3,7 +3,6 @@
 Nothing here imports meshcat or matplotlib before it is used.
 """
 
-from spatial_pin.view.arrows import Vectors
 from spatial_pin.view.browser import screenshot
 from spatial_pin.view.html import export_html
 from spatial_pin.view.live import live
@@ -15,7 +14,6 @@ from spatial_pin.view.server import Viewer, show
 
 __all__ = [
     "Look",
-    "Vectors",
     "Viewer",
     "export_html",
     "live",

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import shutil
+import signal
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.outputs import writable_path, write_bytes
 from spatial_pin.view.film import Film, film
 from spatial_pin.view.html import export_html
 
@@ -37,12 +42,47 @@ OPTIONS = (
     "--hide-scrollbars",
     "--virtual-time-budget=5000",
 )
+# its standard input is our pipe: it ends when we do
+COMPANION = """folder=$1; shift; exec 3<&0
+(cat <&3 >/dev/null; kill -KILL $$; rm -rf "$folder"; kill -KILL 0) >/dev/null 2>&1 &
+exec "$@" </dev/null 3<&-
+"""
 PATIENCE = 90.0  # longest a browser may take [s]
 
 
 def find_browser() -> str | None:
     """Return the program of a Chromium or Chrome on this machine, or None."""
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
+    """Start a browser that ends with us, however we end.
+
+    It has a process group of its own, and where there is a shell a companion in it, which holds
+    the other end of our pipe: once we are gone it ends the group and removes the folder.
+
+    Args:
+        command: program and options.
+        folder: the browser's own; what it complains of is written to `stderr` there.
+    """
+    with (Path(folder) / "stderr").open("wb") as said:
+        if os.name != "posix":
+            return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                                    stderr=said)
+        return subprocess.Popen(["/bin/sh", "-c", COMPANION, "sh", folder, *command],
+                                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                                start_new_session=True)
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """End a browser, and what is left of its group."""
+    if hasattr(os, "killpg"):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
+    if process.stdin is not None:
+        process.stdin.close()
 
 
 def photograph(page: Path, fragment: str, path: Path, size: tuple[int, int]) -> None:
@@ -64,13 +104,17 @@ def photograph(page: Path, fragment: str, path: Path, size: tuple[int, int]) -> 
         shot = Path(profile) / "shot.png"
         command = [browser, *OPTIONS, f"--user-data-dir={profile}", f"--screenshot={shot}"]
         command += [f"--window-size={size[0]},{size[1]}", f"{page.resolve().as_uri()}#{fragment}"]
+        process = start(command, profile)
         try:
-            done = subprocess.run(command, capture_output=True, timeout=PATIENCE, text=True)
+            process.wait(PATIENCE)
         except subprocess.TimeoutExpired as error:
             raise SpatialPinError(f"{browser} took more than {PATIENCE:g} s") from error
+        finally:
+            end(process)
         if not shot.is_file():
-            raise SpatialPinError(f"{browser} made no picture:\n{done.stderr[-2000:]}")
-        shutil.copyfile(shot, path)
+            said = (Path(profile) / "stderr").read_text(errors="replace")[-2000:]
+            raise SpatialPinError(f"{browser} made no picture:\n{said}")
+        write_bytes(path, shot.read_bytes())
 
 
 def _moment(shown: Film, source: Motion | State, row: int) -> float:
@@ -107,7 +151,7 @@ def screenshot(
         UnknownNameError: `look` names a point or vector that does not exist.
         SpatialPinError: there is no such row, no browser, or it made no picture.
     """
-    path = Path(path)
+    path = writable_path(path)
     seconds = _moment(film(motion_or_state), motion_or_state, row)
     with tempfile.TemporaryDirectory() as folder:
         page = export_html(motion_or_state, Path(folder) / "page.html", title=title, look=look)

@@ -10,9 +10,7 @@ import asyncio
 import base64
 import contextlib
 import json
-import os
 import queue
-import signal
 import subprocess
 import tempfile
 import threading
@@ -23,7 +21,7 @@ from types import TracebackType
 from typing import Any
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.browser import find_browser
+from spatial_pin.view.browser import end, find_browser, start
 
 OPTIONS = (
     "--headless=new",
@@ -145,11 +143,7 @@ class Browser:
 
     def _start(self) -> subprocess.Popen[bytes]:
         command = [self._program, *OPTIONS, f"--user-data-dir={self._folder.name}", "about:blank"]
-        with (Path(self._folder.name) / "stderr").open("wb") as said:
-            return subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
-                start_new_session=True,
-            )
+        return start(command, self._folder.name)
 
     def _address(self) -> str:
         """Return the browser's websocket, once it has written it down."""
@@ -282,7 +276,7 @@ class Browser:
                 self._process.wait(GRACE)
             self._line.close()
             self._line = None
-        _kill(self._process)
+        end(self._process)
         self._folder.cleanup()
 
     def __enter__(self) -> Browser:
@@ -307,12 +301,3 @@ def _patiently(look: Callable[[], Any], what: str) -> Any:
             raise SpatialPinError(f"waited {PATIENCE:g} s in vain for {what}")
         time.sleep(POLL)
     return found
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process and its group, if anything of it is left."""
-    if hasattr(os, "killpg"):
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.kill()
-    process.wait()

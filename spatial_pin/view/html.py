@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from spatial_pin.outputs import writable_path, write_text
 from spatial_pin.view.film import Film, Reading, film, length_words
 from spatial_pin.view.framing import ASPECT, Framing
 
@@ -120,6 +121,5 @@ def export_html(
     Raises:
         UnknownNameError: `look` names a point or vector that does not exist.
     """
-    path = Path(path)
-    path.write_text(page(motion_or_state, title, look), encoding="utf-8")
-    return path
+    path = writable_path(path)
+    return write_text(path, page(motion_or_state, title, look))

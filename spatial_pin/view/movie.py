@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.outputs import replacing, writable_path
 from spatial_pin.view.devtools import Browser
 from spatial_pin.view.film import film
 from spatial_pin.view.html import export_html
@@ -163,7 +164,7 @@ def movie(
         SpatialPinError: there is no browser, or imageio-ffmpeg is wanted and missing.
         ValueError: the suffix is not known, or nothing moves.
     """
-    path = Path(path)
+    path = writable_path(path)
     write = WRITERS.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: a movie is written as {' or '.join(WRITERS)}")
@@ -183,7 +184,8 @@ def movie(
             bar.update()
             return shoot(browser, t)
 
-        write(path, seconds, camera, fps)
+        with replacing(path) as target:
+            write(target, seconds, camera, fps)
     return path
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kinematics.motion import Output, motion_needed
+from spatial_pin.outputs import literal, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +86,7 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
         for component, name, colour in zip(values.T, "xyz", COLOURS, strict=True):
             axes.plot(x, component, color=colour, label=name)
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, **LEGEND)
-    axes.set_title(_label(output.label, unit), loc="left", fontsize=10, color=INK)
+    axes.set_title(literal(_label(output.label, unit)), loc="left", fontsize=10, color=INK)
     _hold_still(axes, values)
     _style(axes)
 
@@ -230,9 +231,9 @@ def plot(
         panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
     elif unit == "°":
         panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
-    panels[-1].set_xlabel(_label(driver, unit))
+    panels[-1].set_xlabel(literal(_label(driver, unit)))
     if title:
-        figure.suptitle(title, fontsize=12)
+        figure.suptitle(literal(title), fontsize=12)
     if path is not None:
-        figure.savefig(path)
+        save_figure(figure, path)
     return figure

@@ -16,6 +16,7 @@ import pinocchio as pin
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
+from spatial_pin.outputs import writable_path, write_text
 from spatial_pin.view.film import not_shown
 from spatial_pin.view.look import Look
 from spatial_pin.view.markup import paragraph
@@ -90,6 +91,7 @@ def report(
         UnknownNameError: an output names nothing of the motion.
         ValueError: the motion has no rows.
     """
+    path = writable_path(path)
     subject = _subject(motion_or_state, outputs, title, look)
     written = (write(subject) for write in SECTIONS)
     parts = {
@@ -99,6 +101,4 @@ def report(
         "FOOT": _foot(),
     }
     template = files("spatial_pin.view").joinpath("report.html").read_text("utf-8")
-    path = Path(path)
-    path.write_text(re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template), encoding="utf-8")
-    return path
+    return write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template))

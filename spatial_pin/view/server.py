@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from spatial_pin.view.look import Look
 
 HOST = "127.0.0.1"
+NAMES = (HOST, "localhost")  # that we answer to
 PATIENCE = 15.0  # longest wait for the browser to fetch the page [s]
 LONGEST_QUESTION = 4096  # of a page to its server [bytes]
 TOKEN = "X-Token"  # header that a question carries its token in
@@ -54,7 +55,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Send the page."""
         if self.path.partition("?")[0] != "/":
             self.send_error(404)
-        elif self.server.service is not None and self._host() is None:
+        elif not self._is_called_by_our_name():
             self.send_error(403, explain=f"The address of this page is {self.server.url}")
         else:
             self._send("text/html", self.server.body)
@@ -73,14 +74,21 @@ class _Handler(BaseHTTPRequestHandler):
             answer = _answer(service, self.rfile.read(length))
             self._send("application/json", json.dumps(answer, allow_nan=False).encode())
 
-    def _host(self) -> str | None:
-        """Return the name we were called by; None for one that is not ours.
+    def _is_called_by_our_name(self) -> bool:
+        """Whether the page may be read: another site may have its own name lead here to do so.
 
-        Another site may have its own name lead here, to read as if it were of the same origin.
+        A page without a service may be seen through a tunnel, whose port is another.
         """
+        if self.server.service is not None:
+            return self._host() is not None
+        name, _, port = self.headers.get("Host", "").partition(":")
+        return name in NAMES and (not port or port.isdigit())
+
+    def _host(self) -> str | None:
+        """Return the name we were called by; None for one that is not ours."""
         host = self.headers.get("Host", "")
         port = self.server.server_address[1]
-        return host if host in (f"{HOST}:{port}", f"localhost:{port}") else None
+        return host if host in [f"{name}:{port}" for name in NAMES] else None
 
     def _is_from_page(self, token: str) -> bool:
         """Whether a question comes from the page that we have served."""

@@ -1,0 +1,146 @@
+"""Writing files: what was there before stays until the new file is whole.
+
+A full disk, an error or a kill on the way loses nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LONGEST_SUFFIX = 16  # of a name that tells a writer the format
+
+
+def writable_path(path: object, what: str = "path") -> Path:
+    """Return a path that a file is to be written to.
+
+    Raises:
+        TypeError: it is no path.
+        ValueError: it is empty, a folder, or has a character that no name can have.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"{what} must be the name of a file to write, not {path!r:.60}")
+    text = os.fspath(path)
+    if not isinstance(text, str):
+        raise TypeError(f"{what} must be the name of a file to write as text, not {path!r:.60}")
+    if not text or "\0" in text:
+        raise ValueError(f"{what} is {text!r:.60}; the name of a file to write is needed")
+    if os.path.isdir(text):
+        raise ValueError(f"{what} {text}: this is a folder; give the name of a file")
+    return Path(text)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Lend a name beside `path`; when the block ends well, its file takes the place of `path`.
+
+    The new file has the permissions of the old one. Links, pipes and devices are written
+    themselves, and so is a file in a folder where no other can be made.
+
+    Raises:
+        OSError: it cannot be written; the error names `path`.
+    """
+    if not _is_replaced(path):
+        with _naming(path, path):
+            yield path
+        return
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    suffix = path.suffix if len(path.suffix) <= LONGEST_SUFFIX else ""
+    beside = path.with_name(f".{secrets.token_hex(8)}{suffix}")
+    try:
+        with _naming(path, beside):
+            os.close(os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            if path.exists():
+                os.chmod(beside, stat.S_IMODE(path.stat().st_mode))
+            yield beside
+            os.replace(beside, path)
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+
+
+def is_special(path: Path) -> bool:
+    """Whether there is a pipe, a device or the like, which keeps nothing."""
+    return path.exists() and not path.is_file()
+
+
+def _is_replaced(path: Path) -> bool:
+    """Whether a file is new or a plain one, in a folder that takes another beside it."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode) and os.access(path.parent, os.W_OK | os.X_OK)
+    except OSError:
+        return True
+
+
+@contextlib.contextmanager
+def _naming(path: Path, beside: Path) -> Iterator[None]:
+    """Let errors speak of the file that the user knows."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None or os.fspath(error.filename) == str(beside):
+            error.filename, error.filename2 = str(path), None
+        raise
+
+
+def write_bytes(path: Path, content: bytes | memoryview) -> Path:
+    """Write a file as a whole; returns its path.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(path) as target, target.open("wb") as file:
+        file.write(content)
+    return path
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a file of text as a whole, UTF-8, line ends as they are; returns its path.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    return write_bytes(path, text.encode())
+
+
+def figure_suffix(path: Path, what: str = "path") -> str:
+    """Return the format that the name of a figure's file asks for, without the dot.
+
+    Raises:
+        ValueError: no figure has this suffix.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
+
+    known, suffix = FigureCanvasAgg.get_supported_filetypes(), path.suffix.lower()[1:]
+    if suffix not in known:
+        raise ValueError(f"{what} {path}: its suffix says how to write a figure: .png, .svg, .pdf "
+                         f"(or .{', .'.join(sorted(set(known) - {'png', 'svg', 'pdf'}))})")
+    return suffix
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as the suffix says.
+
+    Raises:
+        ValueError: no figure has this suffix.
+        OSError: it cannot be written.
+    """
+    path = writable_path(path)
+    suffix = figure_suffix(path)
+    with replacing(path) as target:
+        figure.savefig(target, format=suffix)
+
+
+def literal(text: str) -> str:
+    """Return text that a figure shows as it is: between two $ it would read a formula."""
+    return text.replace("$", r"\$")
