@@ -22,6 +22,7 @@ from spatial_pin.linalg import Array, null_space, rank
 from spatial_pin.mechanism.configuration import joint_values, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.resistance import resists
 
 STARTS = 256  # assembled configurations that are remembered
 OPEN = 1e-9  # closure error of the reduced model where the full one is closed
@@ -295,9 +296,8 @@ def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
         model = mechanism.model
         bodies |= {mechanism.frame_on_joint(f)[0] for s in mechanism.springs for f in s.frames}
         for i in range(1, model.njoints):
-            v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
             if model.inertias[i].mass > 0.0 or np.any(model.inertias[i].inertia) \
-                    or np.any(model.damping[v]) or np.any(model.armature[v]):
+                    or resists(mechanism, i):
                 bodies.add(i)
     return bodies - {0}
 

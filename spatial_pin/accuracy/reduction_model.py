@@ -27,6 +27,7 @@ from spatial_pin.mechanism.export import content_of
 from spatial_pin.mechanism.files import from_text
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Passive, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.resistance import resists
 
 OPEN_CONFIGURATIONS = 4
 ZERO = 1e-12  # derivative of a row that is none
@@ -164,9 +165,7 @@ class Model:
 
     def _resists(self, i: int) -> bool:
         """Whether joint i itself takes a force to be moved."""
-        model = self.full.model
-        v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-        return bool(np.any(model.damping[v]) or np.any(model.armature[v]))
+        return resists(self.full, i)
 
     def _inertia(self, i: int) -> pin.Inertia:
         """Return the inertia of the rigid body that joint i moves, in its axes."""

@@ -31,6 +31,7 @@ from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array, independent_rows
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 
 class Derivatives:
@@ -104,6 +105,7 @@ def dynamics_derivatives(
     external: Mapping[str, pin.Force] | None = None,
     laws: Mapping[str, Law] | None = None,
     slopes: Mapping[str, Slopes] | None = None,
+    slip_speed: SlipSpeed | None = None,
 ) -> Derivatives:
     """Differentiate `forward_dynamics` with respect to q, v and joint efforts.
 
@@ -116,6 +118,7 @@ def dynamics_derivatives(
         laws: of springs, as for `forward_dynamics`; smooth at the state.
         slopes: by spring with a law, (derivative by length, by rate) as a function of
             (length, rate); by extrapolated differences of the law where not given.
+        slip_speed: of dry friction, as for `forward_dynamics`.
 
     Returns:
         The Derivatives, those of the reactions among them.
@@ -125,8 +128,9 @@ def dynamics_derivatives(
         UnknownNameError: a name does not exist.
     """
     state = of_mechanism(mechanism, state)
-    springs = Springs(mechanism, laws, slopes)
-    answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws)
+    springs = Springs(mechanism, laws, slopes, slip_speed)
+    answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
+                              slip_speed=slip_speed)
     whole = split_of(mechanism)
     rows = Rows(mechanism, whole, springs.forces)
     rates = rows.products.rates(state.q, state.v, answer.a)

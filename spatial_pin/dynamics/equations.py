@@ -37,6 +37,7 @@ from spatial_pin.linalg import (
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
 LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
@@ -47,8 +48,8 @@ class Equations:
 
     Attributes:
         pairs: the pairs of the mechanism.
-        given: (nv,) generalised forces of springs and external wrenches.
-        turning: (nv,) those of springs about joints.
+        given: (nv,) generalised forces of springs, resistance and external wrenches.
+        turning: (nv,) those of springs about joints, and of resistance.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
         scale: (nv,) velocity of a unit of each scaled unknown.
         error: estimated round-off of the last accelerations, by their size.
@@ -61,7 +62,7 @@ class Equations:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
         self.pairs = Pairs(mechanism)
-        self._laws: dict[str, Law] = {}
+        self._laws: tuple[dict[str, Law], SlipSpeed | None] = {}, None
         self.springs = Forces(mechanism)
         self.scale = mechanism.velocity_scale
         self._passive_known: dict[bytes, int] = {}
@@ -82,7 +83,7 @@ class Equations:
 
     def update(
         self, state: State, external: Mapping[str, pin.Force] | None = None,
-        laws: Mapping[str, Law] | None = None,
+        laws: Mapping[str, Law] | None = None, slip_speed: SlipSpeed | None = None,
     ) -> None:
         """Evaluate rows and given forces at a State of this mechanism.
 
@@ -90,6 +91,7 @@ class Equations:
             state: configuration and velocity.
             external: wrenches at links, frames or joints, world axes [N, N·m].
             laws: of springs, see `Forces`.
+            slip_speed: of dry friction, see `Forces`.
         """
         self.state = state
         self._svd = None
@@ -97,8 +99,10 @@ class Equations:
         evaluation.turns[:] = state.angles
         evaluation.update(state.q)
         laws = dict(laws or {})
-        if laws != self._laws:
-            self._laws, self.springs = laws, Forces(self.mechanism, laws)
+        slip_speed = dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed
+        if (laws, slip_speed) != self._laws:
+            self._laws = laws, slip_speed
+            self.springs = Forces(self.mechanism, laws, slip_speed)
         springs = self.springs
         self.wrenches = external_wrenches(self.mechanism, evaluation, external)
         self.turning = self.given = springs.turning(state.q, state.v)
@@ -169,7 +173,7 @@ class Equations:
 
     def forward(
         self, state: State, effort: Array, external: Mapping[str, pin.Force] | None,
-        laws: Mapping[str, Law] | None,
+        laws: Mapping[str, Law] | None, slip_speed: SlipSpeed | None = None,
     ) -> tuple[Array, Array | None]:
         """Return accelerations (nv,) and what closures add to the forces, None if not known.
 
@@ -180,13 +184,14 @@ class Equations:
             effort: (nv,) at joints.
             external: wrenches, as for `update`.
             laws: of springs, as for `update`.
+            slip_speed: of dry friction, as for `update`.
 
         Raises:
             SingularError: as `accelerations`.
         """
         loaded = bool(external or laws or self.springs.exist)
         if loaded:
-            self.update(state, external, laws)
+            self.update(state, external, laws, slip_speed)
         found = self._by_pinocchio(state, effort + self.given if loaded else effort)
         if found is not None:
             return found, None
@@ -303,7 +308,7 @@ class Equations:
             w = twist.angular
             centre = twist.linear + np.cross(w, inertia.lever)
             total += 0.5 * float(inertia.mass * (centre @ centre) + w @ inertia.inertia @ w)
-        return total
+        return total + 0.5 * float(v @ (self.model.armature * v))
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""
@@ -335,11 +340,15 @@ class Equations:
         """Return the reactions (6,) by pair and the wrench (6,) on the fixed link."""
         return self.pairs.reactions(
             self.poses(), self.transmitted(a), multipliers, self.pairs.summed(self.wrenches),
-            self.at_joints(effort, multipliers))
+            self.at_joints(effort, multipliers, a))
 
-    def at_joints(self, effort: Array, multipliers: Array) -> Array:
-        """Return efforts (nv,) with springs about joints and what couplings do there."""
-        total = effort + self.turning
+    def at_joints(self, effort: Array, multipliers: Array, a: Array) -> Array:
+        """Return efforts (nv,) with springs about joints and what couplings and rotors do there.
+
+        A rotor (armature) that speeds up with its joint takes its part of the effort: the rest is
+        what the bodies are moved with.
+        """
+        total = effort + self.turning - self.model.armature * a
         couplings = self._couplings()
         if len(couplings):
             total = total + multipliers[-len(couplings) :] @ couplings

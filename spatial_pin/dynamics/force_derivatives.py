@@ -18,6 +18,7 @@ from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.split import SplitModel
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 Slopes = Callable[[float, float], tuple[float, float]]
 REACH = 0.1  # first step of the differences of a law, by the size of what it depends on
@@ -57,14 +58,14 @@ class Springs:
 
     def __init__(
         self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
-        slopes: Mapping[str, Slopes] | None = None,
+        slopes: Mapping[str, Slopes] | None = None, slip_speed: SlipSpeed | None = None,
     ) -> None:
         laws, self.slopes = dict(laws or {}), dict(slopes or {})
         for name in self.slopes:
             if name not in laws:
                 raise UnknownNameError("spring with a law", name, laws,
                                        f"mechanism {mechanism.name!r}: ")
-        self.forces = Forces(mechanism, laws)
+        self.forces = Forces(mechanism, laws, slip_speed)
         self._given = laws
         self._of = {spring.name: spring for spring in mechanism.springs}
         self._length = mechanism.characteristic_length
@@ -94,7 +95,7 @@ class Springs:
         return found
 
     def turns(self, q: Array, v: Array) -> list[Pull]:
-        """Return the springs about joints, in the order of `forces.turns`."""
+        """Return the springs about joints, in the order of `forces.turns`, then what resists."""
         found = []
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
@@ -103,6 +104,12 @@ class Springs:
             row[turn.v] = 1.0
             found.append(Pull(turn.law(x, rate), by_length, by_rate, row, by_length * row,
                               by_rate * row))
+        resistance = self.forces.resistance
+        forces, slopes = resistance.forces(v), resistance.slopes(v)
+        for k in resistance.at:
+            row = np.zeros(len(v))
+            row[k] = 1.0
+            found.append(Pull(-forces[k], 0.0, slopes[k], row, 0.0 * row, slopes[k] * row))
         return found
 
 

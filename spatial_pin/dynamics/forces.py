@@ -18,6 +18,7 @@ from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
+from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 
 Law = Callable[[float, float], float]
 
@@ -60,21 +61,29 @@ class SpringState(NamedTuple):
 
 
 class Forces:
-    """The springs of a mechanism, ready to be evaluated.
+    """The springs of a mechanism and what resists at its joints, ready to be evaluated.
 
     Args:
         mechanism: the mechanism.
         laws: by spring name, force as a function of (length, rate) [m, m/s] or (coordinate, rate),
             positive pulling together (or back), instead of stiffness and damping.
+        slip_speed: of dry friction, see `Resistance`; default the file's.
+
+    Attributes:
+        resistance: damping and dry friction of the joints.
     """
 
-    def __init__(self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None) -> None:
+    def __init__(
+        self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
+        slip_speed: SlipSpeed | None = None,
+    ) -> None:
         laws = dict(laws or {})
         names = [spring.name for spring in mechanism.springs]
         for name in laws:
             if name not in names:
                 raise UnknownNameError("spring", name, names, f"mechanism {mechanism.name!r}: ")
         self.mechanism = mechanism
+        self.resistance = Resistance(mechanism, slip_speed)
         self.lines: list[Line] = []
         self.turns: list[Turn] = []
         for spring in mechanism.springs:
@@ -98,11 +107,11 @@ class Forces:
 
     @property
     def exist(self) -> bool:
-        """Whether there is any spring."""
-        return bool(self.lines or self.turns)
+        """Whether there is any spring, or any resistance."""
+        return bool(self.lines or self.turns or self.resistance)
 
     def generalised(self, evaluation: Evaluation, q: Array, v: Array) -> Array:
-        """Return the generalised forces (nv,) of all springs, after `evaluation.update(q)`."""
+        """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
         total = self.turning(q, v)
         for line in self.lines:
             row, length, _ = self.row(evaluation, line)
@@ -110,8 +119,8 @@ class Forces:
         return total
 
     def turning(self, q: Array, v: Array) -> Array:
-        """Return the generalised forces (nv,) of the springs about joints."""
-        total = np.zeros(len(v))
+        """Return the generalised forces (nv,) of springs about joints, and of resistance."""
+        total = self.resistance.forces(v) if self.resistance else np.zeros(len(v))
         for turn in self.turns:
             total[turn.v] -= turn.law(float(q[turn.q]), float(v[turn.v]))
         return total

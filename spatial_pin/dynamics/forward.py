@@ -14,13 +14,15 @@ from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 
 class Load(NamedTuple):
-    """Forces besides gravity, efforts and closures: on frames, and laws of springs."""
+    """Forces besides gravity, efforts and closures: on frames, of springs, dry friction."""
 
     external: Mapping[str, pin.Force] | None = None
     laws: Mapping[str, Law] | None = None
+    slip_speed: SlipSpeed | None = None
 
 
 class Dynamics:
@@ -82,8 +84,9 @@ class Dynamics:
         """What every pair exerts, world axes [N, N·m].
 
         A joint of the tree: on its child link, at the joint's origin. A closure: on the link of its
-        second frame, at that frame's origin. What drivers and springs do about or along the pair's
-        own axis is not part of it.
+        second frame, at that frame's origin. What drivers, springs, damping and friction do about
+        or along the pair's own axis is not part of it, nor is what an armature takes there: it is
+        a term of the joint's balance of efforts alone, as in Pinocchio and MuJoCo.
         """
         return self._borne[0]
 
@@ -122,10 +125,12 @@ def forward_dynamics(
     *,
     external: Mapping[str, pin.Force] | None = None,
     laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
 ) -> Dynamics:
     """Solve accelerations, multipliers and reactions of a closed mechanism under forces.
 
-    Gravity and the file's springs act always. Drivers are free unless an effort is given.
+    Gravity, the file's springs, damping and dry friction of joints (URDF, or the mechanism file)
+    act always, armatures add to the inertia. Drivers are free unless an effort is given.
     Loops are hard: accelerations are exact whether they are overconstrained or not.
 
     Args:
@@ -135,6 +140,9 @@ def forward_dynamics(
         external: by link, frame or joint, the force on it at its origin, world axes.
         laws: by spring, force as a function of (length, rate) instead of stiffness and damping,
             positive pulling together; about a joint torque of (angle, rate), positive turning back.
+        slip_speed: speed at which dry friction is nearly whole, instead of the file's: one for all
+            coordinates [rad/s, characteristic lengths per second], or by driver, joint or
+            coordinate [rad/s, m/s]. Slower joints rub less, joints at rest not at all.
 
     Returns:
         The Dynamics.
@@ -146,7 +154,7 @@ def forward_dynamics(
     """
     state = of_mechanism(mechanism, state)
     effort = joint_efforts(mechanism, efforts)
-    load = Load(external, laws)
+    load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
         a, closures = equations.forward(state, effort, *load)
         error = equations.error

@@ -15,6 +15,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array, decompose
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 
 class Actuation:
@@ -83,6 +84,7 @@ def inverse_dynamics(
     *,
     external: Mapping[str, pin.Force] | None = None,
     laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
 ) -> Efforts:
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
@@ -97,6 +99,7 @@ def inverse_dynamics(
             weights (a mapping), the sum of weight * effort² is least.
         external: by link, frame or joint, the force on it at its origin, world axes.
         laws: of springs, as for `forward_dynamics`.
+        slip_speed: of dry friction, as for `forward_dynamics`; there is none at rest.
 
     Returns:
         The Efforts.
@@ -109,7 +112,7 @@ def inverse_dynamics(
     """
     state = of_mechanism(mechanism, state)
     actuation = Actuation(mechanism, actuated)
-    load = Load(external, laws)
+    load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
         equations.update(state, *load)
         efforts, a, closures = balance(equations, actuation)

@@ -19,6 +19,7 @@ from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.summary import effort_lines, first_of, heading, tidy, where
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
@@ -93,7 +94,7 @@ class _Rows:
         self.transmitted[k] = equations.transmitted(a)
         self.multipliers[k] = equations.multipliers(closures)
         self.joint_efforts[k] = equations.at_joints(actuation.generalised(x, len(a)),
-                                                    self.multipliers[k])
+                                                    self.multipliers[k], a)
         for kept, now in zip(self.poses, equations.poses(), strict=True):
             kept[k] = now
         if equations.wrenches:
@@ -109,6 +110,7 @@ def kinetostatics(
     *,
     external: External | None = None,
     laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
 ) -> Kinetostatics:
     """Solve the efforts that a motion needs and the reactions it causes, row by row.
 
@@ -120,6 +122,7 @@ def kinetostatics(
         actuated: as for `inverse_dynamics`.
         external: forces at frames, world axes, or a function of the State that returns them.
         laws: as for `forward_dynamics`.
+        slip_speed: as for `forward_dynamics`.
 
     Returns:
         The Kinetostatics.
@@ -139,7 +142,8 @@ def kinetostatics(
         rows = _Rows(equations, len(motion), len(actuation.names))
         for k in range(len(motion)):
             state = motion.state(k)
-            equations.update(state, external(state) if callable(external) else external, laws)
+            equations.update(state, external(state) if callable(external) else external, laws,
+                             slip_speed)
             rows.fill(k, equations, actuation)
         reactions, ground = equations.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)

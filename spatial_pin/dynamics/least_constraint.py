@@ -5,8 +5,9 @@ Of all accelerations a = a0 + G z that the loops allow, those happen for which
     1/2 sum_b ( m |c''_b - g|^2 + |I^(1/2) (w'_b + I^-1 (w x I w))|^2 ) - f . G z
 
 is least [Gauss1829; UdwadiaKalaba1996], c'' and w' a body's accelerations, f the joint forces
-given. Solved by QR of the bodies' own rows, the heaviest first, no mass matrix is ever formed: in
-that a light body's part is rounded away beside a heavy one's [GolubVanLoan, 6.2.5].
+given; an armature A of a joint coordinate x adds 1/2 A x''^2. Solved by QR of the bodies' own
+rows, the heaviest first, no mass matrix is ever formed: in that a light body's part is rounded away
+beside a heavy one's [GolubVanLoan, 6.2.5].
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ class LeastConstraint:
                 axes[:, 0] *= np.linalg.det(axes)  # right-handed: products of rates are to come
                 self._bodies.append((joint, body.lever.copy(), axes,
                                      np.sqrt([body.mass] * 3 + np.maximum(moments, 0.0).tolist())))
+
+        self._rotors = np.flatnonzero(model.armature)
+        self._weights = np.sqrt(model.armature[self._rotors])
 
     def solve(
         self, q: Array, v: Array, a: Array, columns: Array, given: Array
@@ -99,8 +103,12 @@ class LeastConstraint:
         model, data = self._model, self._data
         pin.computeJointJacobians(model, data, q)
         pin.forwardKinematics(model, data, q, v, a)
-        rows = np.zeros((6 * len(self._bodies), columns.shape[1]))
-        rest, terms = np.zeros(len(rows)), np.zeros(columns.shape[1])
+        rotors = slice(6 * len(self._bodies), None)
+        rows = np.zeros((rotors.start + len(self._rotors), columns.shape[1]))
+        rest = np.zeros(len(rows))
+        rows[rotors] = self._weights[:, None] * columns[self._rotors]
+        rest[rotors] = self._weights * a[self._rotors]
+        terms = np.abs(rows[rotors]).sum(axis=0)
         sizes = np.abs(columns)
         for k, (joint, lever, axes, weights) in enumerate(self._bodies):
             at, across = slice(6 * k, 6 * k + 6), pin.skew(lever)

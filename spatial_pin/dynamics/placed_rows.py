@@ -47,9 +47,9 @@ class PlacedRows:
     def _part(self, batch: Batch, q: Array, v: Array, near: Array) -> tuple[Array, Array, Array]:
         placed = batch.place(np.ascontiguousarray(q.T), near.T)
         error = np.abs(placed.residual).max(axis=0, initial=0.0)
-        model, data = self.problem.model, self.problem.data
+        model, data, kinetic = self.problem.model, self.problem.data, self.problem.kinetic
         energy = np.array([  # the kinetic energy leaves the placements for the potential one
-            pin.computeKineticEnergy(model, data, *row) + pin.computePotentialEnergy(model, data)
+            kinetic(*row, data) + pin.computePotentialEnergy(model, data)
             for row in zip(q, v, strict=True)])
         for line in self.problem.forces.lines:
             if line.energy:

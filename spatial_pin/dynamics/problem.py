@@ -17,9 +17,10 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 
 ALIKE = 1e-4  # pivot of inertias, each in its own unit, below which digits would be lost
 LIGHT = 1e-8  # inertia, by that of the heaviest joint coordinate, that may be round-off
@@ -58,8 +59,9 @@ class Problem:
     """A mechanism, what acts on it and what is prescribed.
 
     Attributes:
-        forces: its springs.
+        forces: its springs, and what resists at joints.
         mass: its mass matrix at a configuration.
+        kinetic: its kinetic energy at a motion.
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
@@ -70,13 +72,15 @@ class Problem:
     def __init__(
         self, mechanism: Mechanism, efforts: Mapping[str, float] | EffortLaw | None,
         drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
+        slip_speed: SlipSpeed | None = None,
     ) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
         self.data = self.model.createData()
         self.mass = MassMatrix(self.model)
+        self.kinetic = KineticEnergy(self.model)
         self.least_constraint = LeastConstraint(self.model, self.scale)
-        self.forces = Forces(mechanism, laws)
+        self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
         self.drives = [(mechanism.driven_coordinate(n), _law(n, law))
@@ -98,7 +102,7 @@ class Problem:
         return joint_efforts(self.mechanism, self.law(t, self.state(q, v, evaluation)))
 
     def given(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
-        """Return the joint forces (nv,) of efforts and springs."""
+        """Return the joint forces (nv,) of efforts, springs and what resists."""
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
@@ -106,7 +110,7 @@ class Problem:
 
     def energy(self, q: Array, v: Array, evaluation: Evaluation) -> float:
         """Return kinetic, potential and spring energy [J]."""
-        total = float(pin.computeKineticEnergy(self.model, self.data, q, v))
+        total = self.kinetic(q, v)
         total += float(pin.computePotentialEnergy(self.model, self.data, q))
         return total + self.forces.energy(evaluation, q)
 

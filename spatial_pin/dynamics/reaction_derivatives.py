@@ -234,10 +234,11 @@ class ReactionChanges:
     # ------------------------------------------------------------ efforts at joints
 
     def _efforts(self) -> Array:
-        """Return (nv, ...) efforts at joints, springs and couplings there."""
+        """Return (nv, ...) efforts at joints, springs, rotors and couplings there."""
         total = self._new(self.nv)
         total[:, 0] = self.changes.effort
         total[:, 1 + 2 * self.nv :] = np.eye(self.nv)
+        total -= self.mechanism.model.armature[:, None] * self.a
         for pull in self.changes.turns:
             total[:, 0] -= pull.force * pull.row
             total[:, self.by_q] -= np.outer(pull.row, pull.by_q)

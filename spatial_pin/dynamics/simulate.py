@@ -25,6 +25,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.settings import Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
@@ -42,6 +43,7 @@ def simulate(
     *,
     drives: Mapping[str, DriverLaw] | None = None,
     laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
     stop_when: Callable[[float, State], float] | None = None,
     on_joint_limit: str = "report",
     progress: bool = False,
@@ -63,6 +65,8 @@ def simulate(
         accuracy: integrator, its tolerance or step, and closure; default "engineering".
         drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
+        slip_speed: speed at which dry friction is nearly whole, see `forward_dynamics`: joints
+            that friction should hold creep at a part of it.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
             and a last row there.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
@@ -88,7 +92,7 @@ def simulate(
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
-    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance)
+    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
     _check_start(problem, state)
     watch = Watch(problem, state, stop_when, on_joint_limit)
     run = Run(problem, accuracy, FORMULATIONS[accuracy.formulation], times, watch)
@@ -168,4 +172,5 @@ FORMULATIONS: dict[str, Callable[[Problem, State], System]] = {
     "independent": _independent,
     "projected": Projected,
 }
-SETTLING = ("DOP853", "RK45", "Radau", "RK4", "Gauss")  # integrators that a projection can correct
+# integrators that a projection can correct
+SETTLING = ("automatic", "DOP853", "RK45", "Radau", "RK4", "Gauss")

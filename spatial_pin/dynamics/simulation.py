@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.summary import effort_lines, first_of
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -73,7 +73,8 @@ class Simulation(Motion):
 
     Attributes:
         energy: (N,) kinetic, potential and spring energy [J].
-        work: (N,) of efforts, dampers, prescribed drivers and spring laws since the start [J].
+        work: (N,) of efforts, dampers, damping and friction of joints, prescribed drivers and
+            spring laws since the start [J].
         energy_drift: largest difference of energy and work to the energy at the start, by the
             largest kinetic energy or change of the rest [-].
         efforts: (N,) of every prescribed driver [N·m, N], by its name; one that is no driver of
@@ -85,6 +86,7 @@ class Simulation(Motion):
             False where efforts were a function.
         joint_limits: the joint limits of the URDF that were passed, and when.
         projection: what projecting took, with the formulation "projected"; else None.
+        integrators: names of those that were used, in their order.
     """
 
     energy: Array = field(default_factory=lambda: np.empty(0))
@@ -97,12 +99,14 @@ class Simulation(Motion):
     by_drivers: bool = True
     joint_limits: list[Passing] = field(default_factory=list)
     projection: Projection | None = None
+    integrators: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
+        stiff = f" ({self.integrators[-1]} where stiff)" if len(self.integrators) > 1 else ""
         lines = [super().__str__(),
                  f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps "
-                 f"of the integrator{used}"]
+                 f"of the integrator{stiff}{used}"]
         efforts = effort_lines(self, self.efforts)
         return "\n".join([*lines, *(["efforts:"] if efforts else []),
                           *first_of(efforts, "efforts")])
@@ -112,9 +116,7 @@ def energy_drift(mechanism: Mechanism, q: Array, v: Array, energy: Array, work: 
     """Return the largest energy that came from nowhere, by what the motion exchanges."""
     if not len(energy):
         return 0.0
-    data = mechanism.model.createData()
-    kinetic = np.array([pin.computeKineticEnergy(mechanism.model, data, *row)
-                        for row in zip(q, v, strict=True)])
+    kinetic = np.array(list(map(KineticEnergy(mechanism.model), q, v)))
     size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)))
     drift = float(np.abs(energy - work - energy[0]).max())
     return drift / size if size > 0.0 else 0.0

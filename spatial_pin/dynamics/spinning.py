@@ -24,6 +24,7 @@ from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import close, passive_freedoms
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, null_space
+from spatial_pin.mechanism.resistance import resists
 
 SAME = 1e-12  # difference of moments of inertia, and distance from the line, that is none
 FREE = 1e-9  # closure rows, per unit of spin, that do not hold it
@@ -48,7 +49,8 @@ class Spinning(NamedTuple):
 def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     """Return the bodies that spin freely, symmetric about their lines.
 
-    Each is carried by a ball joint, carries none itself, and no spring holds it beside its line.
+    Each is carried by a ball joint that does not resist, carries none itself, and no spring holds
+    it beside its line.
     """
     mechanism = problem.mechanism
     evaluation = Evaluation(constraints_of(mechanism))
@@ -74,6 +76,8 @@ def _is_symmetric(problem: Problem, body: Spinning) -> bool:
     model, u = problem.model, body.axis
     inertia = model.inertias[body.joint]
     size = problem.mechanism.characteristic_length
+    if resists(problem.mechanism, body.joint):
+        return False
     if body.joint in list(model.parents) or _beside(u, inertia.lever) > SAME * size:
         return False
     moments = inertia.inertia

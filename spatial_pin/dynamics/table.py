@@ -154,7 +154,7 @@ class Table:
         return [crossing + TURN * k for k in range(first, last + 1)]
 
     def springs(self, values: Array, rate: float) -> tuple[float, float]:
-        """Return the springs' force on the coordinate, and the slope of the energy they store.
+        """Return the force of springs and resistance on the coordinate, and the energy's slope.
 
         Args:
             values: columns at the place, from `columns_at`.
@@ -172,6 +172,8 @@ class Table:
             force -= turn.law(x, slope * rate) * slope
             if turn.storing:
                 stored += turn.storing(x) * slope
+        if self.forces.resistance:
+            force += float(self.forces.resistance.forces(t * rate) @ t)
         return force, stored
 
     def configuration(self, s: float, values: Array) -> Array:
@@ -191,7 +193,7 @@ class Table:
         Raises:
             Lost: the branch does not go there.
         """
-        if not math.isfinite(s):
+        if not math.isfinite(s) or s + self.span / 2**HALVINGS == s:  # run away
             raise Lost
         best: tuple[int, int, Piece] | None = None
         tried = []

@@ -79,9 +79,10 @@ def _piece(whole: pin.Model, joints: list[int]) -> Piece:
         own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
                                 whole.jointPlacements[i], whole.names[i])
         model.inertias[own[i]] = whole.inertias[i]
+    v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
+    model.armature = whole.armature[v]
     data = model.createData()
     q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
-    v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
     return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model),
                  placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
                  joint_jacobian(data, model.nv), np.zeros(model.nv))

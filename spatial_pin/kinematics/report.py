@@ -16,6 +16,7 @@ from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.summary import heading, ranges
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.resistance import resistance_texts
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class Info:
     coordinates: dict[str, str]
     drivers: dict[str, str]
     springs: dict[str, str]
+    resistances: dict[str, str]
     mobility: Mobility | None
     closure_error: float
     notes: list[str] = field(default_factory=list)
@@ -71,6 +73,8 @@ class Info:
             f"coordinates ({len(self.coordinates)}):\n{listing(self.coordinates)}",
             f"drivers ({len(self.drivers)}):\n{listing(self.drivers)}".rstrip(":\n"),
             f"springs ({len(self.springs)}):\n{listing(self.springs)}" * bool(self.springs),
+            f"joints that resist ({len(self.resistances)}):\n{listing(self.resistances)}"
+            * bool(self.resistances),
             str(self.mobility or ""),
             "\n".join(self.notes),
         ]
@@ -93,6 +97,7 @@ def info(mechanism: Mechanism) -> Info:
         {c.name: c.unit for c in mechanism.coordinate_table.values()},
         {d.name: f"prescribes {d.joint}" for d in mechanism.drivers.values()},
         {s.name: _spring_text(mechanism, s) for s in mechanism.springs},
+        resistance_texts(mechanism),
         mobility(mechanism, state) if closed else None,
         error,
         _notes(mechanism, closed, error),

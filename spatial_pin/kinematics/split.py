@@ -48,6 +48,7 @@ def split(model: pin.Model) -> SplitModel:
             placement = pin.SE3.Identity()
         out.inertias[at] = model.inertias[i]
         carrier.append(at)
+    out.armature = model.armature  # entries of the velocity keep their order
     return SplitModel(out, np.array(carrier))
 
 

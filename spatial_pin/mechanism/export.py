@@ -13,6 +13,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.mechanism.urdf import PAIR_OF_URDF_TYPE
 from spatial_pin.outputs import writable_path, write_text
 
@@ -57,8 +58,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
     """Return what a mechanism file says of a mechanism, as `tomllib` would read it."""
-    kinds = {joint.get("name", ""): joint.get("type", "")
-             for joint in ET.fromstring(mechanism.urdf).findall("joint")}
+    elements = {joint.get("name", ""): joint
+                for joint in ET.fromstring(mechanism.urdf).findall("joint")}
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
         "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
@@ -69,9 +70,13 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
     }
     for i, pair in enumerate(mechanism.pairs, start=1):
-        kind = kinds[mechanism.model.names[i]]
-        if pair != PAIR_OF_URDF_TYPE.get(kind, kind):
-            content["joints"][mechanism.model.names[i]] = _joint(mechanism, i)
+        name = mechanism.model.names[i]
+        kind = elements[name].get("type", "")
+        refined = pair != PAIR_OF_URDF_TYPE.get(kind, kind)
+        table = {**(_joint(mechanism, i) if refined else {}),
+                 **_resistances(mechanism, i, elements[name].find("dynamics"))}
+        if table:
+            content["joints"][name] = table
     return {key: value for key, value in content.items() if value}
 
 
@@ -86,6 +91,22 @@ def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
     table.update({"axis": axis.tolist()} if pair.uses_axis else {})
     table.update({"axis2": axis2.tolist()} if pair.uses_axis2 else {})
     table.update({"lead": lead} if pair.uses_lead else {})
+    return table
+
+
+def _resistances(
+    mechanism: Mechanism, i: int, dynamics: ET.Element | None
+) -> dict[str, list[float]]:
+    """Return what resists, or adds inertia, at tree joint i, where the URDF says otherwise."""
+    model, given = mechanism.model, {} if dynamics is None else dynamics.attrib
+    own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+    values = {"damping": model.damping, "friction": model.upperDryFrictionLimit,
+              "armature": model.armature}
+    table = {key: x[own].tolist() for key, x in values.items()
+             if np.any(x[own] != float(given.get(key, 0.0)))}
+    slip = Resistance(mechanism).slip_speed[own]
+    if mechanism.slip_speeds.size and not np.all(np.isnan(mechanism.slip_speeds[own])):
+        table["slip_speed"] = slip.tolist()
     return table
 
 

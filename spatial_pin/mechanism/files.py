@@ -33,6 +33,7 @@ from spatial_pin.mechanism.pairs import (
     axes_from_z,
 )
 from spatial_pin.mechanism.urdf import (
+    RESISTANCES,
     JointRefinement,
     Tree,
     expand,
@@ -170,7 +171,8 @@ def _build(
     mechanism = Mechanism(
         name=name, model=tree.model, visual_model=tree.visual_model,
         collision_model=tree.collision_model, pairs=tree.pairs, inertias=tree.inertias,
-        parameters=dict(parameters), path=path, urdf=tree.urdf, **parts,
+        parameters=dict(parameters), path=path, urdf=tree.urdf, slip_speeds=tree.slip_speeds,
+        **parts,
     )
     check_mechanism(mechanism, str(path))
     _check_guess(mechanism, str(path))
@@ -188,6 +190,12 @@ def _check_guess(mechanism: Mechanism, where: str) -> None:
 
 
 def _refinement(table: _Table) -> JointRefinement:
+    resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
+    if np.any(resistances.get("slip_speed", 1.0) == 0.0):
+        table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
+    if resistances and "type" not in table:
+        table.close()
+        return JointRefinement(resistances=resistances, where=table.where)
     kind = table.choice("type", JOINT_TYPES)
     pair = PAIRS[kind]
     refinement = JointRefinement(
@@ -195,6 +203,7 @@ def _refinement(table: _Table) -> JointRefinement:
         axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
         axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
         lead=table.number("lead") if pair.uses_lead else 0.0,
+        resistances=resistances, where=table.where,
     )
     table.close()
     return refinement
@@ -326,6 +335,16 @@ class _Table:
             self.fail(key, f"is {str(value)[:24]}; it must be finite" +
                       (f" and at least {least:g}" if least > -math.inf else ""))
         return float(value)
+
+    def numbers(self, key: str, least: float = -math.inf) -> Array:
+        """One number, or a list of them."""
+        value = self.get(key)
+        if not isinstance(value, list):
+            return np.array([self.number(key, least=least)])
+        parts = [_Table({key: x}, self.where).number(key, least=least) for x in value]
+        if not parts:
+            self.fail(key, "is an empty list")
+        return np.array(parts)
 
     def vector(self, key: str) -> Array:
         value = self.get(key)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
+import numpy as np
 import pinocchio as pin
 
 from spatial_pin.linalg import Array
@@ -64,9 +65,31 @@ class MassMatrix:
             self.model = model.copy()
             for i, inertia in enumerate(model.inertias):
                 self.model.inertias[i] = _times(inertia, 1.0 / self.unit)
+            self.model.armature = model.armature / self.unit
         self._data = self.model.createData()
 
     def __call__(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv) at a configuration q (nq,), overwritten by the next."""
         mass: Array = pin.crba(self.model, self._data, q)
         return mass if self.unit == 1.0 else mass * self.unit
+
+
+class KineticEnergy:
+    """`pin.computeKineticEnergy` with armatures: Pinocchio 4.1 leaves out those of single joints.
+
+    Args:
+        model: the tree.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self._armature = model.armature.copy()
+        self._model, self._data = model, model.createData()
+        if np.any(self._armature):
+            self._model = model.copy()
+            self._model.armature = np.zeros(model.nv)
+
+    def __call__(self, q: Array, v: Array, data: pin.Data | None = None) -> float:
+        """Return the energy [J] at q (nq,) and v (nv,); bodies are left placed in `data`."""
+        at = self._data if data is None else data
+        bodies = float(pin.computeKineticEnergy(self._model, at, q, v))
+        return bodies + 0.5 * float(v @ (self._armature * v))

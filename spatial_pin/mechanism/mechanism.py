@@ -151,6 +151,8 @@ class Mechanism:
         parameters: xacro parameters it was loaded with.
         path: the file it came from; tree: the URDF or xacro file of its open tree.
         urdf: the expanded URDF text.
+        slip_speeds: (nv,) speed of each coordinate at which its dry friction is nearly whole, as
+            in the file [rad/s, m/s]; NaN, or an empty array, for the default.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
 
@@ -171,6 +173,7 @@ class Mechanism:
     path: Path | None = None
     tree: Path | None = None
     urdf: str = ""
+    slip_speeds: Array = field(default_factory=lambda: np.empty(0))
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:

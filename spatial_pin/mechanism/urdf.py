@@ -14,7 +14,7 @@ import threading
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -36,23 +36,28 @@ CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "fixed": ("fixed",),
 }
 PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
+RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
 
 
 @dataclass(frozen=True, eq=False)
 class JointRefinement:
-    """The pair that a mechanism file gives to a URDF joint.
+    """What a mechanism file says of a URDF joint.
 
     Attributes:
-        type: a name of `PAIRS`.
+        type: a name of `PAIRS`; None for that of the URDF.
         axis: (3,) unit vector in the joint frame, None for the default.
         axis2: (3,) unit vector, second pin of a universal joint.
         lead: translation per turn of a screw [m].
+        resistances: some of `RESISTANCES`, a number for all coordinates or one for each.
+        where: file and table, for errors.
     """
 
-    type: str
+    type: str | None = None
     axis: Array | None = None
     axis2: Array | None = None
     lead: float = 0.0
+    resistances: Mapping[str, Array] = field(default_factory=dict)
+    where: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +71,7 @@ class Tree:
         inertias: inertia of every link that has one, in the link's frame.
         mimics: (mimicking joint, mimicked joint, multiplier, offset).
         urdf: the expanded URDF text.
+        slip_speeds: (nv,) speeds at which dry friction is nearly whole; NaN where none is given.
     """
 
     model: pin.Model
@@ -75,6 +81,7 @@ class Tree:
     inertias: dict[str, pin.Inertia]
     mimics: tuple[tuple[str, str, float, float], ...]
     urdf: str
+    slip_speeds: Array
 
 
 def expand(path: Path, parameters: Mapping[str, float]) -> str:
@@ -216,6 +223,7 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     rebuilt = _rebuild(model, pairs, elements, refinements, path)
+    slip_speeds = _resist(rebuilt, refinements)
     try:
         put_inertias(rebuilt, inertias)
     except (RuntimeError, ValueError) as error:
@@ -223,7 +231,7 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
             f"{path}: inertias leave the range of numbers: it is too large or too heavy"
         ) from error
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
-    return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf)
+    return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf, slip_speeds)
 
 
 def _parse(text: str, path: Path) -> ET.Element:
@@ -302,12 +310,18 @@ def _joint_pairs(
                 "in the .toml file for spherical, universal, cylindrical and screw)"
             )
         refined = refinements.get(name)
-        if refined and refined.type not in CONTAINED_PAIRS[kind]:
+        pair = refined.type if refined else None
+        if pair and pair not in CONTAINED_PAIRS[kind]:
             raise MechanismFileError(
                 f"{path}: joint {name!r} is {kind} in the URDF, which does not contain a "
-                f"{refined.type} pair; make it \"floating\" there"
+                f"{pair} pair; make it \"floating\" there"
             )
-        pairs[name] = refined.type if refined else PAIR_OF_URDF_TYPE.get(kind, kind)
+        pairs[name] = pair or PAIR_OF_URDF_TYPE.get(kind, kind)
+        if refined and refined.resistances and pairs[name] == "fixed":
+            raise MechanismFileError(
+                f"{refined.where}: {next(iter(refined.resistances))}: joint {name!r} is fixed and "
+                "has nothing that could resist; take the key out"
+            )
         if pairs[name] == "fixed":
             joint.set("type", "fixed")
     return pairs
@@ -358,8 +372,9 @@ def joint_axes(
         axis = np.array(pair.axis)
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
     axis = axis / np.linalg.norm(axis)
-    if element.get("type") == "planar" and refined is not None and refined.type != "planar":
-        _check_within_plane(refined.type, axis, tag, where)
+    kind = refined.type if refined is not None else None
+    if element.get("type") == "planar" and kind not in (None, "planar"):
+        _check_within_plane(str(kind), axis, tag, where)
     if pair.uses_axis2:
         axis2 = axis2 / np.linalg.norm(axis2)
         if abs(axis @ axis2) > 1e-9:
@@ -417,6 +432,36 @@ def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
         filled(nq, lower), filled(nq, upper), np.zeros(nq),
         filled(nv, -friction), filled(nv, friction), filled(nv, damping),
     )
+
+
+def _resist(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
+    """Put damping, friction and armature of a mechanism file into a model; return slip speeds.
+
+    Those of the URDF stand in it already.
+
+    Returns:
+        (nv,) slip speeds, NaN where there are none.
+
+    Raises:
+        MechanismFileError: there are more or fewer numbers than coordinates.
+    """
+    slip_speeds = np.full(model.nv, math.nan)
+    for name, refined in refinements.items():
+        joint = model.getJointId(name) if refined.resistances else 0
+        at, nv = model.idx_vs[joint], model.nvs[joint]
+        for key, values in refined.resistances.items():
+            if values.size not in (1, nv):
+                raise MechanismFileError(
+                    f"{refined.where}: {key} has {values.size} numbers; give one for all, or one "
+                    f"for each of the {nv} coordinate(s) of the joint")
+            own = slice(at, at + nv)
+            if key == "friction":
+                model.lowerDryFrictionLimit[own] = -values
+                model.upperDryFrictionLimit[own] = values
+            else:
+                {"damping": model.damping, "armature": model.armature,
+                 "slip_speed": slip_speeds}[key][own] = values
+    return slip_speeds
 
 
 def _mimics(robot: ET.Element, path: Path) -> tuple[tuple[str, str, float, float], ...]:

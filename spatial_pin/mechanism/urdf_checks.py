@@ -175,8 +175,9 @@ def check_joint(joint: ET.Element, where: str) -> None:
         if lower > upper:
             raise MechanismFileError(f"{where}: limit: lower {lower} is above upper {upper}")
     for attribute in ("damping", "friction"):
-        if dynamics is not None and attribute in dynamics.attrib:
-            numbers(dynamics, attribute, 1, where)
+        if dynamics is not None and attribute in dynamics.attrib \
+                and numbers(dynamics, attribute, 1, where)[0] < 0.0:
+            raise MechanismFileError(f"{where}: <dynamics {attribute}> is negative")
 
 
 def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:

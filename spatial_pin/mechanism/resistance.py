@@ -1,0 +1,101 @@
+"""What resists the motion of joints: viscous damping and dry friction.
+
+    force = -damping v - friction tanh(v / slip speed)
+
+of every coordinate with velocity v, as a part of it. Dry (Coulomb) friction is a step at v = 0; the
+step is drawn out over the slip speed, from three of which on it is whole but for 0.5 %, from twenty
+on to round-off. So at rest there is no friction, and what friction should hold at rest creeps, a
+load of half of it at 0.55 slip speeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spatial_pin.checks import positive_number
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+SLIP_SPEED = 1e-3  # rad/s, characteristic lengths per second: slow beside a machine's motion
+
+SlipSpeed = float | Mapping[str, float]
+
+
+class Resistance:
+    """Damping and dry friction of a mechanism's joints.
+
+    Args:
+        mechanism: the mechanism.
+        slip_speed: instead of the file's: of all coordinates [rad/s, characteristic lengths per
+            second], or by driver, joint or coordinate [rad/s, m/s].
+
+    Attributes:
+        damping, friction, slip_speed: (nv,).
+        at: places of the coordinates that have any.
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: a slip speed is not positive and finite.
+    """
+
+    def __init__(self, mechanism: Mechanism, slip_speed: SlipSpeed | None = None) -> None:
+        model = mechanism.model
+        self.damping, self.friction = model.damping.copy(), model.upperDryFrictionLimit.copy()
+        self.slip_speed = _slip_speeds(mechanism, slip_speed)
+        self.at = np.flatnonzero((self.damping != 0.0) | (self.friction != 0.0))
+
+    def __bool__(self) -> bool:
+        return bool(self.at.size)
+
+    def forces(self, v: Array) -> Array:
+        """Return the joint forces (nv,) at joint velocities v (nv,) [N·m, N]."""
+        return -self.damping * v - self.friction * np.tanh(v / self.slip_speed)
+
+    def slopes(self, v: Array) -> Array:
+        """Return how the forces (nv,) fall with their velocities: never negative."""
+        held = np.tanh(v / self.slip_speed)
+        return self.damping + self.friction / self.slip_speed * (1.0 - held * held)
+
+
+def _slip_speeds(mechanism: Mechanism, given: SlipSpeed | None) -> Array:
+    """Return the slip speed (nv,) of every coordinate."""
+    total = SLIP_SPEED * mechanism.velocity_scale
+    if mechanism.slip_speeds.size:
+        total = np.where(np.isnan(mechanism.slip_speeds), total, mechanism.slip_speeds)
+    if isinstance(given, Mapping):
+        for name, value in given.items():
+            at = [c.v for c in mechanism.coordinate_table.values() if c.joint == name]
+            total[at or [mechanism.coordinate(name).v]] = positive_number(
+                value, f"slip_speed of {name!r}")
+    elif given is not None:
+        total = positive_number(given, "slip_speed") * mechanism.velocity_scale
+    return total
+
+
+def resistance_texts(mechanism: Mechanism) -> dict[str, str]:
+    """Return what resists, or adds inertia, at each coordinate that has any, in words."""
+    resistance, found = Resistance(mechanism), {}
+    for c in mechanism.coordinate_table.values():
+        turns = c.unit == "rad"
+        force, per = ("N·m", "rad") if turns else ("N", "m")
+        values = [
+            (resistance.damping[c.v], "damping", f"{force}·s/{per}"),
+            (resistance.friction[c.v], "dry friction", force),
+            (mechanism.model.armature[c.v], "armature", "kg·m²" if turns else "kg"),
+        ]
+        parts = [f"{what} {x:g} {unit}" for x, what, unit in values if x != 0.0]
+        if resistance.friction[c.v]:
+            parts.append(f"slip speed {resistance.slip_speed[c.v]:g} {per}/s")
+        if parts:
+            found[c.name] = ", ".join(parts)
+    return found
+
+
+def resists(mechanism: Mechanism, joint: int) -> bool:
+    """Whether joint number `joint` itself takes a force to be moved."""
+    model = mechanism.model
+    v = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+    return any(bool(np.any(x[v])) for x in (
+        model.damping, model.upperDryFrictionLimit, model.armature))
