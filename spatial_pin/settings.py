@@ -10,7 +10,7 @@ from spatial_pin.errors import SpatialPinError
 
 # names of what `dynamics` has; an entry in its registries needs its name here
 FORMULATIONS = ("independent", "projected")
-INTEGRATORS = ("DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss")
+INTEGRATORS = ("DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss", "automatic")
 
 
 class Row(Protocol):
@@ -39,7 +39,8 @@ class Accuracy:
         tolerance: closure residual to reach [-], relative to the characteristic length.
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
-        integrator: of `simulate`: "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4" or "Gauss".
+        integrator: of `simulate`: "automatic" (DOP853, and where strong damping or dry friction
+            would make it creep, Radau), "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,
             or of a pendulum as large, see `dynamics.timescale`. The pace and the masses of a
@@ -53,7 +54,7 @@ class Accuracy:
     corrections: int | None = None
     tolerance: float = 1e-13
     formulation: str = "independent"
-    integrator: str = "DOP853"
+    integrator: str = "automatic"
     time_tolerance: float = 4e-12
     step: float | None = None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,10 +11,10 @@ import numpy as np
 
 from spatial_pin.dynamics.problem import Problem, Row, System
 from spatial_pin.dynamics.simulation import ByDriver, Projection, Simulation, energy_drift
-from spatial_pin.dynamics.steppers import FIXED, STEPPERS
+from spatial_pin.dynamics.steppers import AUTOMATIC, FIXED, STEPPERS
 from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError, SpatialPinWarning
 from spatial_pin.kinematics.constraints import constraints_of
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Event
@@ -99,7 +100,8 @@ class Run:
         self._solver: Any = None
         self._projections: list[Projection] = []  # of systems that were given up
         self._largest, self._creeping = np.zeros(2), 0
-        self._failed_at = -1.0
+        self._failed_at, self._warned = -1.0, False
+        self.integrators: list[str] = []
         self._began = time.perf_counter()
 
     def follow(self, state: State) -> Iterator[float]:
@@ -146,10 +148,39 @@ class Run:
             if held and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
             self._refuse_to_creep(system, solver)
+            self._note_integrator(system, solver)
             self.t, self.y = solver.t, solver.y
             yield self._take(system, solver)
             if solver.status == "running" and system.is_worn(self.t, solver.y):
                 break
+
+    def _note_integrator(self, system: System, solver: Any) -> None:
+        """Keep the names of integrators used; warn once of an explicit one that only creeps."""
+        chosen = self.accuracy.integrator
+        for name in getattr(solver, "used", [chosen]):
+            if name not in self.integrators:
+                self.integrators.append(name)
+        if self._warned or chosen == AUTOMATIC or not getattr(solver, "creeps", False):
+            return
+        self._warned = True
+        warnings.warn(
+            f"mechanism {self.problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
+            f"integrator {chosen!r} is no good, for steps of {solver.t - solver.t_old:.1e} s are "
+            f"as long as it is stable with: {self._stiffest(system, solver)} is stiff. Leave the "
+            "integrator out, or take Accuracy(integrator=\"Radau\")", SpatialPinWarning,
+            stacklevel=5)  # of _steps, follow, simulate
+
+    def _stiffest(self, system: System, solver: Any) -> str:
+        """Return what resists most where the solver stands, in words."""
+        problem = self.problem
+        resistance = problem.forces.resistance
+        if not resistance:
+            return "a spring or damper"
+        slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
+        by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
+        at = int(slopes.argmax())
+        damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
+        return f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
 
     def _shortened(self, system: System, step: float) -> Any:
         """Return an integrator that begins a step [s] anew, with half of it at most.
@@ -260,7 +291,7 @@ class Run:
                 zip(names, efforts.reshape(n, len(names)).T, strict=True))),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self.passed,
-            projection=self._projection(),
+            projection=self._projection(), integrators=self.integrators,
         )
 
     def _projection(self) -> Projection | None:
