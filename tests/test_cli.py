@@ -294,7 +294,7 @@ def test_options_stand_anywhere_between_the_words_of_a_command(run, words):
 
 def test_a_full_disk_is_told_as_such(fail):
     code, err = fail("assemble", "rssr", "--json", "/dev/full")
-    assert code == 1 and err == "spatial-pin: cannot write: No space left on device\n"
+    assert code == 1 and err == "spatial-pin: /dev/full: No space left on device\n"
 
 
 def test_a_tree_without_drivers_falls_from_rest(run, tmp_path):
