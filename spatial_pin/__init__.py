@@ -18,6 +18,7 @@ from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import (
     AssemblyError,
     ClosureTypeError,
+    ContinuumError,
     LimitError,
     MechanismFileError,
     SingularError,
@@ -39,6 +40,7 @@ from spatial_pin.kinematics.jerks import Jerks, solve_jerks
 from spatial_pin.kinematics.joint_limits import JointLimit, Passing
 from spatial_pin.kinematics.limits import limits, trace
 from spatial_pin.kinematics.mobility import Loop, Mobility, PassiveFreedom, mobility
+from spatial_pin.kinematics.mode_list import AssemblyModes, Continuum
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import Event, FrameMotion, Motion, Output
 from spatial_pin.kinematics.ranges import Range
@@ -64,8 +66,11 @@ _SEEN_ON_USE["Vectors"] = "spatial_pin.view.arrows"
 __all__ = [
     "Accuracy",
     "AssemblyError",
+    "AssemblyModes",
     "Closure",
     "ClosureTypeError",
+    "Continuum",
+    "ContinuumError",
     "Coordinate",
     "CoordinateRates",
     "Derivatives",

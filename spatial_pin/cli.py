@@ -165,7 +165,11 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("modes", _modes, "all closed configurations at given driver values")
     sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
     sub.add_argument("--patience", type=_count, default=200,
-                     help="stop after so many starts without a new one (200)")
+                     help="go on until so many starts have found nothing new (200)")
+    sub.add_argument("--copies", action="store_true",
+                     help="every reading of the coordinates, not one for each mode")
+    sub.add_argument("--limits", action="store_true",
+                     help="only modes that keep the joint limits of the URDF")
     sub.add_argument("--json", metavar="F", help="write the modes as JSON (- for the screen)")
     sub.add_argument("--html", metavar="F", help="write a page that shows them side by side")
 
@@ -348,20 +352,20 @@ def _limits(options: argparse.Namespace) -> None:
 def _modes(options: argparse.Namespace) -> None:
     mechanism = _load(options)
     modes = sp.assembly_modes(mechanism, _fitting(mechanism, _unique(options, options.values)),
+                              copies=options.copies, limits=options.limits,
                               patience=options.patience, progress=True)
     if options.json:
         _write_json([{"branch": mode.branch, "closure_error": mode.closure_error,
                       "q": mode.q.tolist()} for mode in modes], options.json)
     if options.json != "-":
-        print(f"{mechanism.name}: {len(modes)} assembly modes found")
+        print(f"{mechanism.name}: {modes}")
         for k, mode in enumerate(modes, start=1):
             print(f"{k}: branch {mode.branch or '?'}\n{assembly_summary(mode)}")
         if options.html and modes:
             look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
             print(f"wrote {sp.export_html(modes[0], options.html, look=look)}")
-        if any(mode.branch == "singular" for mode in modes):
-            print("a singular mode can move with the given values held: give more driver values, "
-                  "or take it as one of many")
+        if any(mode.branch.startswith("singular") for mode in modes):
+            print("a singular mode can move to first order with the given values held")
 
 
 def _guess(options: argparse.Namespace) -> dict[str, float] | None:

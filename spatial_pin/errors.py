@@ -96,6 +96,26 @@ class SingularError(SpatialPinError):
         self.motion = motion
 
 
+class ContinuumError(SingularError):
+    """With the given values held the mechanism can still move: its modes cannot be listed.
+
+    Attributes:
+        state: one of the configurations that can move.
+        freedoms: how many freedoms it has there, passive ones apart.
+        coordinates: names of the coordinates that move.
+        hold: drivers or coordinates that stop it if they are held too.
+    """
+
+    def __init__(
+        self, message: str, *, state: State, freedoms: int, coordinates: tuple[str, ...],
+        hold: tuple[str, ...],
+    ) -> None:
+        super().__init__(message, state=state)
+        self.freedoms = freedoms
+        self.coordinates = coordinates
+        self.hold = hold
+
+
 class ClosureTypeError(SpatialPinError):
     """A closure has no form of the kind that was asked for."""
 

@@ -86,6 +86,14 @@ def null_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
     return decompose(a, tolerance).null_space
 
 
+def null_vectors(a: Array, tolerance: float) -> tuple[Array, NDArray[np.intp]]:
+    """Return of matrices (m, r, n) the sum of the null space's rows (m, n), and ranks (m,)."""
+    _, s, vt = np.linalg.svd(a)
+    ranks = np.count_nonzero(s > np.maximum(tolerance * s[:, :1], ROUND_OFF), axis=1)
+    is_null = np.arange(a.shape[2]) >= ranks[:, None]
+    return np.einsum("mk,mkn->mn", is_null.astype(np.float64), vt), ranks
+
+
 def row_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
     """Return orthonormal rows spanning the rows of `a`."""
     svd = decompose(a, tolerance)

@@ -242,7 +242,16 @@ def finite_dimension(
 ) -> int:
     """Return how many independent trial motions along `tangents` survive closing the loops at q.
 
-    The nullity is only a bound: a part that is shaky in every configuration adds to it.
+    The nullity is only a bound: a part that is shaky in every configuration adds to it. For the
+    arguments see `finite_motions`.
+    """
+    return len(finite_motions(evaluation, q, tangents, free))
+
+
+def finite_motions(
+    evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None
+) -> Array:
+    """Return orthonormal scaled velocities (d, nv) that span what is left of trial motions.
 
     Args:
         evaluation: the closure equations; left anywhere.
@@ -252,13 +261,14 @@ def finite_dimension(
     """
     scale = evaluation.mechanism.velocity_scale
     free = np.ones(len(scale), dtype=bool) if free is None else free
-    left = []
+    left = [np.zeros(len(scale))]
     for tangent in tangents:
         start = pin.integrate(evaluation.model, q, scale * SMALL_PROBE * tangent)
         found, error = close(evaluation, start, free, 1e-14)
         if error <= ACCEPTED:
             left.append(pin.difference(evaluation.model, q, found) / (scale * SMALL_PROBE))
-    return int(np.count_nonzero(decompose(np.array(left)).s > MOVED)) if left else 0
+    svd = decompose(np.array(left))
+    return svd.vt[: np.count_nonzero(svd.s > MOVED)]
 
 
 # ---------------------------------------------------------------- loops

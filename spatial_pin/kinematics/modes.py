@@ -2,222 +2,446 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from itertools import product
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from spatial_pin.checks import mapping, positive_number
-from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.assembly import nearest_turn
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.mobility import SINGULAR, finite_dimension, passive_freedoms_at
-from spatial_pin.kinematics.newton import close, passive_freedoms
-from spatial_pin.kinematics.rates import square_system
+from spatial_pin.errors import AssemblyError, ContinuumError
+from spatial_pin.kinematics.assembly import _read_guess, _violated, assemble
+from spatial_pin.kinematics.batch import Batch
+from spatial_pin.kinematics.closing import close_many
+from spatial_pin.kinematics.constraints import Constraints
+from spatial_pin.kinematics.marks import Mark, rows_of
+from spatial_pin.kinematics.mobility import MOVED, SINGULAR, SMALL_PROBE
+from spatial_pin.kinematics.mode_check import SAME, Check, Kind
+from spatial_pin.kinematics.mode_list import AssemblyModes, Continuum, missing_by
+from spatial_pin.kinematics.rods import Core, Rod, core_of, rods_of
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array, null_space
-from spatial_pin.mechanism.configuration import finite_number
+from spatial_pin.linalg import Array, null_space, null_vectors
+from spatial_pin.mechanism.configuration import finite_number, needed, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.settings import Accuracy, accuracy_of
 
-SAME = 1e-5  # largest difference of two placements of one mode [characteristic lengths, 1]
-CLOSED = 1e-10
-SLIDES = 1.5  # starts slide by so many characteristic lengths either way
-ITERATIONS = 40
+TIMES = 10  # starts that the rarest mode must have had before no more are sought
+BLURRED = 1e-3  # a singular mode is known to a root of round-off only, down to the fourth
+SLIDES = 1.5  # starts slide by up to so many characteristic lengths either way
+ITERATIONS = 60
+TOLERANCE = 1e-12  # length of the residual of a start that has closed
+FEWEST, MOST = 64, 512  # starts closed together
+LARGEST = 1 << 21  # numbers in their Jacobians
+LOOKED_AT = 20  # closed configurations looked at for a regular one
+READINGS = 8  # starts from which the readings of a rod are sought
+MOST_REJECTED = 64  # mirror images that are known again
 
 
 def assembly_modes(
     mechanism: Mechanism,
     drivers: Mapping[str, float] | None = None,
     *,
+    free: Iterable[str] = (),
+    copies: bool = False,
+    limits: bool = False,
     patience: int = 200,
     most_starts: int = 100_000,
     seed: int = 0,
     accuracy: Accuracy | None = None,
     progress: bool = False,
-) -> list[State]:
+) -> AssemblyModes:
     """Find the closed configurations of a mechanism at given driver values, from random starts.
 
-    Configurations that differ by passive freedoms or whole turns are one mode. Nothing proves
+    Configurations that differ by passive freedoms, whole turns or rods turned about their own
+    lines (a universal joint may be read in two ways) are one mode. Starts go on until the rarest
+    mode has been found ten times; `missing` estimates how many have not been found. Nothing proves
     that a finite number of starts has found all; raise `patience` for rare modes.
 
     Args:
         mechanism: the mechanism.
-        drivers: values of all drivers or coordinates to hold [rad, m].
-        patience: stop when so many starts in a row have found nothing new.
+        drivers: values of drivers or coordinates to hold [rad, m]; drivers that are not named
+            stand at the guess, if the loops can be closed there.
+        free: drivers that are not to stand at the guess.
+        copies: list every reading of the coordinates, not one for each mode.
+        limits: leave out modes of which no copy keeps the joint limits.
+        patience: go on until so many starts in a row have found nothing new.
         most_starts: stop after so many starts in any case.
         seed: of the random starts; the same seed gives the same list.
         accuracy: tolerance to reach; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The modes sorted by their coordinates; `State.branch` is the sign of the determinant of
-        the closed loops ("+" or "-"; "" where passive freedoms or missing drivers leave it open;
-        "singular" for configurations that can move, at least instantaneously, with the drivers
-        held: of those that really move only the first one found is listed, as they are many).
+        The modes sorted by their coordinates, with labels of their own in `State.branch`: the sign
+        of the determinant of the closed loops ("+" or "-"; "" where passive freedoms or missing
+        drivers leave it open; "singular" where the mode can move to first order), numbered if
+        there are several of a sign. Configurations that can really move are no modes; those found
+        beside modes are in `continua`.
 
     Raises:
+        ContinuumError: the mechanism can move with the values held, in its guess or in every
+            configuration found; names the freedoms and what to hold.
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
     """
+    needed(mechanism)
     positive_number(patience, "patience")
     positive_number(most_starts, "most_starts")
-    search = _Search(mechanism, dict(mapping(drivers, "drivers")), accuracy_of(accuracy))
-    rng = np.random.default_rng(seed)
-    last = 0
+    held = _held(mechanism, mapping(drivers, "drivers"), free)
+    rods = rods_of(mechanism)
+    check = Check(mechanism, held, rods, accuracy_of(accuracy).tolerance)
+    search = _Search(check, core_of(mechanism, held, rods), copies or limits)
+    search.look_at_guess()
     bar = tqdm(total=most_starts, desc=f"{mechanism.name}: modes", delay=1.0, leave=False,
                disable=None if progress else True)
-    for k in range(most_starts):
-        if search.attempt(search.random_start(rng)):
-            last = k
-            bar.set_postfix(found=len(search.found))
-        bar.update()
-        if k - last >= patience:
-            break
+    rng = np.random.default_rng(seed)
+    while not search.done(patience, most_starts):
+        search.attempt(rng, most_starts)
+        bar.n = search.starts
+        bar.set_postfix(found=len(search.modes))
     bar.close()
-    return search.states()
+    if search.continuum is not None and not search.modes:
+        raise _moving(check, search.continuum)
+    return search.result(copies, limits)
+
+
+def _held(
+    mechanism: Mechanism, named: Mapping[str, float], free: Iterable[str]
+) -> dict[str, float]:
+    """Return the coordinates that are held: those named, and drivers that stand at the guess."""
+    held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
+            for name, value in named.items()}
+    loose = {mechanism.driven_coordinate(name).name for name in free}
+    guess = _read_guess(mechanism, mechanism.start(held)).q
+    standing = {c.name: float(guess[c.q]) for c in map(mechanism.driven_coordinate,
+                                                      mechanism.drivers)
+                if c.name not in held and c.name not in loose}
+    if standing:
+        try:
+            assemble(mechanism, held | standing)
+        except AssemblyError:
+            return held
+    return held | standing
+
+
+def _moving(check: Check, continuum: Continuum) -> ContinuumError:
+    mechanism = check.mechanism
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in check.held.items())
+    return ContinuumError(
+        f"mechanism {mechanism.name!r} with {values or 'nothing'} held can still move, and what "
+        f"moves is no assembly mode: {continuum}",
+        state=continuum.state, freedoms=continuum.freedoms,
+        coordinates=continuum.coordinates, hold=continuum.hold)
+
+
+class _Mode:
+    """A mode found: a closed configuration, and how many starts have ended there."""
+
+    def __init__(self, q: Array, kind: Kind, signature: Array, rods: tuple[Rod, ...]) -> None:
+        self.q, self.kind, self.signature, self.rods = q, kind, signature, rods
+        self.count = 0
+
+    @property
+    def reach(self) -> float:
+        """How far from its signature a configuration is still this mode."""
+        return BLURRED if self.kind.is_singular else SAME
 
 
 class _Search:
-    """Closed configurations found so far, one of each mode."""
+    """Closed configurations of the core found so far, one of each mode.
 
-    def __init__(
-        self, mechanism: Mechanism, drivers: Mapping[str, float], accuracy: Accuracy
-    ) -> None:
-        self.mechanism, self.tolerance = mechanism, accuracy.tolerance
-        self.evaluation = Evaluation(constraints_of(mechanism))
-        self.held = {
-            mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
-            for name, value in drivers.items()
-        }
-        self.free = np.ones(mechanism.model.nv, dtype=bool)
-        self.free[[mechanism.coordinate_table[name].v for name in self.held]] = False
-        self.found: list[Array] = []
-        self.signatures: list[Array] = []
-        self.loose: frozenset[int] = frozenset()
-        self.knows_loose = False
-        self.has_continuum = False
+    Attributes:
+        modes: these.
+        continuum: what can move, if anything found can.
+        starts, closed: number of starts, and of those that closed.
+    """
 
-    def _learn_loose(self, q: Array) -> None:
-        """Note which bodies are passive at a regular mode; what came before is looked at anew."""
-        passive = passive_freedoms_at(self.evaluation, q)
-        self.loose = frozenset(self.mechanism.joint_id(joint) for joint, _ in passive)
-        self.knows_loose = True
-        self.signatures = []
-        for earlier in self.found:
-            self.evaluation.update(earlier)
-            self.signatures.append(self.signature())
-        self.evaluation.update(q)
+    def __init__(self, check: Check, core: Core, all_copies: bool) -> None:
+        self.check, self.core, self.all_copies = check, core, all_copies
+        mechanism, model = check.mechanism, core.mechanism.model
+        constraints = Constraints(core.mechanism)
+        if not isinstance(constraints.c_abx, np.ndarray):
+            constraints.c_abx = constraints.c_abx.toarray()
+        self.batch = Batch(constraints)
+        self.base = with_values(
+            mechanism, _read_guess(mechanism, mechanism.start(check.held)).q, check.held)
+        table = core.mechanism.coordinate_table
+        self.held = {name: x for name, x in check.held.items() if name in table}
+        self.free = np.ones(model.nv, dtype=bool)
+        self.free[[table[name].v for name in self.held]] = False
+        self.most = int(np.clip(LARGEST // max(1, constraints.n_rows * model.nv), 1, MOST))
+        self.size = min(FEWEST, self.most)
+        self.modes: list[_Mode] = []
+        self.rejected: list[Array] = []
+        self.continuum: Continuum | None = None
+        self.starts = self.closed = self.newest = 0
+        self.marks: dict[int, Mark] | None = None
+        self.rows: Array = np.empty((0, 0))
+        self.usual = 0
 
-    def _moves(self, q: Array) -> bool:
-        """Whether a singular configuration can really move, passive freedoms apart."""
-        n = self.evaluation.constraints.n_rows
-        inner = null_space(self.evaluation.jacobian[:n, self.free], SINGULAR)
-        tangents = np.zeros((len(inner), len(self.free)))
-        tangents[:, self.free] = inner
-        moving = finite_dimension(self.evaluation, q, tangents, self.free)
-        return moving > len(self.loose)
+    def look_at_guess(self) -> None:
+        """Refuse a mechanism that can move in its guess.
 
-    def _is_singular(self) -> bool:
-        """Whether more than passive freedoms is left at the evaluation, the drivers held."""
-        n = self.evaluation.constraints.n_rows
-        tangents = null_space(self.evaluation.jacobian[:n, self.free], SINGULAR)
-        if not len(tangents):
-            return False
-        whole = np.zeros((len(tangents), len(self.free)))
-        whole[:, self.free] = tangents
-        scale = self.mechanism.velocity_scale
-        passive = sum(len(v) for _, v in passive_freedoms(self.evaluation, whole * scale))
-        return passive < len(tangents)
-
-    def random_start(self, rng: np.random.Generator) -> Array:
-        """Return a configuration with angles and orientations uniform, slides within a range."""
-        mechanism, model = self.mechanism, self.mechanism.model
-        q = np.array(mechanism.neutral)
-        for c in mechanism.coordinate_table.values():
-            if c.q >= 0:
-                reach = np.pi if c.unit == "rad" else SLIDES * mechanism.characteristic_length
-                q[c.q] = rng.uniform(-reach, reach)
-        for i, name in enumerate(mechanism.pairs, start=1):
-            if not PAIRS[name].is_linear:
-                at, n = model.idx_qs[i], model.nqs[i]
-                quaternion = rng.normal(size=4)
-                q[at + n - 4 : at + n] = quaternion / np.linalg.norm(quaternion)
-                if n == 7:
-                    reach = SLIDES * mechanism.characteristic_length
-                    q[at : at + 3] = rng.uniform(-reach, reach, 3)
-        for name, value in self.held.items():
-            q[mechanism.coordinate_table[name].q] = value
-        return q
-
-    def attempt(self, start: Array) -> bool:
-        """Close the loops from a start; return whether that found a new mode."""
-        evaluation = self.evaluation
-        q, error = close(evaluation, start, self.free, self.tolerance, ITERATIONS)
-        if not error <= CLOSED or evaluation.mirrored():
-            return False
-        evaluation.update(q)
-        singular = self._is_singular()
-        if singular and self._moves(q):
-            if self.has_continuum:
-                return False
-            self.has_continuum = True
-        evaluation.update(q)
-        if not singular and not self.knows_loose:
-            self._learn_loose(q)
-        signature = self.signature()
-        if any(np.abs(signature - other).max() < SAME for other in self.signatures):
-            return False
-        self.signatures.append(signature)
-        self.found.append(nearest_turn(self.mechanism, q, self.held, {}))
-        return True
-
-    def signature(self) -> Array:
-        """Return what tells modes apart: the placements of all bodies at the evaluation.
-
-        Of a body with a passive freedom only its place counts, and the places of the pairs on it
-        that the freedom does not move.
+        Raises:
+            ContinuumError: it can.
         """
-        evaluation, model = self.evaluation, self.mechanism.model
-        placements = evaluation.placements / np.array([1.0, 1.0, 1.0, self._length])[:, None]
-        bodies = [i for i in range(1, model.njoints) if i not in self.loose]
-        parts = [placements[bodies].reshape(-1)]
-        pin.updateFramePlacements(model, evaluation.data)
-        frames = {f for c in self.mechanism.closures for f in (*c.frames, *c.between)}
-        centres = [evaluation.data.oMf[self.mechanism.frame_id(f)].translation / self._length
-                   for f in sorted(frames) if self._is_loose(f)]
-        return np.concatenate([*parts, *centres])
+        q = self.check.close(self.base)
+        if q is None:
+            return
+        kind = self.check.kind(q)
+        if kind.moves:
+            raise _moving(self.check, self.check.continuum(q, kind))
 
-    @property
-    def _length(self) -> float:
-        return self.mechanism.characteristic_length
+    def done(self, patience: int, most_starts: int) -> bool:
+        """Whether further starts can be spared."""
+        if self.starts >= most_starts or (self.starts and not self.free.any()):
+            return True
+        return (self.starts - self.newest >= patience
+                and min((mode.count for mode in self.modes), default=TIMES) >= TIMES)
 
-    def _is_loose(self, frame: str) -> bool:
-        return self.mechanism.frame_on_joint(frame)[0] in self.loose
+    def attempt(self, rng: np.random.Generator, most_starts: int) -> None:
+        """Close the loops from some more starts, and sort what they end at."""
+        m = min(self.size, most_starts - self.starts) if self.free.any() else 1
+        self.size = min(2 * self.size, self.most)
+        starts = _random_starts(self.core.mechanism, self.held, rng, m)
+        q, error = close_many(self.batch, starts, self.free, TOLERANCE, ITERATIONS)
+        closed = np.flatnonzero(error <= SAME * SAME)
+        at = self.starts
+        self.starts += m
+        if self.marks is None:
+            self._learn(q[:, closed])
+        if self.marks is not None:
+            self._sort(q[:, closed], self._signatures(q[:, closed]), at + closed)
 
-    def states(self) -> list[State]:
+    # ------------------------------------------------------------ sorting
+
+    def _sort(self, q: Array, signatures: Array, starts: NDArray[np.intp]) -> None:
+        """Count configurations q (nq, m) of known modes, and find new ones."""
+        for mode in self.modes:
+            q, signatures, starts = self._count(mode, q, signatures, starts)
+        for rejected in self.rejected:
+            other = _apart(signatures, rejected) >= SAME
+            q, signatures, starts = q[:, other], signatures[other], starts[other]
+        while starts.size:
+            if self.continuum is not None:
+                moving = self._moving(q, signatures)
+                self.closed += int(np.count_nonzero(moving))
+                q, signatures, starts = q[:, ~moving], signatures[~moving], starts[~moving]
+                if not starts.size:
+                    return
+            left, first = starts.size, int(starts[0])
+            found = self._mode(q[:, 0])
+            if found is not None:
+                near = [x for x in self.modes
+                        if _apart(found.signature[None], x.signature)[0] < x.reach]
+                if not near:
+                    self.modes.append(found)
+                    self.newest = first + 1
+                for mode in near or [found]:
+                    q, signatures, starts = self._count(mode, q, signatures, starts)
+            if starts.size == left:  # rejected, or it went on to a mode far from here
+                q, signatures, starts = q[:, 1:], signatures[1:], starts[1:]
+
+    def _count(
+        self, mode: _Mode, q: Array, signatures: Array, starts: NDArray[np.intp]
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        other = _apart(signatures, mode.signature) >= mode.reach
+        same = int(np.count_nonzero(~other))
+        mode.count += same
+        self.closed += same
+        return q[:, other], signatures[other], starts[other]
+
+    def _mode(self, x: Array) -> _Mode | None:
+        """Return the mode that a configuration of the core belongs to, if it is one."""
+        q = self._whole(x)
+        if q is None:
+            if len(self.rejected) < MOST_REJECTED:
+                self.rejected.append(self._signatures(x[:, None])[0])
+            return None
+        kind = self.check.kind(q)
+        if kind.moves:
+            self.closed += 1
+            if self.continuum is None:
+                self.continuum = self.check.continuum(q, kind)
+            return None
+        assert self.marks is not None
+        q = self.check.settled(q, self.base, self.marks)
+        return _Mode(q, kind, self._signatures(self._part(q)[:, None])[0], self.core.rods)
+
+    def _whole(self, x: Array) -> Array | None:
+        """Return a configuration of the core as one of the mechanism, None if it is none."""
+        mechanism = self.check.mechanism
+        return self.check.place_rods(self.core.rods, self.core.whole(mechanism, self.base, x))
+
+    def _part(self, q: Array) -> Array:
+        """Return the core's configuration (its nq,)."""
+        model, own = self.check.mechanism.model, self.core.mechanism.model
+        parts = [q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] for i in self.core.joints]
+        return np.concatenate([np.empty(0), *parts]).reshape(own.nq)
+
+    def _moving(self, q: Array, signatures: Array) -> NDArray[np.bool_]:
+        """Whether configurations q (nq, m) go on when pushed where they can to first order."""
+        scale = self.core.mechanism.velocity_scale[:, None]
+        jacobian = self._jacobian(q)
+        if not jacobian.size:
+            return np.ones(q.shape[1], dtype=bool)
+        vectors, ranks = null_vectors(jacobian, SINGULAR)
+        width = jacobian.shape[2]
+        step = np.zeros((len(scale), q.shape[1]))
+        step[self.free] = vectors.T
+        step *= SMALL_PROBE / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+        pushed = self.batch.tree.displace(q, scale * step)
+        found, error = close_many(self.batch, pushed, self.free, TOLERANCE, ITERATIONS)
+        left = _apart(self._signatures(found), signatures)
+        asked = _apart(self._signatures(pushed), signatures)
+        moving: NDArray[np.bool_] = ((width - ranks > self.usual) & (error <= SAME * SAME)
+                                     & (left > MOVED * asked))
+        return moving
+
+    # ------------------------------------------------------------ what tells modes apart
+
+    def _learn(self, q: Array) -> None:
+        """Learn from closed configurations q (nq, m) which freedoms are passive."""
+        looked_at = 0
+        for x in q.T:
+            whole = self._whole(x)
+            if whole is None:
+                continue
+            kind = self.check.kind(whole)
+            if self.marks is None or not kind.is_singular:
+                self.marks = self.check.marks(kind.idle, self.all_copies)
+                jacobian = self._jacobian(x[:, None])[0]
+                self.usual = len(null_space(jacobian, SINGULAR)) - kind.nullity + kind.passive
+            looked_at += 1
+            if not kind.is_singular or looked_at == LOOKED_AT:
+                break
+        if self.marks is not None:
+            own = {k: self.marks[i] for k, i in enumerate(self.core.joints, start=1)}
+            self.rows = rows_of(own, len(self.core.joints) + 1,
+                                self.check.mechanism.characteristic_length)
+
+    def _jacobian(self, q: Array) -> Array:
+        """Return (m, n_rows, free) derivatives of the core's rows at configurations q (nq, m)."""
+        near = np.zeros((self.batch.constraints.n_angles, q.shape[1]))
+        p = self.batch.place(q, near)
+        return self.batch.jacobian(p)[: len(p.residual), self.free].transpose(2, 0, 1)
+
+    def _signatures(self, q: Array) -> Array:
+        """Return (m, rows, 3) what tells configurations q (nq, m) apart."""
+        g = self.batch.tree.place(q)[self.batch.tree.carrier][:, :, :3]
+        flat = g.reshape(4 * len(g), 3 * q.shape[1])
+        return (self.rows @ flat).reshape(len(self.rows), 3, q.shape[1]).transpose(2, 0, 1)
+
+    # ------------------------------------------------------------ the answer
+
+    def result(self, copies: bool, limits: bool) -> AssemblyModes:
         """Return the modes found as States, sorted."""
-        states = []
-        for q in self.found:
-            self.evaluation.update(q)
-            state = State(self.mechanism, q, closure_error=self.evaluation.closure_error,
-                          angles=self.evaluation.angles)
-            states.append(State(self.mechanism, q, closure_error=state.closure_error,
-                                angles=state.angles, branch=self._branch(state)))
-        return sorted(states, key=self._order)
+        check = self.check
+        found = [(q, mode.kind, mode.count) for mode in self.modes
+                 for q in (self._readings(mode) if self.all_copies else [mode.q])]
+        if limits:
+            found = [x for x in found if not _violated(check.mechanism, check.state(x[0]).q)]
+        if self.all_copies and not copies:
+            found = self._one_of_each(found)
+        loose = {check.mechanism.model.names[i] for kind in [x[1] for x in found]
+                 for i, _ in kind.idle}
+        found.sort(key=lambda x: _order(check.state(x[0]), loose))
+        signs = [check.sign(q, kind) for q, kind, _ in found]
+        states = [check.state(q, branch) for (q, _, _), branch in
+                  zip(found, _labels(signs), strict=True)]
+        return AssemblyModes(
+            states, held=check.held, starts=self.starts, closed=self.closed,
+            found=[count for _, _, count in found],
+            missing=missing_by([mode.count for mode in self.modes]) if self.free.any() else 0.0,
+            continua=() if self.continuum is None else (self.continuum,))
 
-    def _branch(self, state: State) -> str:
-        self.evaluation.update(state.q)
-        if self._is_singular():
-            return "singular"
-        try:
-            with square_system(state, self.held) as system:
-                return "" if len(system.passive) else {1: "+", -1: "-"}[system.pivots()[0]]
-        except SingularError:
-            return ""
+    def _readings(self, mode: _Mode) -> list[Array]:
+        """Return a mode with every rod of the core's in each of its readings."""
+        model, check = self.check.mechanism.model, self.check
+        assert self.marks is not None
+        rng = np.random.default_rng(6)
+        choices: list[list[tuple[slice, Array]]] = []
+        for rod in mode.rods:
+            marks = {i: self.marks[i] for i in rod.lines}
+            found: list[tuple[Array, Array]] = []
+            for k in range(READINGS):
+                start = mode.q if not k else check.shaken((rod,), mode.q, rng)
+                q = check.place_rods((rod,), start)
+                if q is None:
+                    continue
+                signature = check.signature(marks, q)
+                if all(np.abs(signature - other).max() >= SAME for _, other in found):
+                    found.append((q, signature))
+            i = min(rod.lines)
+            own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+            choices.append([(own, q[own]) for q, _ in found])
+        readings = []
+        for choice in product(*choices):
+            q = mode.q.copy()
+            for own, values in choice:
+                q[own] = values
+            readings.append(q)
+        return readings
 
-    def _order(self, state: State) -> list[float]:
-        fixed = [c for c in self.mechanism.coordinate_table.values()
-                 if self.mechanism.joint_id(c.joint) not in self.loose]
-        return [round(state.coordinate(c.name).value, 7) for c in fixed]
+    def _one_of_each(self, found: list[tuple[Array, Kind, int]]) -> list[tuple[Array, Kind, int]]:
+        """Return one copy of each mode, the counts summed."""
+        check, kept = self.check, list[tuple[Array, Kind, int]]()
+        signatures: list[Array] = []
+        for q, kind, count in found:
+            marks = check.marks(kind.idle, all_copies=False)
+            signature = check.signature(marks, q)
+            for k, other in enumerate(signatures):
+                if other.shape == signature.shape and np.abs(other - signature).max() < SAME:
+                    kept[k] = kept[k][0], kept[k][1], max(kept[k][2], count)
+                    break
+            else:
+                signatures.append(signature)
+                kept.append((q, kind, count))
+        return kept
+
+
+def _apart(signatures: Array, other: Array) -> Array:
+    """Return (m,) largest differences of signatures (m, rows, 3) from another (rows, 3)."""
+    found: Array = np.abs(signatures - other).max(axis=(1, 2), initial=0.0)
+    return found
+
+
+def _random_starts(
+    mechanism: Mechanism, held: Mapping[str, float], rng: np.random.Generator, m: int
+) -> Array:
+    """Return configurations (nq, m) with angles and orientations uniform, slides about neutral."""
+    model = mechanism.model
+    q = np.repeat(np.array(mechanism.neutral)[:, None], m, axis=1)
+    reach = rng.uniform(0.0, SLIDES * mechanism.characteristic_length, m)
+    for c in mechanism.coordinate_table.values():
+        if c.q >= 0:
+            q[c.q] = rng.uniform(-1.0, 1.0, m) * (np.pi if c.unit == "rad" else reach)
+    for i, name in enumerate(mechanism.pairs, start=1):
+        if not PAIRS[name].is_linear:
+            at, n = model.idx_qs[i], model.nqs[i]
+            quaternion = rng.normal(size=(4, m))
+            q[at + n - 4 : at + n] = quaternion / np.linalg.norm(quaternion, axis=0)
+            if n == 7:
+                q[at : at + 3] = rng.uniform(-1.0, 1.0, (3, m)) * reach
+    for name, value in held.items():
+        q[mechanism.coordinate_table[name].q] = value
+    return q
+
+
+def _order(state: State, loose: set[str]) -> list[float]:
+    """Return what modes are sorted by: coordinates, those of passive links last."""
+    table = state.mechanism.coordinate_table.values()
+    fixed = [c for c in table if c.joint not in loose]
+    return [round(state.coordinate(c.name).value, 7) + 0.0 for c in fixed]
+
+
+def _labels(signs: list[str]) -> list[str]:
+    """Return labels of their own: signs, numbered where several modes have one."""
+    total, seen = Counter(signs), Counter[str]()
+    labels = []
+    for sign in signs:
+        seen[sign] += 1
+        space = " " * (sign == "singular")
+        labels.append(f"{sign}{space}{seen[sign]}" if total[sign] > 1 else sign)
+    return labels

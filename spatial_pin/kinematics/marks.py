@@ -1,0 +1,157 @@
+"""What tells assembly modes apart: where the links stand, as far as the mechanism knows it.
+
+Of a rod that is its line; of a link with a passive freedom, what the freedom leaves at rest; of
+any other link its whole placement. All of it is linear in the joint placements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.kinematics.constraints import Evaluation
+from spatial_pin.kinematics.mobility import passive_freedoms_at
+from spatial_pin.kinematics.newton import driven_groups
+from spatial_pin.kinematics.rods import Line
+from spatial_pin.kinematics.views import joint_jacobian
+from spatial_pin.linalg import Array, null_space, row_space
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+
+AT_REST = 1e-7  # speed of a point by that of the fastest: passive freedoms are known to 1e-8
+CONTACTS = ("distance", "point_on_line", "point_on_plane")
+
+
+class Mark(NamedTuple):
+    """What of a body counts: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
+
+    points: Array
+    directions: Array
+
+
+WHOLE = Mark(np.zeros((1, 3)), np.eye(3))
+
+
+def of_line(line: Line) -> Mark:
+    """Return the mark of a rod's body."""
+    return Mark(line.point[None], line.direction[None])
+
+
+def rows_of(marks: Mapping[int, Mark], n_joints: int, length: float) -> Array:
+    """Return coefficients (rows, 4 n_joints) of marks on joint placements, lengths divided."""
+    rows = []
+    for body, mark in marks.items():
+        for vectors, flag, unit in ((mark.points, 1.0, length), (mark.directions, 0.0, 1.0)):
+            for x in vectors:
+                row = np.zeros((n_joints, 4))
+                row[body] = np.array([*x, flag]) / unit
+                rows.append(row.reshape(-1))
+    return np.array(rows).reshape(len(rows), 4 * n_joints)
+
+
+# ---------------------------------------------------------------- passive freedoms
+
+
+def idle_motions(
+    evaluation: Evaluation, q: Array, held: Iterable[int]
+) -> list[tuple[int, Array]]:
+    """Return (joint, (k, nv) velocities) of the links that are passive at a closed q.
+
+    A passive freedom moves nothing that is held, and no end of a distance, which stands for a
+    rod, nor a point in contact.
+
+    Args:
+        evaluation: the closure equations; left at q.
+        q: (nq,) closed configuration.
+        held: places of the coordinates held in the velocity vector.
+    """
+    mechanism, at = evaluation.mechanism, list(held)
+    found: list[tuple[int, Array]] = []
+    for name, velocities in passive_freedoms_at(evaluation, q):
+        scaled = velocities / mechanism.velocity_scale
+        moved: list[Array] = [scaled[:, at]]
+        for body in _group(mechanism, mechanism.joint_id(name)):
+            moved.append(_speeds(evaluation, body, _contacts(mechanism, body), velocities))
+        speeds = np.hstack(moved)
+        speeds /= np.abs(scaled).max()
+        kept = null_space(speeds.T, AT_REST) if speeds.size else np.eye(len(velocities))
+        if len(kept):
+            found.append((mechanism.joint_id(name), kept @ velocities))
+    return found
+
+
+def resting(evaluation: Evaluation, idle: list[tuple[int, Array]]) -> dict[int, Mark]:
+    """Return what passive freedoms leave at rest of the bodies that they move."""
+    mechanism, marks = evaluation.mechanism, {}
+    for joint, velocities in idle:
+        for body in _group(mechanism, joint):
+            points = _points(mechanism, body)
+            speeds = _speeds(evaluation, body, points, velocities)
+            speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
+            fastest = _fastest(evaluation, body, velocities)
+            kept = points[speeds <= AT_REST * fastest]
+            marks[body] = Mark(kept, _steady(evaluation, body, velocities, fastest))
+    return marks
+
+
+def _group(mechanism: Mechanism, joint: int) -> list[int]:
+    groups = driven_groups(mechanism)
+    return [i for i in range(1, len(groups)) if groups[i] == groups[joint]]
+
+
+def _twists(evaluation: Evaluation, body: int, velocities: Array) -> Array:
+    """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
+    columns = joint_jacobian(evaluation.data, evaluation.model.nv)
+    found: Array = velocities @ (columns * evaluation.constraints.support(body)).T
+    return found
+
+
+def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array) -> Array:
+    """Return (k, 3 points) velocities of points of a body [characteristic lengths]."""
+    placement = evaluation.data.oMi[body]
+    places = points @ placement.rotation.T + placement.translation
+    twists = _twists(evaluation, body, velocities)
+    speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], places[None])
+    found: Array = speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
+    return found
+
+
+def _fastest(evaluation: Evaluation, body: int, velocities: Array) -> float:
+    twists = _twists(evaluation, body, velocities)
+    slide = _speeds(evaluation, body, np.zeros((1, 3)), velocities)
+    return float(max(np.abs(twists[:, 3:]).max(), np.abs(slide).max()))
+
+
+def _steady(evaluation: Evaluation, body: int, velocities: Array, fastest: float) -> Array:
+    """Return the directions (l, 3) in a body that its passive freedoms leave as they are."""
+    spins = _twists(evaluation, body, velocities)[:, 3:]
+    axes = row_space(spins[np.abs(spins).max(axis=1) > AT_REST * fastest], AT_REST)
+    if not len(axes):
+        return np.eye(3)
+    rotation = evaluation.data.oMi[body].rotation
+    return axes @ rotation if len(axes) == 1 else np.empty((0, 3))
+
+
+def _points(mechanism: Mechanism, body: int) -> Array:
+    """Return the centres (k, 3) of a body's pairs."""
+    model = mechanism.model
+    points = [np.zeros(3)]
+    points += [model.jointPlacements[i].translation for i in range(1, model.njoints)
+               if model.parents[i] == body]
+    for closure in mechanism.closures:
+        placed = map(mechanism.frame_on_joint, (*closure.frames, *closure.between))
+        points += [M.translation for joint, M in placed if joint == body]
+    return np.array(points)
+
+
+def _contacts(mechanism: Mechanism, body: int) -> Array:
+    """Return the points (k, 3) of a body that distances and contacts hold."""
+    points = []
+    for closure in mechanism.closures:
+        if closure.type == COUPLING or closure.type not in CONTACTS:
+            continue
+        placed = map(mechanism.frame_on_joint, (*closure.frames, *closure.between))
+        points += [M.translation for joint, M in placed if joint == body]
+    return np.array(points).reshape(-1, 3)
