@@ -123,6 +123,11 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
     _guess_option(sub)
     sub.add_argument("--limits", action="store_true", help="keep the joint limits")
+    sub.add_argument("--release", action=argparse.BooleanOptionalAction, default=True,
+                     help="let drivers that are given no value go, as little as possible, where "
+                          "the loops cannot close with them at their guess")
+    sub.add_argument("--free", action="append", default=[], metavar="DRIVER",
+                     help="a driver that goes where the loops take it")
     sub.add_argument("--json", metavar="F", help="write the configuration as JSON")
 
     sub = command("sweep", _sweep, "follow one branch from one driver value to another")
@@ -332,11 +337,13 @@ def _info(options: argparse.Namespace) -> None:
 def _assemble(options: argparse.Namespace) -> None:
     mechanism = _load(options)
     state = sp.assemble(mechanism, _fitting(mechanism, _unique(options, options.values)),
-                        _guess(options), limits=options.limits)
+                        _guess(options), limits=options.limits, release=options.release,
+                        free=options.free)
     if options.json:
         values = {name: state.coordinate(name).value for name in mechanism.coordinates}
         _write_json({"mechanism": mechanism.name, "coordinates": values, "q": state.q.tolist(),
-                     "closure_error": state.closure_error}, options.json)
+                     "closure_error": state.closure_error, "released": state.released,
+                     "beyond_limits": state.beyond_limits}, options.json)
     if options.json != "-":
         print(assembly_summary(state))
 

@@ -106,7 +106,8 @@ def test_a_joint_that_turns_back_just_beyond_its_limit_has_passed_it(tmp_path):
 
 def test_a_start_beyond_a_limit_is_told_or_refused(tmp_path):
     mech = hanging(tmp_path, -2.0, 1.0)
-    state = sp.assemble(mech, {"pin": 1.2})
+    with pytest.warns(sp.SpatialPinWarning, match="beyond joint limits"):
+        state = sp.assemble(mech, {"pin": 1.2})
     motion = sp.simulate(mech, state, 1.0)
     assert motion.events[0].kind == "joint limit" and motion.events[0].row == 0
     assert motion.events[0].text == "beyond the upper limit 1 rad of pin from the start"

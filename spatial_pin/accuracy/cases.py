@@ -16,7 +16,7 @@ import numpy as np
 from spatial_pin.accuracy import models
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.simulate import Simulation, simulate
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.rates import solve_rates
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -115,16 +115,16 @@ def run(case: Case, accuracy: Accuracy | None = None) -> Outcome:
 
 def at(mechanism: Mechanism, **coordinates: float) -> State:
     """Return the state at rest with these coordinates."""
-    return assemble(mechanism, coordinates)
+    return assembled(mechanism, coordinates)
 
 
 def _ladder_state(mechanism: Mechanism) -> State:
-    return solve_rates(mechanism, assemble(mechanism, {"pin_0": 0.0}), {"pin_0": -1.0})
+    return solve_rates(mechanism, assembled(mechanism, {"pin_0": 0.0}), {"pin_0": -1.0})
 
 
 def _governor_state(mechanism: Mechanism) -> State:
     tilt = math.pi / 6
-    state = assemble(mechanism, {"slide": 0.5, "right_pin": tilt, "left_pin": tilt})
+    state = assembled(mechanism, {"slide": 0.5, "right_pin": tilt, "left_pin": tilt})
     v = np.zeros(mechanism.model.nv)
     v[mechanism.coordinate("shaft_pin").v] = 2.0 * math.pi
     return State(mechanism, state.q, v, closure_error=state.closure_error)

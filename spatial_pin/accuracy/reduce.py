@@ -15,7 +15,7 @@ from spatial_pin.accuracy.reduction_report import Omission, omissions
 from spatial_pin.accuracy.reduction_states import carried_over
 from spatial_pin.accuracy.verification import Verification, verification
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array, null_space, rank
@@ -100,7 +100,7 @@ class Reduced(Mechanism):
 
     def _start(self, values: Mapping[str, float]) -> Array | None:
         try:
-            there = assemble(self.full, {**self.welds, **values})
+            there = assembled(self.full, {**self.welds, **values})
         except SpatialPinError:  # a loop that is left out cannot close there
             return None
         found = carried_over(self, there)
@@ -252,7 +252,7 @@ def _locked(
         values = joint_values(mechanism, lock)
     else:
         names = [lock] if isinstance(lock, str) else list(lock)
-        there = assemble(mechanism, None, guess)
+        there = assembled(mechanism, None, guess)
         values = {}
         for name in names:
             coordinate = mechanism.driven_coordinate(name)
@@ -276,7 +276,7 @@ def _locked(
                 f"mechanism {mechanism.name!r}: {name!r} alone cannot be locked: lock all "
                 f"coordinates of {joint!r} ({', '.join(missing)} too)")
         joints.add(mechanism.joint_id(joint))
-    state = assemble(mechanism, values, guess)
+    state = assembled(mechanism, values, guess)
     return state, _Locks(values, frozenset(joints))
 
 

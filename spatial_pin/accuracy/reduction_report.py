@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from spatial_pin.accuracy.reduction_model import Model
-from spatial_pin.kinematics.joint_limits import joint_limits
+from spatial_pin.mechanism.joint_limits import joint_limits
 
 
 class Omission(NamedTuple):

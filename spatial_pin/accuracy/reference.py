@@ -17,7 +17,7 @@ from spatial_pin.accuracy.extended import EPS, Extended, Long
 from spatial_pin.accuracy.tasks import SimulationTask, SweepTask
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
-from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.rates import prescribed_at
 from spatial_pin.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -67,8 +67,7 @@ class SweepReference:
         self.values = asked["values"][self.rows]
         speed, acceleration = (task.row_rates(name)[self.rows] for name in task.RATES)
         driver = mechanism.driven_coordinate(asked["driver"])
-        driven = driven_coordinates(mechanism, [driver.name, *asked["hold"]])
-        driven.sort(key=lambda c: c.name != driver.name)
+        driven = prescribed_at(task.start, [driver.name, *asked["hold"]])
         prescribed = [self.values, *(np.full(len(self.rows), asked["hold"][c.name])
                                      for c in driven[1:])]
         self.solver = ExactRows(mechanism, driven, np.column_stack(prescribed), speed, acceleration)

@@ -12,9 +12,9 @@ import numpy as np
 
 from spatial_pin.dynamics.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.motion import Motion
-from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.rates import driven_coordinates, prescribed_at
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.kinematics.usual import usual_motion
@@ -133,7 +133,7 @@ def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None)
         _check(task, simulate)
         given = dict(task)
         state = given.pop("state", None)
-        state = assemble(mechanism) if state is None else of_mechanism(mechanism, state)
+        state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
         return SimulationTask(mechanism, {"state": state, **given})
     _check(task, sweep)
     if "values" not in task:
@@ -165,7 +165,7 @@ def _sweep_task(mechanism: Mechanism, given: dict[str, Any]) -> SweepTask:
             given[name] = np.asarray(given[name], dtype=float)[:n]
     start = motion.state(0)
     driver = mechanism.driven_coordinate(given["driver"])
-    driven = driven_coordinates(mechanism, [driver.name, *(given.get("hold") or {})])
+    driven = prescribed_at(start, [driver.name, *(given.get("hold") or {})])
     hold = {c.name: float(start.q[c.q]) for c in driven if c.name != driver.name}
     given.update(values=np.array(motion.swept), guess=start, hold=hold)
     return SweepTask(mechanism, start, given)
@@ -209,7 +209,7 @@ def _usual_simulation(mechanism: Mechanism) -> SimulationTask:
             f"mechanism {mechanism.name!r} has no masses, or no gravity, that would move it: give "
             "the task as a mapping with a 'duration', a 'state' and 'efforts'")
     duration = SWINGS * math.sqrt(mechanism.characteristic_length / gravity)
-    task = _fall(mechanism, assemble(mechanism), duration)
+    task = _fall(mechanism, assembled(mechanism), duration)
     try:
         motion: Motion = task.run(Accuracy.named("draft"))
     except SingularError as error:

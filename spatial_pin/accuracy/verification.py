@@ -11,7 +11,7 @@ import numpy as np
 from spatial_pin.accuracy.reduction_influence import Asked
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
@@ -125,7 +125,7 @@ def _usual(
 ) -> Array:
     """Return values from one end of the driver's range to the other."""
     coordinate = full.driven_coordinate(driver)
-    state = assemble(full, dict(reduced.welds) | dict(hold), guess)
+    state = assembled(full, dict(reduced.welds) | dict(hold), guess)
     at = state.coordinate(coordinate.name).value
     room = 2.0 * np.pi if coordinate.unit == "rad" else ROOM * full.characteristic_length
     hold = _held(full, full, reduced, driver, hold, np.array([at]), guess)
@@ -153,7 +153,7 @@ def _held(
     """Return what a sweep holds: the same drivers in both, the welded ones in the full one."""
     welded = dict(reduced.welds)
     first = {driver: float(np.atleast_1d(values)[0])}
-    there = assemble(full, {**welded, **hold, **first}, guess)
+    there = assembled(full, {**welded, **hold, **first}, guess)
     coordinate = full.driven_coordinate(driver).name
     others = {d.joint: there.coordinate(d.joint).value for d in reduced.drivers.values()
               if d.joint != coordinate}

@@ -11,15 +11,14 @@ from spatial_pin.dynamics.problem import Problem, System
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.joint_limits import (
     NOISE,
-    JointLimit,
     Passing,
     falls,
     first_passing,
-    joint_limits,
     passed_at_start,
 )
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 
 StopFunction = Callable[[float, State], float]
 AT_LIMITS = ("report", "stop", "ignore")

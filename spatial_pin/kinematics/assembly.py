@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,11 +12,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.checks import mapping
-from spatial_pin.errors import AssemblyError
+from spatial_pin.errors import AssemblyError, SpatialPinWarning
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
+from spatial_pin.kinematics.release import can_stand, least_motion
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.configuration import (
     blur,
     finite_array,
@@ -24,11 +27,16 @@ from spatial_pin.mechanism.configuration import (
     needed,
     with_values,
 )
+from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.settings import Accuracy, accuracy_of
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
+OPEN = 1e-9  # closure error that no round-off excuses
+STILL = 1e-9  # a driver that has gone no further [rad, characteristic lengths] has not gone
+LIGHT = 1e-3  # weight of the motion of drivers against open loops, where limits are looked for
+ROUND_OFF = 4.0 * EPS  # of a coordinate, by its size
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
 FAR = 10.0  # characteristic lengths; a length named beyond them may be that of another size
 NEAR = 1e-2  # a branch this near to the guess [rad, characteristic lengths] is not questioned
@@ -49,29 +57,62 @@ def assemble(
     guess: Mapping[str, Any] | State | Array | None = None,
     *,
     limits: bool = False,
+    release: bool = True,
+    free: Iterable[str] = (),
     accuracy: Accuracy | None = None,
 ) -> State:
     """Close the loops of a mechanism.
 
-    What the guess names is held while the rest is solved first, then all is released except the
-    drivers; of the branches in reach the one nearest to the named values is returned.
+    Drivers that are given a value have it exactly. Drivers that are not stand where the guess has
+    them, at neutral if it says nothing of them; but where it says something of other joints and
+    does not close with the drivers at neutral, where the loops take them. What else the guess
+    names is held while the rest is solved first, then released; of the branches in reach the one
+    nearest to the named values is returned.
+
+    Only where the loops cannot close so, the drivers that stand are let go, all by the least
+    motion: the sum of squares of how far they go, angles in rad and slides by the characteristic
+    length, is the least of the branch. `State.released` tells which have gone how far.
 
     Args:
         mechanism: the mechanism.
-        drivers: values of drivers or coordinates to hold exactly [rad, m]; the others are free.
+        drivers: values of drivers or coordinates to hold exactly [rad, m].
         guess: values by joint or coordinate as in the mechanism file, a State, or q (nq,);
-            default the file's guess, and neutral where nothing is said.
+            default the file's guess, and neutral where nothing is said. Angles so large that
+            their round-off would open the loops are taken to a turn.
         limits: keep the joint limits of the model.
+        release: let drivers go that were given no value, where the loops cannot close otherwise.
+        free: drivers that do not stand, but go where the loops take them; not among `released`.
         accuracy: tolerance to reach; default "engineering".
 
     Returns:
-        The closed State; its v and a are zero, see `solve_rates`.
+        The closed State; its v and a are zero, see `solve_rates`. A `SpatialPinWarning` tells of
+        joint limits that it breaks, as `State.beyond_limits` does.
 
     Raises:
         AssemblyError: no closed configuration found; keeps the best attempt.
         UnknownNameError: a name does not exist.
-        ValueError: a value is NaN or infinite.
+        ValueError: a value is NaN or infinite, or `free` names what is no driver, or is held.
     """
+    state = assembled(mechanism, drivers, guess, limits=limits, release=release, free=free,
+                      accuracy=accuracy)
+    if state.beyond_limits:
+        words = "; ".join(_beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
+        warnings.warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
+                      "(assemble(limits=True) keeps them)", SpatialPinWarning, stacklevel=2)
+    return state
+
+
+def assembled(
+    mechanism: Mechanism,
+    drivers: Mapping[str, float] | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
+    *,
+    limits: bool = False,
+    release: bool = True,
+    free: Iterable[str] = (),
+    accuracy: Accuracy | None = None,
+) -> State:
+    """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
     needed(mechanism)
     accuracy = accuracy_of(accuracy)
     held: dict[str, float] = {}
@@ -80,39 +121,142 @@ def assemble(
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
-    guess = mechanism.start(held) if guess is None else guess
-    start = _read_guess(mechanism, guess)
+    said = standing_drivers(mechanism, held, guess, free)
+    beginning = mechanism.start(held) if guess is None else None
+    start = _read_guess(mechanism, guess if beginning is None else beginning)
+    standing = said if beginning is None else {
+        name: float(start.q[mechanism.coordinate_table[name].q]) for name in said}
     named = {name: value for name, value in start.named.items() if name not in held}
     with evaluation_of(mechanism, guess.angles if isinstance(guess, State) else 0.0) as evaluation:
-        search = _Search(evaluation, held, named, limits, accuracy)
-        for k, q in enumerate(_starts(mechanism, start.q, held, named)):
-            search.attempt(q)
-            if search.done(k):
-                break
-        return search.result()
+        search = _Search(evaluation, held, standing, named, limits, accuracy)
+        search.run(start.q, release)
+        if search.best is None and standing and release:
+            search = _Search(evaluation, held, {}, standing | named, limits, accuracy, said)
+            search.run(start.q)
+        return search.result(said)
+
+
+def standing_drivers(
+    mechanism: Mechanism,
+    held: Iterable[str],
+    guess: Mapping[str, Any] | State | Array | None = None,
+    free: Iterable[str] = (),
+) -> dict[str, float]:
+    """Return where the drivers that nobody gives a value stand, by coordinate [rad, m].
+
+    Args:
+        mechanism: the mechanism.
+        held: the coordinates that are given values.
+        guess: as for `assemble`: the caller's, else the file's, else neutral.
+        free: drivers that are not to stand.
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: `free` names what is no driver, or is held.
+    """
+    drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
+    loose = set()
+    for name in (free,) if isinstance(free, str) else free:
+        coordinate = mechanism.driven_coordinate(name)
+        if coordinate not in drivers:
+            raise ValueError(f"free: {name!r} is no driver of mechanism {mechanism.name!r}; only "
+                             f"drivers stand: {', '.join(mechanism.drivers) or 'there is none'}")
+        if coordinate.name in held:
+            raise ValueError(f"free: {name!r} is given a value too")
+        loose.add(coordinate.name)
+    start = _read_guess(mechanism, guess)
+    values = {c.name: float(start.q[c.q]) for c in drivers}
+    standing = [name for name in values if name not in held and name not in loose]
+    spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.named)
+    silent = [name for name in values if name not in spoken]
+    if spoken - set(values) and not set(silent).isdisjoint(standing):
+        values |= _at_home(mechanism, guess, start, values, silent)
+    return {name: values[name] for name in standing}
+
+
+def _at_home(
+    mechanism: Mechanism, guess: Any, start: _Guess, drivers: Mapping[str, float],
+    silent: Sequence[str],
+) -> dict[str, float]:
+    """Return where drivers of which the guess says nothing stand: neutral, if it closes so.
+
+    Else where the loops take them, as the guess may name the platform and leave out the legs.
+    """
+    with evaluation_of(mechanism) as evaluation:
+        search = _Search(evaluation, {}, drivers, start.named, False, accuracy_of(None))
+        search.attempt(start.q)
+    if search.best is not None:
+        return {}
+    try:
+        home = assembled(mechanism, {}, guess, free=silent)
+    except AssemblyError:
+        return {}
+    return {name: home.coordinate(name).value for name in silent}
 
 
 class _Search:
-    """Attempts from several starts, and the best of what they found."""
+    """Attempts from several starts, and the best of what they found.
+
+    Args:
+        evaluation: of the mechanism.
+        held: coordinates that were given values.
+        standing: drivers that stand, by coordinate.
+        named: other coordinates that the guess names.
+        limits: whether joint limits are kept.
+        accuracy: the tolerance to reach.
+        let_go: drivers that go as little as possible from these values.
+    """
 
     def __init__(
         self,
         evaluation: Evaluation,
         held: Mapping[str, float],
+        standing: Mapping[str, float],
         named: Mapping[str, float],
         limits: bool,
         accuracy: Accuracy,
+        let_go: Mapping[str, float] | None = None,
     ) -> None:
-        self.mechanism = mechanism = evaluation.mechanism
-        self.evaluation, self.held, self.named = evaluation, held, named
+        self.mechanism = evaluation.mechanism
+        self.evaluation, self.given, self.standing = evaluation, held, standing
+        self.held = {**held, **standing}
+        self.named = {name: value for name, value in named.items() if name not in self.held}
+        self.let_go = let_go or {}
         self.limits, self.tolerance = limits, accuracy.tolerance
-        self.free = np.ones(mechanism.model.nv, dtype=bool)
-        self.free[[mechanism.coordinate_table[name].v for name in held]] = False
-        self.first = self.free.copy()
-        self.first[[mechanism.coordinate_table[name].v for name in named]] = False
+        self.free = self._free(self.held)
+        self.first = self.free & self._free(self.named)
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self.found_at = -1
+
+    def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
+        """Return (nv,) which velocities are left where coordinates are held."""
+        free = np.ones(self.mechanism.model.nv, dtype=bool)
+        free[[self.mechanism.coordinate_table[name].v for name in held]] = False
+        return free
+
+    def run(self, q: Array, release: bool = False) -> None:
+        """Try starts, the first at q (nq,), until one is surely the nearest, or all have failed.
+
+        Args:
+            q: the guess.
+            release: whether to give up where the drivers that stand cannot.
+        """
+        for k, start in enumerate(_starts(self.mechanism, q, self.held, self.named)):
+            if _size(self.mechanism, start)[0] * ROUND_OFF < 1.0:  # else no digit is left of it
+                self.attempt(start)
+            if self.done(k):
+                break
+            if k == 0 and release and self.standing and not self._can_stand(start):
+                break
+
+    def _can_stand(self, q: Array) -> bool:
+        """Whether the loops near q leave the drivers that stand independent, if they close."""
+        free = self._free(self.given)
+        if _size(self.mechanism, q)[0] * ROUND_OFF >= 1.0:
+            return True
+        _, error = close(self.evaluation, q, free, self.tolerance)
+        return not error <= ACCEPTED or can_stand(self.evaluation, free, self.standing)
 
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
@@ -121,14 +265,18 @@ class _Search:
         if self.first.any() and not np.array_equal(self.first, self.free):
             q, _ = close(evaluation, q, self.first, loose)
         q, error = close(evaluation, q, self.free, self.tolerance)
-        q = nearest_turn(self.mechanism, q, self.held, self.named)
-        evaluation.update(q)
-        accepted = max(ACCEPTED, blur(self.mechanism, q))
-        problem = evaluation.worst_closure() if not error <= accepted else evaluation.mirrored()
-        if not problem and self.limits and _violated(self.mechanism, q):
-            q, error = _within_limits(evaluation, q, self.free, self.tolerance)
-            problem = evaluation.worst_closure() if not error <= accepted else evaluation.mirrored()
-            problem = problem or _violated(self.mechanism, q)
+        if self.let_go and error <= ACCEPTED:
+            q, error = self._least(q, self.free)
+        q, error, problem = self._judged(q)
+        violated = _violated(self.mechanism, q) if self.limits and not problem else ""
+        if violated:
+            bounded, loose_ones = _within_limits(evaluation, q, self.free, self.let_go)
+            bounded, _ = (self._least if self.let_go else self._closed)(bounded, loose_ones)
+            bounded, _, fault = self._judged(bounded)
+            if fault or _violated(self.mechanism, bounded):
+                problem = violated
+            else:
+                q = bounded
         if problem:
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
@@ -137,13 +285,52 @@ class _Search:
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best = (distance, q)
 
+    def _closed(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+        return close(self.evaluation, q, free, self.tolerance)
+
+    def _judged(self, q: Array) -> tuple[Array, float, str]:
+        """Return q with its whole turns, its closure error, and the closure at fault or nothing."""
+        evaluation = self.evaluation
+        q = nearest_turn(self.mechanism, q, self.held, self.named)
+        evaluation.update(q)
+        error = evaluation.closure_error
+        fault = "" if error <= self._accepted(q) else evaluation.worst_closure()
+        return q, error, fault or evaluation.mirrored()
+
+    def _accepted(self, q: Array) -> float:
+        """Return the closure error that q (nq,) may have, round-off of its own included.
+
+        An angle that is held counts turns without making its sine any worse.
+        """
+        q = q.copy()
+        q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
+        return min(max(ACCEPTED, blur(self.mechanism, q)), OPEN)
+
+    def _least(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+        """Return the closed configuration near q in which the drivers let go have gone the least.
+
+        Those that need not go at all stand exactly.
+        """
+        q, error = close(self.evaluation, q, free, self.tolerance)
+        q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance)
+        kept = {name: self.let_go[name] for name in self.let_go
+                if name not in _gone(self.mechanism, q, self.let_go)}
+        if not kept:
+            return q, error
+        there, open_by = close(self.evaluation, with_values(self.mechanism, q, kept),
+                               free & self._free(kept), self.tolerance)
+        moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
+        near = bool(np.abs(moved).max(initial=0.0) < NEAR)
+        return (there, open_by) if open_by <= ACCEPTED and near else (q, error)
+
     def _distance(self, q: Array) -> float:
         """How far q is from the named values; an orientation counts by its angle."""
         mechanism = self.mechanism
         model = mechanism.model
         target = with_values(mechanism, q, self.named)
         gap = pin.difference(model, q, target) / mechanism.velocity_scale
-        return float(np.linalg.norm(gap))
+        size = max(float(np.abs(gap).max(initial=0.0)), 1.0)  # squares stay numbers
+        return size * float(np.linalg.norm(gap / size))
 
     def done(self, k: int) -> bool:
         """Whether further starts can be spared after start number `k`."""
@@ -153,23 +340,32 @@ class _Search:
             self.found_at = k
         return self.best[0] < NEAR or k - self.found_at >= MORE_STARTS
 
-    def result(self) -> State:
-        """Return the best closed State, or raise with the best attempt."""
+    def result(self, said: Mapping[str, float]) -> State:
+        """Return the best closed State, or raise with the best attempt.
+
+        Args:
+            said: where the drivers should stand that were given no value.
+        """
         evaluation = self.evaluation
         if self.best is None:
             raise self._failure()
         q = self.best[1]
         evaluation.update(q)
+        names = {d.joint: d.name for d in self.mechanism.drivers.values()}
+        gone = _gone(self.mechanism, q, said)
         return State(self.mechanism, q, closure_error=evaluation.closure_error,
-                     angles=evaluation.angles)
+                     angles=evaluation.angles, released={names[c]: x for c, x in gone.items()})
 
     def _failure(self) -> AssemblyError:
-        assert self.nearest_miss is not None
+        held = ", ".join(f"{name} = {value:.6g}" for name, value in self.given.items())
+        where = f"mechanism {self.mechanism.name!r}" + (f" with {held}" if held else "")
+        if self.nearest_miss is None:
+            q = with_values(self.mechanism, self.mechanism.neutral, {**self.named, **self.held})
+            return AssemblyError(f"{where} cannot be closed: {_too_large(self.mechanism, q)}",
+                                 closure_error=np.inf, worst_closure="")
         error, q, worst = self.nearest_miss
         self.evaluation.update(q)
         state = State(self.mechanism, q, closure_error=error, angles=self.evaluation.angles)
-        held = ", ".join(f"{name} = {value:.6g}" for name, value in self.held.items())
-        where = f"mechanism {self.mechanism.name!r}" + (f" with {held}" if held else "")
         if error <= ACCEPTED and worst.startswith("limit of "):
             message = (f"{where} closes only outside the joint limits ({worst}); "
                        "try other driver values or another guess")
@@ -180,12 +376,50 @@ class _Search:
         else:
             gap = open_gap(self.mechanism, self.evaluation, worst)
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
-                       f"(closure error {error:.1e}); a driver value may be out of reach, or the "
-                       "guess too far from any closed configuration")
+                       f"(closure error {error:.1e}); ")
+            large = _size(self.mechanism, q)[0] * ROUND_OFF > ACCEPTED
+            message += _too_large(self.mechanism, q) if large else (
+                "a driver value may be out of reach, or the guess too far from any closed "
+                "configuration")
             if any(c.name == worst and c.type == "screw" for c in self.mechanism.closures):
                 message += ("; a screw closure is assembled within half a turn of zero: sweep to "
                             "further turns, or put the screw into the tree")
+        if self.standing:
+            values = ", ".join(f"{name} = {value:.6g}" for name, value in self.standing.items())
+            message += (f"; drivers that were given no value stand at {values}: give them values, "
+                        "or let them go with release=True or free=[...]")
         return AssemblyError(message, closure_error=error, worst_closure=worst, state=state)
+
+
+def _gone(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:
+    """Return how far coordinates are from values, those that are there left out [rad, m]."""
+    table, gone = mechanism.coordinate_table, {}
+    for name, value in said.items():
+        by = float(q[table[name].q]) - value
+        if abs(by) > STILL * mechanism.velocity_scale[table[name].v]:
+            gone[name] = by
+    return gone
+
+
+def _size(mechanism: Mechanism, q: Array) -> tuple[float, str]:
+    """Return the largest coordinate of q by the size of the mechanism, and its name.
+
+    Angles that mean the same after a turn do not count.
+    """
+    turning = {c.name for c in periodic(mechanism)}
+    sizes = [(abs(float(q[at])) / float(mechanism.velocity_scale[c.v]), name)
+             for name, c in mechanism.coordinate_table.items()
+             if (at := mechanism.place_of(c)) >= 0 and name not in turning]
+    return max(sizes, default=(0.0, ""))
+
+
+def _too_large(mechanism: Mechanism, q: Array) -> str:
+    """Say which coordinate of q is too large for its loops to be closed."""
+    name = _size(mechanism, q)[1]
+    value = float(q[mechanism.place_of(mechanism.coordinate_table[name])])
+    return (f"{name} = {value:.3g} {mechanism.coordinate_table[name].unit} is so large that its "
+            "round-off alone opens the loops; give a value nearer to the mechanism's size of "
+            f"{mechanism.characteristic_length:.3g} m (angles: fewer turns)")
 
 
 def open_gap(mechanism: Mechanism, evaluation: Evaluation, closure: str) -> str:
@@ -207,6 +441,20 @@ def open_gap(mechanism: Mechanism, evaluation: Evaluation, closure: str) -> str:
 
 
 def _read_guess(
+    mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
+) -> _Guess:
+    """Return the guess with its angles taken to a turn where they count too many."""
+    q, named = _as_given(mechanism, guess)
+    q = q.copy()
+    for c in periodic(mechanism):
+        if ROUND_OFF * abs(q[c.q]) > ACCEPTED:
+            q[c.q] = math.atan2(math.sin(q[c.q]), math.cos(q[c.q]))
+            if c.name in named:
+                named[c.name] = float(q[c.q])
+    return _Guess(q, named)
+
+
+def _as_given(
     mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
 ) -> _Guess:
     base = joint_values(mechanism, mechanism.guess)
@@ -298,25 +546,38 @@ def nearest_turn(
 
 def _violated(mechanism: Mechanism, q: Array) -> str:
     """Return which joint limit q breaks, as text; empty when none."""
-    model = mechanism.model
-    for c in mechanism.coordinate_table.values():
-        if c.q < 0:
-            continue
-        low, high = model.lowerPositionLimit[c.q], model.upperPositionLimit[c.q]
-        slack = 1e-9 * max(1.0, abs(q[c.q]))
-        if not low - slack <= q[c.q] <= high + slack:
-            return f"limit of {c.name}: {q[c.q]:.6g} is not in [{low:.6g}, {high:.6g}]"
+    for name, by in beyond_limits(mechanism, q).items():
+        c = mechanism.coordinate_table[name]
+        if abs(by) > 1e-9 * max(mechanism.velocity_scale[c.v], abs(q[c.q])):
+            return f"limit of {_beyond_words(mechanism, q, name)}"
     return ""
 
 
+def _beyond_words(mechanism: Mechanism, q: Array, name: str) -> str:
+    """Return a coordinate, its value and its range."""
+    c, model = mechanism.coordinate_table[name], mechanism.model
+    low, high = float(model.lowerPositionLimit[c.q]), float(model.upperPositionLimit[c.q])
+    return f"{name}: {q[c.q]:.6g} {c.unit} is not in [{low:.6g}, {high:.6g}]"
+
+
 def _within_limits(
-    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], tolerance: float
-) -> tuple[Array, float]:
-    """Close the loops within the joint limits by bounded least squares, then exactly."""
+    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], let_go: Mapping[str, float]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Close the loops within the joint limits by bounded least squares, nearly.
+
+    Args:
+        evaluation: of the mechanism.
+        q: where to start.
+        free: (nv,) the velocities that may move.
+        let_go: drivers that are to go as little as possible from these values.
+
+    Returns:
+        The configuration, and the velocities that no limit stops there (nv,).
+    """
     from scipy.optimize import least_squares
 
     mechanism, model = evaluation.mechanism, evaluation.model
-    n = evaluation.constraints.n_rows
+    n, scale = evaluation.constraints.n_rows, mechanism.velocity_scale
     low, high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
     start = q.copy()
     for c in mechanism.coordinate_table.values():
@@ -325,6 +586,9 @@ def _within_limits(
                                  model.upperPositionLimit[c.q])
             low[c.v] = model.lowerPositionLimit[c.q] - start[c.q] - 1e-12
             high[c.v] = model.upperPositionLimit[c.q] - start[c.q] + 1e-12
+    gone = [mechanism.coordinate_table[name] for name in let_go]
+    pull = LIGHT * np.eye(model.nv)[[c.v for c in gone]][:, free] / scale[free]
+    wanted = np.array(list(let_go.values()), dtype=float)
 
     def at(x: Array) -> Array:
         step = np.zeros(model.nv)
@@ -332,16 +596,18 @@ def _within_limits(
         return pin.integrate(model, start, step)
 
     def residual(x: Array) -> Array:
-        evaluation.update(at(x))
-        return evaluation.residual.copy()
+        there = at(x)
+        evaluation.update(there)
+        gaps = (there[[c.q for c in gone]] - wanted) / scale[[c.v for c in gone]]
+        return np.concatenate([evaluation.residual, LIGHT * gaps])
 
     def jacobian(x: Array) -> Array:  # exact for coordinates with limits, near zero for the rest
         evaluation.update(at(x))
-        return evaluation.jacobian[:n, free] / mechanism.velocity_scale[free]
+        return np.vstack([evaluation.jacobian[:n, free] / scale[free], pull])
 
     fit = least_squares(residual, np.zeros(int(free.sum())), jacobian,
-                        bounds=(low[free], high[free]), x_scale=mechanism.velocity_scale[free],
+                        bounds=(low[free], high[free]), x_scale=scale[free],
                         xtol=1e-15, ftol=1e-15, gtol=1e-15)
     loose = free.copy()
     loose[free] = (fit.x > low[free] + 1e-9) & (fit.x < high[free] - 1e-9)
-    return close(evaluation, at(fit.x), loose, tolerance)
+    return at(fit.x), loose

@@ -12,7 +12,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Arrival, march
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
-from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.rates import prescribed_at
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -88,9 +88,7 @@ class Branch:
     @classmethod
     def along(cls, state: State, driver: str, accuracy: Accuracy) -> Branch:
         """Return the branch through a state along which one driver changes, the others held."""
-        driven = driven_coordinates(state.mechanism, [driver])
-        own = state.mechanism.coordinate(driver).name
-        return cls(state, sorted(driven, key=lambda c: c.name != own), accuracy)
+        return cls(state, prescribed_at(state, [driver]), accuracy)
 
     @property
     def tolerance(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
@@ -44,7 +44,7 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
     Raises:
         SpatialPinError: it is not a plane four-bar.
     """
-    state = state or assemble(mechanism)
+    state = state or assembled(mechanism)
     names, centres = _four_bar(mechanism, state)
     lengths = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
     # centres[k] to centres[k + 1] is link k; the last one is the fixed link

@@ -1,4 +1,4 @@
-"""Joint limits of the URDF, and where a motion passes them."""
+"""Where a motion passes joint limits of the URDF."""
 
 from __future__ import annotations
 
@@ -13,52 +13,17 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
 NOISE = 1e-11  # rate of a joint that stands still, by that of the fastest
-SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
 DOUBT = 4.0  # room left, by how far a joint swings between rows, that polynomials are trusted with
 ELSEWHERE = 1e-6  # difference of joints that tells another way [rad, characteristic lengths]
 
 _Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
 _Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends
-
-
-class JointLimit(NamedTuple):
-    """One limit of one joint coordinate.
-
-    Attributes:
-        name: of the coordinate.
-        unit: "rad" or "m".
-        q, v: where it stands in configuration and velocity.
-        value: the limit [rad or m].
-        side: +1 for an upper limit, -1 for a lower one.
-        size: 1 rad, or the characteristic length [m].
-    """
-
-    name: str
-    unit: str
-    q: int
-    v: int
-    value: float
-    side: int
-    size: float
-
-    def room(self, q: Array) -> Array:
-        """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m]."""
-        return self.side * (self.value - q[..., self.q])
-
-    def closing(self, v: Array) -> Array:
-        """Return how fast the room grows less, at v (nv,) or (N, nv) [rad/s or m/s]."""
-        return self.side * v[..., self.v]
-
-    @property
-    def words(self) -> str:
-        """What it is, for a sentence."""
-        side = "upper" if self.side > 0 else "lower"
-        return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
 
 class Passing(NamedTuple):
@@ -81,25 +46,6 @@ class Passing(NamedTuple):
         """The event of a motion that says so."""
         return Event(KIND, self.value, self.row, f"{self.limit.words} passed {self.where}"
                      if self.where else f"beyond the {self.limit.words} from the start")
-
-
-def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
-    """Return the joint limits that the URDF states, in the order of the coordinates.
-
-    Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
-    neither.
-    """
-    model, found = mechanism.model, []
-    for c in mechanism.coordinate_table.values():
-        if c.q < 0:
-            continue
-        low, high = float(model.lowerPositionLimit[c.q]), float(model.upperPositionLimit[c.q])
-        if low < high:
-            size = float(mechanism.velocity_scale[c.v])
-            found += [JointLimit(c.name, c.unit, c.q, c.v, value, side, size)
-                      for value, side in ((low, -1), (high, 1))
-                      if abs(value) < np.finfo(float).max]
-    return found
 
 
 def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passing]:

@@ -8,7 +8,6 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.joint_limits import (
     Passing,
     falls,
-    joint_limits,
     joint_limits_passed,
     passed_at_start,
 )
@@ -16,6 +15,7 @@ from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.ranges import Bound, Range
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 
 ROWS = 721  # of a span

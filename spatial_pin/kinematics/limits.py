@@ -9,7 +9,7 @@ import numpy as np
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Arrival, march, turning_point
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.crossing import straight_on
 from spatial_pin.kinematics.curve import Curve, CurvePoint
@@ -18,7 +18,7 @@ from spatial_pin.kinematics.locating import located, room_after, room_ahead
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.newton import SquareSystem, driven_groups, passive_freedoms
 from spatial_pin.kinematics.ranges import Bound, Range
-from spatial_pin.kinematics.rates import driven_coordinates
+from spatial_pin.kinematics.rates import prescribed_at
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -163,10 +163,8 @@ def _system(
 
     Where the guess is just a dead centre of the driver, a point a little further on is taken.
     """
-    state = assemble(mechanism, {}, guess)
-    driven = driven_coordinates(mechanism, [driver])
-    wanted = mechanism.driven_coordinate(driver)
-    driven.sort(key=lambda c: c.name != wanted.name)
+    state = assembled(mechanism, {}, guess)
+    driven = prescribed_at(state, [driver])
     try:
         return _square(mechanism, driven, state), state
     except SingularError as error:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.assembly import ACCEPTED, assemble
+from spatial_pin.kinematics.assembly import ACCEPTED, assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms
 from spatial_pin.kinematics.state import State, of_mechanism
@@ -162,7 +162,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         SpatialPinError: the configuration is not closed.
     """
     needed(mechanism)
-    state = assemble(mechanism) if q is None else q
+    state = assembled(mechanism) if q is None else q
     evaluation = Evaluation(constraints_of(mechanism))
     if isinstance(state, State):
         state = of_mechanism(mechanism, state)

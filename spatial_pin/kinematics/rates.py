@@ -12,7 +12,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.state import State, of_mechanism
-from spatial_pin.linalg import EPS, Array, decompose
+from spatial_pin.linalg import EPS, Array, decompose, independent_rows, rank
 from spatial_pin.mechanism.configuration import finite_number
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -30,6 +30,54 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
     chosen = drivers if all(c in drivers for c in wanted) else wanted
     return list(dict.fromkeys(chosen))
+
+
+def prescribed_at(state: State, names: Iterable[str]) -> list[Coordinate]:
+    """Return the coordinates that are prescribed when `names` move, in that order, from a state on.
+
+    The named ones, and the drivers that can stand still beside them: of redundant drivers those
+    that the loops would move most are let go, as they have to move the least. Beside a coordinate
+    that is no driver all drivers stand or none does, for nobody says which.
+    """
+    mechanism, names = state.mechanism, list(names)
+    wanted = list(dict.fromkeys(mechanism.driven_coordinate(name) for name in names))
+    usual = driven_coordinates(mechanism, names)
+    usual = [*wanted, *(c for c in usual if c not in wanted)]
+    try:
+        with square_system(state, names):
+            return usual
+    except SingularError:
+        return _with_standing(state, wanted) or usual
+
+
+def _with_standing(state: State, wanted: list[Coordinate]) -> list[Coordinate]:
+    """Return coordinates and the drivers that can stand still beside them; none if they cannot."""
+    mechanism = state.mechanism
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
+    others = [c for c in drivers if c not in wanted]
+    evaluation, unit = Evaluation(constraints_of(mechanism)), np.eye(mechanism.model.nv)
+    evaluation.turns[:] = state.angles
+    evaluation.update(state.q)
+    n = evaluation.constraints.n_rows
+    rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
+                      evaluation.jacobian[n:]])
+    held = np.vstack([rows, unit[[c.v for c in wanted]]])
+    svd = decompose(held)
+    if svd.rank < len(held):
+        return []
+    first = np.zeros(len(held))
+    first[len(rows)] = 1.0
+    v = svd.minimum_norm(first)
+    moved, spare = [c.v for c in others], svd.null_space
+    v = v - spare.T @ decompose(spare[:, moved].T).minimum_norm(v[moved])
+    paces = np.abs(v[moved]).round(9)  # equal ones in the order of the file
+    chosen = list(wanted)
+    for k in np.argsort(paces, kind="stable"):
+        more = np.vstack([held, unit[others[k].v]])
+        if rank(more) == len(more):
+            held, chosen = more, [*chosen, others[k]]
+    whole = set(wanted) <= set(drivers) or len(chosen) == len(wanted) + len(others)
+    return chosen if whole else []
 
 
 @contextmanager
@@ -104,7 +152,7 @@ def solve_rates(
         check_rates(system, v, state)
         lost = round_off(system, state.q, rates)
     return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
-                 rate_error=lost)
+                 rate_error=lost, released=state.released)
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:

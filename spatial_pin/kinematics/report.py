@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import AssemblyError, SingularError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.mobility import Mobility, mobility
 from spatial_pin.kinematics.motion import Event, Motion
@@ -84,7 +84,7 @@ class Info:
 def info(mechanism: Mechanism) -> Info:
     """Return what a mechanism consists of; never fails for want of a closed configuration."""
     try:
-        state = assemble(mechanism)
+        state = assembled(mechanism)
         closed, error = True, state.closure_error
     except AssemblyError as failure:
         assert failure.state is not None
@@ -142,6 +142,13 @@ def assembly_summary(state: State) -> str:
         value = state.coordinate(name).value
         degrees = f" ({np.degrees(value):.9g}°)" if c.unit == "rad" else ""
         lines.append(f"  {name:{width}}  {value:.15g} {c.unit}{degrees}")
+    for name, by in state.released.items():
+        lines.append(f"  released: driver {name} went {by:+.9g} {mechanism.coordinate(name).unit} "
+                     "from where the guess has it, as the loops would not close otherwise")
+    for name, by in state.beyond_limits.items():
+        side = "upper" if by > 0.0 else "lower"
+        lines.append(f"  beyond limits: {name} is {abs(by):.9g} {mechanism.coordinate(name).unit} "
+                     f"beyond its {side} joint limit")
     return "\n".join(lines)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.frames import Located
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates, needed
+from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 
 LOST = 1e-10  # round-off of rates, by their size, that is worth a word
@@ -77,6 +79,8 @@ class State:
             angles in rad.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
+        released: how far drivers that were given no value have gone from where the guess has
+            them, as the loops would not close otherwise {driver: displacement [rad or m]}.
         rate_error: estimated round-off of v and a, by their size; it grows near a limit position
             of a driver, and near a crossing of branches, up to 1: no digit. NaN until
             `solve_rates`; of a row of a sweep it is worked out when asked for, of a row of a
@@ -94,6 +98,7 @@ class State:
         angles: Array | None = None,
         branch: str = "",
         rate_error: float | Callable[[State], float] = np.nan,
+        released: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         nv = mechanism.model.nv
         self.mechanism = mechanism
@@ -103,6 +108,7 @@ class State:
         self.closure_error = float(closure_error)
         self.angles = _frozen(np.empty(0) if angles is None else angles)
         self.branch = branch
+        self.released = dict(released)
         self._rate_error = rate_error
 
     def __getstate__(self) -> dict[str, Any]:
@@ -120,6 +126,15 @@ class State:
         """Estimated round-off of v and a, by their size; NaN where it is not known."""
         known, self._rate_error = self._rate_error, np.nan  # an error on the way may print us
         return float(known(self) if callable(known) else known)
+
+    @cached_property
+    def beyond_limits(self) -> dict[str, float]:
+        """How far coordinates are beyond the joint limits of the URDF, of those that are.
+
+        Signed amounts by coordinate [rad or m]: positive beyond upper limits, negative beyond
+        lower ones.
+        """
+        return beyond_limits(self.mechanism, self.q)
 
     @cached_property
     def data(self) -> pin.Data:
@@ -242,7 +257,7 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
         if evaluation.closure_error <= max(1e-9, 2.0 * state.closure_error):
             return State(mechanism, state.q, state.v, state.a,
                          closure_error=evaluation.closure_error, angles=state.angles,
-                         branch=state.branch)
+                         branch=state.branch, released=state.released)
     raise SpatialPinError(
         f"mechanism {mechanism.name!r}: the state belongs to mechanism {state.mechanism.name!r}"
         + (f" of other dimensions (its loops are open here by {evaluation.closure_error:.1e}); "

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from spatial_pin.checks import as_array, finite_array
+from spatial_pin.checks import as_array, finite_array, mapping
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kinematics.arc import Arrival
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.following import Record, follow, followed_in_order
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, driven_coordinates
+from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, prescribed_at
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
@@ -56,8 +56,8 @@ def sweep(
         speed: the driver's speed at every row, one number or (N,) [rad/s or m/s].
         acceleration: likewise [rad/s² or m/s²].
         guess: where to assemble, as for `assemble`.
-        hold: values of the other drivers; default those of a State given as guess, else those of
-            the assembled configuration.
+        hold: values of other drivers or coordinates. Drivers not named stand still where the
+            guess has them; those that the loops do not let stand are told by "released" events.
         on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
             with an event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes
@@ -91,11 +91,10 @@ def sweep(
     values = finite_array(values, (max(values.size, 1),), "values")
     speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
     coordinate = mechanism.driven_coordinate(driver)
-    hold = {**_others(mechanism, coordinate, guess, hold or {}), **(hold or {})}
+    hold = mapping(hold, "hold")
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
-    state = assemble(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
-    driven = driven_coordinates(mechanism, [driver, *hold])
-    driven.sort(key=lambda c: c.name != coordinate.name)
+    state = assembled(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
+    driven = prescribed_at(state, [driver, *hold])
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
                disable=None if progress else True)
@@ -114,6 +113,7 @@ def sweep(
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
+    motion.events += _released(state, driven, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
                       *joint_limit_events(motion)]
@@ -125,17 +125,23 @@ def sweep(
     return motion
 
 
-def _others(
-    mechanism: Mechanism, coordinate: Coordinate, guess: Any, hold: Mapping[str, float]
-) -> dict[str, float]:
-    """Return where the drivers but a coordinate, and those held, stand in a State as guess."""
-    if not isinstance(guess, State) or guess.mechanism.coordinates != mechanism.coordinates:
-        return {}
-    drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
-    if coordinate not in drivers:
-        return {}
-    held = [coordinate, *(mechanism.driven_coordinate(name) for name in hold)]
-    return {c.name: float(guess.q[c.q]) for c in drivers if c not in held}
+def _released(state: State, driven: Sequence[Coordinate], value: float) -> list[Event]:
+    """Tell of the drivers that do not stand where the guess has them, nor at rest.
+
+    A coordinate that moves the only freedoms there are moves the drivers: that is no event.
+    """
+    mechanism, texts = state.mechanism, []
+    drivers = {d.name: mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()}
+    moving = {name for name, c in drivers.items() if c not in driven}
+    if len(moving) == len(drivers):
+        return []
+    for name, by in state.released.items():
+        if name not in moving:
+            texts.append(f"driver {name} is released: it stands {by:+.9g} {drivers[name].unit} "
+                         "from where the guess has it, as the loops would not close otherwise")
+    texts += [f"driver {name} is released: it moves, as the loops do not let it stand"
+              for name in sorted(moving)]
+    return [Event("released", value, 0, text) for text in texts]
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from spatial_pin.checks import whole_number
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.dimension_path import varied
 from spatial_pin.kinematics.fitted import FittedGeometry, fit
 from spatial_pin.kinematics.sample_outputs import is_possible, output, points_of
@@ -117,7 +117,7 @@ def tolerance(
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite.
     """
-    state = state or assemble(mechanism)
+    state = state or assembled(mechanism)
     names = [outputs] if isinstance(outputs, str) else list(outputs)
     spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
     if any(x < 0.0 for x in spread.values()):

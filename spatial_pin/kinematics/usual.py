@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
@@ -49,7 +49,7 @@ def usual_motion(
     Raises:
         AssemblyError: the guess does not close.
     """
-    state = assemble(mechanism)
+    state = assembled(mechanism)
     driver = driver or next(iter(mechanism.drivers), None)
     if driver is None:
         return state

@@ -46,7 +46,8 @@ def blur(mechanism: Mechanism, q: Array) -> float:
     An angle that counts a million turns is known to 1e-9 rad.
     """
     if "blur" not in mechanism.memo:
-        at = [(c.q, c.v) for c in mechanism.coordinate_table.values() if c.q >= 0]
+        at = [(place, c.v) for c in mechanism.coordinate_table.values()
+              if (place := mechanism.place_of(c)) >= 0]
         q_at, v_at = (np.array(x, dtype=np.intp) for x in zip(*at, strict=True)) if at else (
             np.empty(0, dtype=np.intp),) * 2
         mechanism.memo["blur"] = q_at, 4.0 * EPS / mechanism.velocity_scale[v_at]

@@ -242,6 +242,12 @@ class Mechanism:
             )
         return coordinate
 
+    def place_of(self, coordinate: Coordinate) -> int:
+        """Return where a coordinate stands in the configuration, -1 for rotation vectors."""
+        if coordinate.q < 0 and coordinate.unit == "m":  # the translation of a floating joint
+            return int(self.model.idx_qs[self.joint_id(coordinate.joint)]) + coordinate.place
+        return coordinate.q
+
     def pair_of(self, joint: str) -> str:
         """Return the pair name of a joint of the tree."""
         return self.pairs[self.joint_id(joint) - 1]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.kinematics.assembly import assemble
+from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State, of_mechanism
@@ -324,7 +324,7 @@ def live(
         UnknownNameError: a name does not exist.
         SpatialPinError: there is nothing to move it by, or no port can be had.
     """
-    state = assemble(mechanism) if state is None else of_mechanism(mechanism, state)
+    state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(drivers))
     drive = Drive(state, names)
     _check_look(look, drive)

@@ -1,0 +1,81 @@
+"""Joint limits of the URDF."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
+
+
+class JointLimit(NamedTuple):
+    """One limit of one joint coordinate.
+
+    Attributes:
+        name: of the coordinate.
+        unit: "rad" or "m".
+        q, v: where it stands in configuration and velocity.
+        value: the limit [rad or m].
+        side: +1 for an upper limit, -1 for a lower one.
+        size: 1 rad, or the characteristic length [m].
+    """
+
+    name: str
+    unit: str
+    q: int
+    v: int
+    value: float
+    side: int
+    size: float
+
+    def room(self, q: Array) -> Array:
+        """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m]."""
+        return self.side * (self.value - q[..., self.q])
+
+    def closing(self, v: Array) -> Array:
+        """Return how fast the room grows less, at v (nv,) or (N, nv) [rad/s or m/s]."""
+        return self.side * v[..., self.v]
+
+    @property
+    def words(self) -> str:
+        """What it is, for a sentence."""
+        side = "upper" if self.side > 0 else "lower"
+        return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
+
+
+def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
+    """Return the joint limits that the URDF states, in the order of the coordinates.
+
+    Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
+    neither.
+    """
+    model, found = mechanism.model, []
+    for c in mechanism.coordinate_table.values():
+        if c.q < 0:
+            continue
+        low, high = float(model.lowerPositionLimit[c.q]), float(model.upperPositionLimit[c.q])
+        if low < high:
+            size = float(mechanism.velocity_scale[c.v])
+            found += [JointLimit(c.name, c.unit, c.q, c.v, value, side, size)
+                      for value, side in ((low, -1), (high, 1))
+                      if abs(value) < np.finfo(float).max]
+    return found
+
+
+def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
+    """Return how far coordinates are beyond their joint limits, of those that are [rad or m].
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) the configuration.
+
+    Returns:
+        The signed amounts by coordinate: positive beyond upper limits, negative beyond lower ones.
+    """
+    rooms = {limit: float(limit.room(q)) for limit in joint_limits(mechanism)}
+    return {limit.name: -limit.side * room for limit, room in rooms.items()
+            if room < -SLACK * limit.size}

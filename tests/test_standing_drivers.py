@@ -1,0 +1,339 @@
+"""Drivers that nobody gives a value stand at the guess, or go no further than they must."""
+
+import math
+
+import mechanisms
+import numpy as np
+import pytest
+from mechanisms import (
+    closure,
+    coupling,
+    driver,
+    floating,
+    guess,
+    joint,
+    load,
+    point,
+    refine,
+    sliding,
+    turning,
+)
+from scipy.optimize import brentq, minimize
+
+import spatial_pin as sp
+
+HARD_POINTS = {  # of a double wishbone [m]: x forward, y outward, z up
+    "lower_pivot": (0.0, 0.35, 0.20), "lower_ball": (0.0, 0.72, 0.18),
+    "upper_pivot": (-0.02, 0.42, 0.46), "upper_ball": (-0.03, 0.68, 0.48),
+    "rack_end": (-0.12, 0.33, 0.24), "arm_end": (-0.14, 0.70, 0.23),
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path
+
+
+def wishbone(folder, size=1.0, rack=0.0):
+    """A double wishbone: the lower arm (wheel travel) and the rack are driven."""
+    p = {name: size * np.array(x) for name, x in HARD_POINTS.items()}
+    tie = float(np.linalg.norm(p["arm_end"] - p["rack_end"]))
+    tree = (turning("travel", "ground", "lower", p["lower_pivot"], axis=(1, 0, 0))
+            + turning("upper_pin", "ground", "upper", p["upper_pivot"], axis=(1, 0, 0))
+            + sliding("rack", "ground", "rack_bar", p["rack_end"], axis=(0, 1, 0))
+            + floating("ball", "lower", "upright", p["lower_ball"] - p["lower_pivot"])
+            + point("upright_top", "upright", p["upper_ball"] - p["lower_ball"])
+            + point("upper_end", "upper", p["upper_ball"] - p["upper_pivot"])
+            + point("steering_arm", "upright", p["arm_end"] - p["lower_ball"]))
+    toml = (refine("ball", "spherical") + driver("wheel", "travel") + driver("steering", "rack")
+            + closure("top", "spherical", "upright_top", "upper_end")
+            + closure("tie_rod", "distance", "rack_bar", "steering_arm", length=tie)
+            + (guess(rack=size * rack) if rack else ""))
+    return load(folder, "wishbone", tree, toml)
+
+
+def two_motors(folder, rough=0.0):
+    """A plane four-bar with a motor at the crank and another at the rocker: one too many."""
+    tree = (turning("crank", "ground", "a") + turning("knee", "a", "b", (0.1, 0, 0))
+            + turning("rocker", "ground", "c", (0.3, 0, 0))
+            + point("b_end", "b", (0.28, 0, 0)) + point("c_end", "c", (0.24, 0, 0)))
+    toml = (closure("pin", "revolute", "b_end", "c_end") + driver("first", "crank")
+            + driver("second", "rocker") + guess(crank=0.4, knee=0.4, rocker=1.5 + rough))
+    return load(folder, "two_motors", tree, toml)
+
+
+def rocker_of(crank):
+    """The rocker's angle, coupler above, by the law of cosines."""
+    x, y = 0.3 - 0.1 * math.cos(crank), -0.1 * math.sin(crank)
+    d = math.hypot(x, y)
+    return math.atan2(y, x) + math.pi - math.acos((d**2 + 0.24**2 - 0.28**2) / (2 * d * 0.24))
+
+
+def motion_of(mechanism, state):
+    return sum((by / (1.0 if mechanism.coordinate(name).unit == "rad"
+                      else mechanism.characteristic_length)) ** 2
+               for name, by in state.released.items())
+
+
+# ---------------------------------------------------------------- they stand
+
+
+@pytest.mark.parametrize("leg", [1, 4])
+def test_the_other_legs_of_a_platform_stand(leg):
+    mechanism = sp.load("stewart")
+    home = sp.assemble(mechanism)
+    state = sp.assemble(mechanism, {f"leg_{leg}": 0.41})
+    for k in {1, 2, 3, 4, 5, 6} - {leg}:
+        assert state.coordinate(f"leg_{k}").value == home.coordinate(f"leg_{k}").value
+    assert state.released == {} == home.released
+    assert state.closure_error < 1e-12
+
+
+def test_home_of_a_platform_of_other_dimensions_is_its_own():
+    mechanism = sp.load("stewart", h=0.5)
+    home = sp.assemble(mechanism)
+    assert np.abs(home.placement("platform").translation[:2]).max() < 1e-12
+    assert sp.assemble(mechanism, {"leg_2": home.coordinate("leg_2").value + 0.02}).released == {}
+
+
+def test_the_other_arms_of_a_delta_stand():
+    mechanism = sp.load("delta")
+    state = sp.assemble(mechanism, {"arm_2": 0.7}, guess={"arm_1": 0.2})
+    assert [state.coordinate(f"arm_{k}").value for k in (1, 2, 3)] == [0.2, 0.7, 0.0]
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 50.0])
+def test_the_rack_of_a_wishbone_stands_while_the_wheel_travels(folder, size):
+    mechanism = wishbone(folder, size, rack=0.004)
+    for travel in np.linspace(-0.25, 0.25, 7):
+        state = sp.assemble(mechanism, {"wheel": travel})
+        assert state.coordinate("steering").value == 0.004 * size
+        assert state.released == {}
+
+
+def test_the_wheel_stands_while_the_rack_goes(folder):
+    state = sp.assemble(wishbone(folder), {"rack": 0.03}, guess={"ball": [0.0, 0.1, 0.0]})
+    assert state.coordinate("wheel").value == 0.0 and state.released == {}
+
+
+def test_a_state_and_a_configuration_say_where_drivers_stand(folder):
+    mechanism = wishbone(folder)
+    before = sp.assemble(mechanism, {"wheel": 0.1, "steering": -0.02})
+    for said in (before, before.q):
+        state = sp.assemble(mechanism, {"wheel": -0.1}, guess=said)
+        assert state.coordinate("steering").value == -0.02
+    motion = sp.sweep(mechanism, "wheel", np.linspace(0.1, 0.2, 5), guess=before)
+    assert np.abs(motion.coordinate("steering").value + 0.02).max() < 1e-15
+
+
+def test_a_sweep_holds_what_it_is_not_told_to_move(folder):
+    mechanism = wishbone(folder, rack=0.01)
+    motion = sp.sweep(mechanism, "wheel", np.linspace(0.0, 0.2, 11))
+    assert (motion.coordinate("rack").value == 0.01).all()
+    assert [e for e in motion.events if e.kind == "released"] == []
+
+
+# ---------------------------------------------------------------- they go where they must
+
+
+def test_a_driver_goes_as_little_as_possible_to_a_stretched_chain(folder):
+    mechanism = mechanisms.five_bar(folder)
+    g, a, b = mechanisms.FIVE_BAR.values()
+
+    def stretched(right, left=3.1):
+        x = g + a * math.cos(right) - a * math.cos(left)
+        return math.hypot(x, a * math.sin(right) - a * math.sin(left)) - 2 * b
+
+    assert stretched(1.0) > 0.0
+    state = sp.assemble(mechanism, {"left": 3.1})
+    ends = [brentq(stretched, *side) for side in ((1.0, 2.5), (-1.5, 1.0))
+            if stretched(side[0]) * stretched(side[1]) < 0.0]
+    nearest = min((end - 1.0 for end in ends), key=abs)
+    assert set(state.released) == {"right"}
+    assert state.released["right"] == pytest.approx(nearest, abs=1e-9)
+    assert state.coordinate("right").value == pytest.approx(1.0 + nearest, abs=1e-9)
+
+
+def test_of_two_motors_on_one_freedom_the_second_follows(folder):
+    mechanism = two_motors(folder)
+    state = sp.assemble(mechanism, {"first": 0.9})
+    assert state.coordinate("rocker").value == pytest.approx(rocker_of(0.9), abs=1e-12)
+    assert state.released == {"second": pytest.approx(rocker_of(0.9) - 1.5, abs=1e-12)}
+    assert sp.assemble(mechanism, {"first": 0.9, "second": rocker_of(0.9)}).released == {}
+
+
+def test_two_motors_that_disagree_share_the_least_motion(folder):
+    mechanism = two_motors(folder, rough=0.3)
+    state = sp.assemble(mechanism)
+    best = minimize(lambda x: (x[0] - 0.4) ** 2 + (rocker_of(x[0]) - 1.8) ** 2, [0.5],
+                    options={"gtol": 1e-12})
+    assert motion_of(mechanism, state) == pytest.approx(best.fun, rel=1e-9)
+    assert state.released["first"] == pytest.approx(best.x[0] - 0.4, abs=1e-6)
+    assert state.released["second"] == pytest.approx(rocker_of(best.x[0]) - 1.8, abs=1e-6)
+
+
+def test_released_drivers_of_a_sweep_are_told(folder):
+    mechanism = two_motors(folder)
+    motion = sp.sweep(mechanism, "first", np.linspace(0.5, 1.5, 9))
+    assert motion.coordinate("rocker").value == pytest.approx(
+        [rocker_of(x) for x in motion.driver], abs=1e-12)
+    (event,) = [e for e in motion.events if e.kind == "released"]
+    assert "second" in event.text and event.row == 0
+    task = sp.sweep(mechanism, "second", np.linspace(rocker_of(0.6), rocker_of(0.7), 3))
+    assert "first" in task.events[0].text
+
+
+@pytest.mark.parametrize("arm", [2.9, 3.1])
+def test_no_closed_configuration_nearby_moves_the_drivers_less(arm):
+    """Lagrange's condition, and random closed neighbours."""
+    mechanism = sp.load("delta")
+    state = sp.assemble(mechanism, {"arm_1": arm}, guess={"arm_2": 0.1})
+    least = motion_of(mechanism, state)
+    assert least > 0.0 and state.closure_error < 1e-12
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        moved = {f"arm_{k}": state.coordinate(f"arm_{k}").value + rng.uniform(-0.05, 0.05)
+                 for k in (2, 3)}
+        try:
+            near = sp.assemble(mechanism, {"arm_1": arm, **moved}, guess=state)
+        except sp.AssemblyError:
+            continue
+        gaps = near.coordinate("arm_2").value - 0.1, near.coordinate("arm_3").value
+        assert sum(x * x for x in gaps) > least * (1.0 - 1e-9)
+
+
+def test_angles_and_slides_are_weighed_by_the_size(folder):
+    """A wishbone a thousand times as large lets go of its drivers by the same angle."""
+    released = [sp.assemble(wishbone(folder, size), {"upper_pin": 0.35}).released
+                for size in (1.0, 1e3)]
+    assert set(released[0]) == {"wheel"}
+    assert released[1]["wheel"] == pytest.approx(released[0]["wheel"], abs=1e-9)
+
+
+def test_a_coordinate_that_is_no_driver_takes_the_driver_along():
+    state = sp.assemble(sp.load("four_bar"), {"rocker_pin": 1.8})
+    assert set(state.released) == {"crank"}
+    assert state.coordinate("crank").value == pytest.approx(
+        state.released["crank"] + 0.0, abs=1e-12)
+
+
+def test_geared_drivers_follow_each_other(folder):
+    tree = turning("a", "ground", "wheel_a") + turning("b", "ground", "wheel_b", (0.2, 0, 0))
+    toml = coupling("teeth", "a", "b", -2.0) + driver("a", "a") + driver("b", "b")
+    state = sp.assemble(load(folder, "gears", tree, toml), {"a": 0.3})
+    assert state.coordinate("b").value == pytest.approx(-0.6, abs=1e-15)
+    assert state.released == {"b": pytest.approx(-0.6, abs=1e-12)}
+    both = sp.assemble(load(folder, "gears", tree, toml), {}, guess={"a": 1.0})
+    assert both.released["a"] == pytest.approx(-0.8, abs=1e-9)  # least of a² + b² on b = −2 a
+    assert both.released["b"] == pytest.approx(-0.4, abs=1e-9)
+
+
+def test_nobody_is_released_when_that_is_forbidden(folder):
+    mechanism = mechanisms.five_bar(folder)
+    with pytest.raises(sp.AssemblyError, match=r"right = 1: give them values.*release=True"):
+        sp.assemble(mechanism, {"left": 3.1}, release=False)
+    assert sp.assemble(mechanism, {"left": 2.2}, release=False).released == {}
+
+
+def test_free_drivers_go_where_the_loops_take_them(folder):
+    mechanism = two_motors(folder)
+    state = sp.assemble(mechanism, {"first": 0.9}, free=["second"], release=False)
+    assert state.coordinate("second").value == pytest.approx(rocker_of(0.9), abs=1e-12)
+    assert state.released == {}
+    assert sp.assemble(mechanism, {"first": 0.9}, free="second").released == {}
+
+
+def test_what_cannot_be_free_is_refused(folder):
+    mechanism = two_motors(folder)
+    with pytest.raises(ValueError, match="'knee' is no driver"):
+        sp.assemble(mechanism, free=["knee"])
+    with pytest.raises(ValueError, match="'first' is given a value too"):
+        sp.assemble(mechanism, {"first": 0.9}, free=["first"])
+    with pytest.raises(sp.UnknownNameError):
+        sp.assemble(mechanism, free=["third"])
+
+
+def test_rates_keep_what_was_released(folder):
+    mechanism = mechanisms.five_bar(folder)
+    state = sp.assemble(mechanism, {"elbow1": -1.0})
+    assert sp.solve_rates(mechanism, state, {"left": 1.0, "right": 0.0}).released == state.released
+    assert len(state.released) == 2
+
+
+# ---------------------------------------------------------------- joint limits
+
+
+def limited_slider(folder):
+    """A slider-crank whose rail ends before the crank's dead centres."""
+    tree = (turning("crank", "ground", "a") + turning("knee", "a", "b", (0.1, 0, 0))
+            + joint("prismatic", "slide", "ground", "c", axis=(1, 0, 0), limits=(0.25, 0.38))
+            + point("b_end", "b", (0.3, 0, 0)))
+    toml = closure("pin", "revolute", "b_end", "c") + driver("crank", "crank")
+    return load(folder, "limited", tree, toml + guess(crank=1.2, slide=0.3))
+
+
+def test_a_state_says_how_far_it_is_beyond_its_limits(folder):
+    mechanism = limited_slider(folder)
+    assert sp.assemble(mechanism).beyond_limits == {}
+    with pytest.warns(sp.SpatialPinWarning, match=r"slide: 0.4 m is not in \[0.25, 0.38\]"):
+        far = sp.assemble(mechanism, {"crank": 0.0})
+    assert far.beyond_limits == {"slide": pytest.approx(0.02, abs=1e-12)}
+    with pytest.warns(sp.SpatialPinWarning):
+        near = sp.assemble(mechanism, {"crank": math.pi})
+    assert near.beyond_limits == {"slide": pytest.approx(-0.05, abs=1e-12)}
+
+
+def test_verbs_that_tell_of_limits_themselves_do_not_warn(folder):
+    mechanism = limited_slider(folder)
+    motion = sp.sweep(mechanism, "crank", [0.0, 1.0])
+    assert {e.kind for e in motion.events} == {"joint limit"}
+    assert motion.state(0).beyond_limits == {"slide": pytest.approx(0.02, abs=1e-12)}
+
+
+def test_drivers_are_let_go_to_keep_joint_limits(folder):
+    """The slide comes no further than 0.38 m: the crank goes until it stands there."""
+    mechanism = limited_slider(folder)
+    state = sp.assemble(mechanism, {}, guess={"crank": 0.1}, limits=True)
+    crank = math.acos((0.1**2 + 0.38**2 - 0.3**2) / (2 * 0.1 * 0.38))
+    assert state.beyond_limits == {}
+    assert state.released == {"crank": pytest.approx(crank - 0.1, abs=1e-9)}
+    with pytest.raises(sp.AssemblyError, match="joint limits"):
+        sp.assemble(mechanism, {"crank": 0.1}, limits=True)
+
+
+# ---------------------------------------------------------------- coordinates without end
+
+
+@pytest.mark.parametrize("turns", [1e5, 1e14, -1e17, 1e300])
+def test_a_guess_of_many_turns_is_one_of_less_than_a_turn(turns):
+    mechanism = sp.load("four_bar")
+    state = sp.assemble(mechanism, {"crank": 0.3}, guess={"rocker_pin": turns})
+    assert state.closure_error < 1e-14
+    assert abs(state.coordinate("rocker_pin").value) < 7.0
+
+
+@pytest.mark.parametrize("turns", [1e14, 1e17])
+def test_an_exact_angle_of_many_turns_is_kept_and_closed(turns):
+    mechanism = sp.load("four_bar")
+    state = sp.assemble(mechanism, {"crank": turns})
+    there = sp.assemble(mechanism, {"crank": math.atan2(math.sin(turns), math.cos(turns))})
+    assert state.coordinate("crank").value == turns and state.closure_error < 1e-14
+    assert state.coordinate("rocker_pin").value == pytest.approx(
+        there.coordinate("rocker_pin").value, abs=1e-12)
+
+
+@pytest.mark.parametrize("far", [1e8, 1e14, 1e17, 1e300])
+def test_a_slide_without_end_is_never_called_closed(far):
+    mechanism = sp.load("slider_crank")
+    state = sp.assemble(mechanism, {}, guess={"slide": far})
+    assert state.closure_error < 1e-12
+    with pytest.raises(sp.AssemblyError, match="slide = "):
+        sp.assemble(mechanism, {"slide": far})
+
+
+@pytest.mark.parametrize("turns", [1e10, 1e14, 1e17, 1e300])
+def test_a_gear_that_counts_more_turns_than_digits_is_named(turns):
+    mechanism = sp.load("geared_five_bar")
+    for given in (({"crank": turns},), ({}, {"crank": turns})):
+        with pytest.raises(sp.AssemblyError, match=r"(left|right)_pin = .* round-off"):
+            sp.assemble(mechanism, *given)
