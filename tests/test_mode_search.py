@@ -332,5 +332,6 @@ def test_a_mode_of_which_one_copy_keeps_the_limits_is_kept():
         kept = sp.assembly_modes(mechanism, GOUGH, limits=True)
         assert len(kept) == len(modes)
     slides = [mechanism.coordinate(f"slide_{k}").q for k in range(1, 7)]
+    mechanism.model.lowerPositionLimit[slides] = 0.1
     mechanism.model.upperPositionLimit[slides] = 0.2
     assert sp.assembly_modes(mechanism, GOUGH, limits=True) == []

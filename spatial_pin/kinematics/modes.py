@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from spatial_pin.checks import mapping, positive_number
 from spatial_pin.errors import AssemblyError, ContinuumError
-from spatial_pin.kinematics.assembly import _read_guess, _violated, assemble
+from spatial_pin.kinematics.assembly import _read_guess, _violated, assembled, standing_drivers
 from spatial_pin.kinematics.batch import Batch
 from spatial_pin.kinematics.closing import close_many
 from spatial_pin.kinematics.constraints import Constraints
@@ -112,16 +112,14 @@ def _held(
     """Return the coordinates that are held: those named, and drivers that stand at the guess."""
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
-    loose = {mechanism.driven_coordinate(name).name for name in free}
-    guess = _read_guess(mechanism, mechanism.start(held)).q
-    standing = {c.name: float(guess[c.q]) for c in map(mechanism.driven_coordinate,
-                                                      mechanism.drivers)
-                if c.name not in held and c.name not in loose}
+    standing = standing_drivers(mechanism, held, mechanism.start(held), free)
     if standing:
         try:
-            assemble(mechanism, held | standing)
+            state = assembled(mechanism, held, free=free)
         except AssemblyError:
             return held
+        gone = {mechanism.coordinate(name).name for name in state.released}
+        standing = {name: value for name, value in standing.items() if name not in gone}
     return held | standing
 
 
