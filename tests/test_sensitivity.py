@@ -120,3 +120,17 @@ def test_tolerances_are_those_of_the_guess_if_no_state_is_given(rssr):
 def test_dimensions_are_given_with_their_values():
     assert sp.load("rssr", d=0.315).dimensions == {"a": 0.102, "b": 0.381, "c": 0.254, "d": 0.315}
     assert sp.load("rspc").dimensions["alpha"] == pytest.approx(np.pi / 3)
+
+
+@pytest.mark.parametrize("crank", [0.0, -3e-7, 1e-4])
+@pytest.mark.parametrize("scale", [1.0, 1e4])
+def test_the_error_told_of_a_value_near_zero_is_that_of_its_angle(crank, scale):
+    """A joint near its zero is known no better than any other: to round-off of a radian."""
+    r, length = 0.05 * scale, 0.16 * scale
+    mechanism = sp.load("slider_crank", r=r, l=length)
+    state = sp.assemble(mechanism, {"crank": crank}, {"coupler_pin": 0.0, "slide": r + length})
+    found = sp.sensitivity(mechanism, state, "coupler_pin", ["r", "l"])
+    leaning = np.sin(crank) / np.sqrt(length**2 - (r * np.sin(crank)) ** 2)
+    for name, expected in (("r", -leaning), ("l", leaning * r / length)):
+        assert abs(found.derivatives[name] - expected) <= found.errors[name]
+        assert found.errors[name] < 1e-9 / scale

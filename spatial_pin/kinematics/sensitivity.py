@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.dimension_path import followed, varied
 from spatial_pin.kinematics.limits import limits
 from spatial_pin.kinematics.motion import Motion
-from spatial_pin.kinematics.rates import solve_rates
+from spatial_pin.kinematics.rates import solve_rates, square_system
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -25,7 +25,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 STEP = 2e-3  # of the dimension; of the characteristic length (1 for angles) when it is zero
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-ROUND_OFF = 4e-15  # relative error of an output, for the error estimate
+ROUND_OFF = 4e-15  # error of a well-conditioned configuration, for the error estimate
 NO_SPREAD = 1e-14  # standard deviation, by the value, that is round-off
 
 
@@ -101,6 +101,11 @@ def sensitivities(
     found = [Sensitivity(output, value, {}, {}, _unit(mechanism, state, output))
              for output, value in zip(outputs, drive.evaluate(mechanism, state, outputs),
                                       strict=True)]
+    known, sizes = _known(mechanism, state), _sizes(mechanism, state)
+
+    def size(one: Sensitivity) -> float:
+        return max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
+
     for name in names:
         value = mechanism.dimensions[name]
         h = STEP * (abs(value) or mechanism.characteristic_length)
@@ -110,8 +115,30 @@ def sensitivities(
             around[k] = drive.evaluate(changed, state, outputs)
         for i, one in enumerate(found):
             at = {k: np.asarray(values[i]) for k, values in around.items()}
-            one.derivatives[name], one.errors[name] = _derivative(at, h)
+            one.derivatives[name], one.errors[name] = _derivative(at, h, known * size(one))
     return found
+
+
+def _known(mechanism: Mechanism, state: State) -> float:
+    """Return the round-off of closed configurations [rad, characteristic lengths].
+
+    What closure equations leave of it grows as the smallest pivot, by the largest, gets small.
+    """
+    try:
+        with square_system(state, [d.joint for d in mechanism.drivers.values()]) as system:
+            return ROUND_OFF / system.pivots()[1]
+    except SingularError:
+        return ROUND_OFF
+
+
+def _sizes(mechanism: Mechanism, state: State) -> dict[str, float]:
+    """Return how large outputs of a unit are, or may be at other dimensions."""
+    length = mechanism.characteristic_length
+    speed, acceleration = (float(np.abs(x / mechanism.velocity_scale).max(initial=0.0))
+                           for x in (state.v, state.a))
+    per_s2 = max(acceleration, speed**2)
+    return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
+            "rad/s²": per_s2, "m/s²": per_s2 * length}
 
 
 def _unit(mechanism: Mechanism, state: State, output: str) -> str:
@@ -146,12 +173,11 @@ def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
     return f"{text} {unit.removeprefix('1')}".rstrip()
 
 
-def _derivative(at: Mapping[int, Array], h: float) -> tuple[Any, float]:
-    """Return a derivative and its error from values at k steps h."""
+def _derivative(at: Mapping[int, Array], h: float, known: float) -> tuple[Any, float]:
+    """Return a derivative and its error from values at k steps h that are known to `known`."""
     eighth, sixth = (np.asarray(sum(w * (at[k] - at[-k]) for k, w in weights.items())) / h
                      for weights in (EIGHTH, SIXTH))
-    size = max(float(np.max(np.abs(x))) for x in at.values())
-    error = float(np.max(np.abs(eighth - sixth))) + ROUND_OFF * size / h
+    error = float(np.max(np.abs(eighth - sixth))) + known / h
     return (float(eighth) if eighth.ndim == 0 else eighth), error
 
 
