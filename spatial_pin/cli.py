@@ -110,6 +110,8 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("mechanism", metavar="M", help=MECHANISM_HELP)
             sub.add_argument("--set", dest="parameters", action="append", default=[], type=_setting,
                              metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
+            sub.add_argument("--trusted", action="store_true",
+                             help="its xacro files may read files outside their folder")
         return sub
 
     listing = command("list", _list, "mechanisms and operators of the library, with their sources",
@@ -309,7 +311,8 @@ def _setting(text: str) -> tuple[str, float]:
 
 
 def _load(options: argparse.Namespace) -> sp.Mechanism:
-    return sp.load(options.mechanism, **_unique(options, options.parameters))
+    return sp.load(options.mechanism, trusted=options.trusted,
+                   **_unique(options, options.parameters))
 
 
 def _list(options: argparse.Namespace) -> None:

@@ -178,7 +178,8 @@ def _solved(
             bar.update(int(np.count_nonzero(is_closed[some])))
     rest = np.flatnonzero(~is_closed)
     start, mark = (np.array(state.q), np.array(state.angles)), uuid4().hex
-    jobs = [_Job(str(mechanism.path), dict(mechanism.parameters),
+    loading = {**mechanism.parameters, "trusted": mechanism.trusted}
+    jobs = [_Job(str(mechanism.path), loading,
                  dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
     futures = [executor.submit(_sample, job) for job in jobs] if executor else []
@@ -198,7 +199,7 @@ class _Job(NamedTuple):
 
     Attributes:
         path: the mechanism's file.
-        parameters: of the nominal mechanism.
+        parameters: what `load` takes for the nominal mechanism.
         dimensions: of the sample.
         nominal: q and angles of screws.
         drive: the drivers' motion.

@@ -6,7 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -32,15 +32,10 @@ from spatial_pin.mechanism.pairs import (
     PairGeometry,
     axes_from_z,
 )
-from spatial_pin.mechanism.urdf import (
-    RESISTANCES,
-    JointRefinement,
-    Tree,
-    expand,
-    read_text,
-    read_tree,
-    tree_of,
-)
+from spatial_pin.mechanism.sources import check_file, is_file, read_text, shown
+from spatial_pin.mechanism.toml_files import parse_toml
+from spatial_pin.mechanism.urdf import RESISTANCES, JointRefinement, Tree, read_tree, tree_of
+from spatial_pin.mechanism.xacro_files import expand
 
 _REQUIRED: Any = object()
 BETWEEN = "length_between"
@@ -67,12 +62,22 @@ def library_titles() -> dict[str, tuple[str, str]]:
     return found
 
 
-def load(source: str | Path, **parameters: float) -> Mechanism:
+def load(source: str | Path, *, trusted: bool = False, **parameters: float) -> Mechanism:
     """Load a mechanism.
+
+    A file need not be trusted to be loaded: nothing in it is run as a program. In a xacro file
+    `${...}` may hold numbers, texts, names, arithmetic, comparisons, `and`, `or`, `not`, `in`,
+    `a if b else c`, lists, tuples, entries `a[i]` and `a.b`, list comprehensions, `%` of texts,
+    the functions that xacro offers (those of `math`, and `len`, `min`, `python.sum`,
+    `xacro.load_yaml`, ...) and the methods of texts, lists and dictionaries; everything else is
+    refused by name, and so is what would take too long or too much memory.
 
     Args:
         source: name of a library mechanism (`list_mechanisms`), or path of a `.toml` mechanism
             file, or of a `.urdf` or `.urdf.xacro` open tree (which alone has no closures).
+        trusted: whether a xacro file may include xacro files and load YAML files from anywhere;
+            otherwise only from below its own folder and from ROS packages (folders with a
+            `package.xml`, or below those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH).
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
@@ -80,45 +85,46 @@ def load(source: str | Path, **parameters: float) -> Mechanism:
 
     Raises:
         MechanismFileError: a file cannot be used; says which key, joint or closure, and why.
-        TypeError: the source is neither a name nor a path.
+        TypeError: the source is neither a name nor a path, or `trusted` neither True nor False,
+            or a parameter is neither a number nor a text.
         ValueError: a parameter is NaN or infinite.
     """
-    if not isinstance(source, str | PathLike):
+    if not isinstance(source, str | PathLike) or isinstance(fspath(source), bytes):
         raise TypeError(f"a mechanism is loaded by its name or path, not {source!r}")
+    if not isinstance(trusted, bool | np.bool_):
+        raise TypeError(f"trusted is True or False, not {trusted!r}")
     path = _find(source)
     if path.suffix == ".toml":
-        return _load_toml(path, parameters)
-    tree = read_tree(path, parameters)
+        return _load_toml(path, parameters, trusted)
+    tree = read_tree(path, parameters, trusted=trusted)
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    return _build(name, tree, {"tree": path}, path, parameters)
+    return _build(name, tree, {"tree": path, "trusted": trusted}, path, parameters)
 
 
 def _find(source: str | Path) -> Path:
     path = Path(source)
     if path.suffix in (".toml", ".urdf", ".xacro"):
-        if not path.is_file():
-            raise MechanismFileError(f"{path}: no such file")
+        check_file(path)
         return path
     shipped = library_folder() / f"{source}.toml"
-    if path.name == str(source) and shipped.is_file():
+    if path.name == str(source) and is_file(shipped):
         return shipped
     raise MechanismFileError(
-        f"no mechanism {str(source)!r}: neither a file (.toml, .urdf, .xacro) nor in the library; "
-        f"{suggestion(str(source), list_mechanisms())}"
+        f"no mechanism {shown(path)!r}: neither a file (.toml, .urdf, .xacro) nor in the library; "
+        f"{suggestion(shown(path), list_mechanisms())}"
     )
 
 
-def _load_toml(path: Path, parameters: Mapping[str, float]) -> Mechanism:
-    try:
-        content = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise MechanismFileError(f"{path}: not valid TOML: {error}") from error
-    top = _Table(content, str(path))
+def _load_toml(path: Path, parameters: Mapping[str, float], trusted: bool) -> Mechanism:
+    top = _Table(parse_toml(read_text(path), path), str(path))
     top.text("name")
     file = path.parent / top.text("tree")
-    if not file.is_file():
-        top.fail("tree", f"is {top.text('tree')!r}: no such file {file}")
-    return _of_table(top, file, expand(file, parameters), path, parameters)
+    try:
+        check_file(file)
+    except MechanismFileError as error:
+        top.fail("tree", f"is {shown(top.text('tree'))!r}: {error}")
+    made = _of_table(top, file, expand(file, parameters, trusted), path, parameters)
+    return replace(made, trusted=True) if trusted else made
 
 
 def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:

@@ -16,7 +16,7 @@ from spatial_pin.errors import ClosureTypeError, MechanismFileError, UnknownName
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
-from spatial_pin.mechanism.urdf import dimensions
+from spatial_pin.mechanism.xacro_files import dimensions
 
 SMALLEST = 1e-100  # m
 
@@ -153,6 +153,7 @@ class Mechanism:
         urdf: the expanded URDF text.
         slip_speeds: (nv,) speed of each coordinate at which its dry friction is nearly whole, as
             in the file [rad/s, m/s]; NaN, or an empty array, for the default.
+        trusted: whether its xacro files may read files from anywhere, see `load`.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
 
@@ -174,6 +175,7 @@ class Mechanism:
     tree: Path | None = None
     urdf: str = ""
     slip_speeds: Array = field(default_factory=lambda: np.empty(0))
+    trusted: bool = False
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -184,7 +186,9 @@ class Mechanism:
     @cached_property
     def dimensions(self) -> dict[str, float]:
         """Value of every named dimension (xacro argument), given or by default [SI, rad]."""
-        return dimensions(self.tree, self.parameters) if self.tree is not None else {}
+        if self.tree is None:
+            return {}
+        return dimensions(self.tree, self.parameters, self.trusted)
 
     # ------------------------------------------------------------ coordinates
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -25,8 +24,8 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
 from spatial_pin.mechanism.urdf_checks import check_joint, check_links, check_structure, numbers
+from spatial_pin.mechanism.xacro_files import expand, parse_xml
 
-_XACRO = threading.Lock()  # xacro keeps its state in globals of its module
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "floating": JOINT_TYPES,
     "planar": ("planar", "revolute", "prismatic", "fixed"),
@@ -84,115 +83,18 @@ class Tree:
     slip_speeds: Array
 
 
-def expand(path: Path, parameters: Mapping[str, float]) -> str:
-    """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in."""
-    if not path.is_file():
-        raise MechanismFileError(f"{path}: no such file")
-    if path.suffix != ".xacro":
-        if parameters:
-            raise MechanismFileError(
-                f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
-            )
-        return read_text(path)
-    valid = xacro_arguments(path)
-    for name, value in parameters.items():
-        if name not in valid:
-            raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
-        if isinstance(value, int | float | np.number) and not _is_number(value):
-            text = f"{value}" if isinstance(value, float | np.floating) else "too large"
-            raise ValueError(f"parameter {name!r} is {text}; a finite number is needed")
-    import xacro
-
-    mappings = {name: _xacro_text(value) for name, value in parameters.items()}
-    try:
-        with _XACRO:
-            return str(xacro.process_file(str(path), mappings=mappings).toxml())
-    except Exception as error:  # xacro raises a family of its own and what `${...}` raised
-        reason = " ".join(str(error).split())
-        raise MechanismFileError(f"{path}: xacro cannot expand it: {reason}") from error
-
-
-def _xacro_text(value: object) -> str:
-    return repr(float(value)) if isinstance(value, int | float | np.number) else str(value)
-
-
-def xacro_arguments(path: Path) -> dict[str, str]:
-    """Return names and defaults of the arguments that a xacro file and its includes declare."""
-    arguments: dict[str, str] = {}
-    files, seen = [path], set()
-    while files:
-        file = files.pop()
-        if file in seen or (file != path and not file.is_file()):
-            continue  # `$(find ...)` and the like are for xacro to complain about
-        seen.add(file)
-        for element in _parse(read_text(file), file).iter():
-            namespace, _, tag = str(element.tag).rpartition("}")
-            if "xacro" in namespace and tag == "arg":
-                arguments.setdefault(element.get("name", ""), element.get("default", ""))
-            elif "xacro" in namespace and tag == "include":
-                files.append(file.parent / element.get("filename", ""))
-    return arguments
-
-
-def dimensions(path: Path, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the value of every xacro argument that is a number, given or by default."""
-    arguments = xacro_arguments(path) if path.suffix == ".xacro" else {}
-    texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
-    if not all(_is_number(text) for text in texts.values()):
-        texts = _evaluated(texts)
-    return {name: float(text) for name, text in texts.items() if _is_number(text)}
-
-
-def _is_number(value: str | float) -> bool:
-    try:
-        return math.isfinite(float(value))
-    except (ValueError, OverflowError):
-        return False
-
-
-def _evaluated(texts: Mapping[str, str]) -> dict[str, str]:
-    """Evaluate `${...}` in defaults as xacro does in a file."""
-    from xml.dom import minidom
-
-    import xacro
-
-    document = minidom.parseString('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>')
-    root = document.documentElement
-    assert root is not None
-    for name, text in texts.items():
-        holder = document.createElement("dimension")
-        holder.setAttribute("name", name)
-        holder.setAttribute("value", text)
-        root.appendChild(holder)
-    with _XACRO:
-        xacro.process_doc(document)
-    found = document.getElementsByTagName("dimension")
-    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file.
-
-    Raises:
-        MechanismFileError: it is not UTF-8.
-    """
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise MechanismFileError(f"{path}: not UTF-8 text: {error}") from error
-
-
 def read_tree(
     path: Path,
     parameters: Mapping[str, float] | None = None,
     refinements: Mapping[str, JointRefinement] | None = None,
+    trusted: bool = False,
 ) -> Tree:
     """Build the open tree of a URDF or xacro file.
 
     Raises:
         MechanismFileError: the file cannot be read, is not a tree, or has impossible numbers.
     """
-    return tree_of(expand(path, parameters or {}), path, refinements or {})
+    return tree_of(expand(path, parameters or {}, trusted), path, refinements or {})
 
 
 def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -> Tree:
@@ -201,7 +103,7 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
     Raises:
         MechanismFileError: it is not a tree, or has impossible numbers.
     """
-    robot = _parse(urdf, path)
+    robot = parse_xml(urdf, path)
     check_structure(robot, path)
     inertias = check_links(robot, path)
     mimics = _mimics(robot, path)
@@ -232,13 +134,6 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
         ) from error
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
     return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf, slip_speeds)
-
-
-def _parse(text: str, path: Path) -> ET.Element:
-    try:
-        return ET.fromstring(text)
-    except ET.ParseError as error:
-        raise MechanismFileError(f"{path}: not well-formed XML: {error}") from error
 
 
 # ---------------------------------------------------------------- meshes

@@ -1,0 +1,111 @@
+"""Where the files of a mechanism lie, and their text."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from spatial_pin.errors import MechanismFileError
+
+LARGEST = 100_000_000  # bytes of text: a hundred times the largest robots there are
+
+
+def shown(path: Path | str) -> str:
+    """Return a path for a message, which nobody reads past its first two hundred letters."""
+    text = str(path)
+    return text if len(text) <= 200 else f"{text[:120]}...{text[-60:]}"
+
+
+def check_file(path: Path) -> None:
+    """Refuse what is no plain file.
+
+    Raises:
+        MechanismFileError: it is not there, a folder, a pipe, or larger than any mechanism.
+    """
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        raise MechanismFileError(f"{shown(path)}: no such file") from None
+    except (OSError, ValueError) as error:  # too long a name, no permission, a loop of links, NUL
+        raise MechanismFileError(f"{shown(path)}: {_reason(error)}") from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
+        raise MechanismFileError(f"{shown(path)} is {kind}, not a file")
+    if status.st_size > LARGEST:
+        raise MechanismFileError(f"{shown(path)}: {status.st_size:,} bytes; a file of a mechanism "
+                                 f"has at most {LARGEST:,}")
+
+
+def _reason(error: Exception) -> str:
+    return (getattr(error, "strerror", None) or str(error)).lower()
+
+
+def is_file(path: Path) -> bool:
+    """Return whether there is a plain file that can be asked for."""
+    return os.path.isfile(path)  # unlike Path.is_file, false for names that are too long
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a UTF-8 file.
+
+    Raises:
+        MechanismFileError: it cannot be read, or is not UTF-8.
+    """
+    check_file(path)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise MechanismFileError(f"{shown(path)}: not UTF-8 text: {error}") from error
+    except OSError as error:
+        raise MechanismFileError(f"{shown(path)}: {_reason(error)}") from error
+
+
+# ---------------------------------------------------------------- packages
+
+MANIFEST = "package.xml"
+
+
+def package_folders(name: str, folder: Path) -> Iterator[Path]:
+    """Yield the folders that may be the ROS package of that name, the surest first.
+
+    Args:
+        name: of the package.
+        folder: of the file that asks for it.
+    """
+    if not name or Path(name).name != name:
+        return
+    for root in (*_listed("ROS_PACKAGE_PATH"),
+                 *(prefix / "share" for prefix in _listed("AMENT_PREFIX_PATH"))):
+        yield root / name
+        if root.name == name:
+            yield root
+    for parent in (folder, *folder.parents):
+        if parent.name == name or _manifest_name(parent) == name:
+            yield parent
+        yield parent / name
+
+
+def _listed(variable: str) -> list[Path]:
+    return [Path(p) for p in os.environ.get(variable, "").split(os.pathsep) if p]
+
+
+def _manifest_name(folder: Path) -> str:
+    """Return the name that a folder's manifest gives it, "" where it has none."""
+    manifest = folder / MANIFEST
+    if not is_file(manifest):
+        return ""
+    try:
+        found = re.search(r"<name>\s*([\w.-]+)\s*</name>", read_text(manifest))
+    except MechanismFileError:
+        return ""
+    return found[1] if found else ""
+
+
+def is_installed(folder: Path) -> bool:
+    """Return whether a folder is a ROS package: it says so itself, or the environment lists it."""
+    roots = [*_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH")]
+    return is_file(folder / MANIFEST) or any(r.resolve() in (folder, *folder.parents)
+                                             for r in roots)

@@ -1,0 +1,393 @@
+"""A file that nobody trusts is loaded or refused: it runs nothing, reads nothing else, and ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from pathlib import Path
+
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.mechanism import expressions
+
+HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+LINKS = ('<link name="base"/><link name="hand"/><joint name="slide" type="fixed">'
+         '<parent link="base"/><child link="hand"/><origin xyz="{x} 0 0"/></joint></robot>')
+
+
+def arm(x: str, before: str = "") -> str:
+    """An arm whose reach is an expression."""
+    return HEAD + before + LINKS.format(x=x)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a xacro file; returns its path."""
+
+    def write(text: str, name: str = "arm.urdf.xacro") -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def reach(path: Path, **options) -> float:
+    mechanism = sp.load(path, **options)
+    return float(sp.assemble(mechanism).placement("hand").translation[0])
+
+
+def escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+
+
+# ---------------------------------------------------------------- what expressions are
+
+OFFERED = {  # as they stand in public robots
+    "-1.5 + 2 * 3**2 / 4": 3.0,
+    "7 // 2 + 7 % 4": 6.0,
+    "radians(180) / pi": 1.0,
+    "math.degrees(math.pi)": 180.0,
+    "sqrt(abs_ * 2) if abs_ >= 0 else -1": 2.0,
+    "2 if 'z' in 'xyz' and not 'a' in 'xyz' or False else 0": 2.0,
+    "1 if abs_ is not None else 0": 1.0,
+    "dict(right=1, left=-1)[side]": -1.0,
+    "'0.25 0.5 1'.split(' ')[1]": 0.5,
+    "float('1 2 4'.split()[-1])": 4.0,
+    "[float(x) for x in '1 2 3'.split() if float(x) > 1][0]": 2.0,
+    "python.sum([u * v for u, v in python.zip([1, 2], [3, 4])])": 11.0,
+    "list(map(float, ['1', '2']))[1]": 2.0,
+    "max([1, 5, 3]) + min(2, 4) + len('abc') + round(2.6)": 13.0,
+    "python.int('3') + python.ord('a') - 97": 3.0,
+    "'%.2f' % 1.256": 1.26,
+    "sorted([3, 1, 2])[0:2][1]": 2.0,
+    "(0, 1 + 1)[1]": 2.0,
+    "table.arms.inner['reach']": 0.75,
+    "table.get('none', 4)": 4.0,
+    "xacro.dotify(dict(a=dict(b=6))).a.b": 6.0,
+    "xacro.arg('given') * 2 if False else float(xacro.arg('given'))": 0.125,
+    "$(arg given) * 2": 0.25,
+    "xacro.load_yaml('table.yaml')['list'][1].angle": 2.0,
+    "math.dist([0, 0], [3, 4])": 5.0,
+    "math.hypot(*[3, 4])": 5.0,
+    "python.isinstance(side, str) + (python.type(abs_) == python.int)": 2.0,
+    "python.str(1) + str(2)": 12.0,
+    "xacro.tokenize('1;2, 3')[2]": 3.0,
+}
+YAML = "arms: {inner: {reach: 0.75}}\nlist:\n- 1\n- {angle: !degrees 360/pi}\n"
+NAMES = ('<xacro:arg name="given" default="0.125"/><xacro:property name="abs_" value="2"/>'
+         '<xacro:property name="side" value="left"/>'
+         '<xacro:property name="table" value="${xacro.load_yaml(\'table.yaml\')}"/>')
+
+
+@pytest.mark.parametrize("expression", OFFERED)
+def test_an_expression_as_robots_have_them_is_worked_out(write, expression):
+    write(YAML, "table.yaml")
+    path = write(arm(f"${{{escaped(expression)}}}", NAMES))
+    assert reach(path) == pytest.approx(OFFERED[expression], rel=1e-15)
+
+
+REFUSED = {  # what asks for more than numbers and texts: what the refusal names
+    "(lambda: 1)()": "lambda",
+    "[f for f in [lambda: 1]]": "lambda",
+    "().__class__.__base__.__subclasses__()": "__(class|subclasses)__",
+    "''.__len__()": "__len__",
+    "abs_.__class__": "__class__",
+    "__import__('os').system('true')": "__import__",
+    "open('/etc/passwd')": "'open' is not defined",
+    "getattr(side, 'upper')()": "'getattr' is not defined",
+    "eval('1')": "'eval' is not defined",
+    "str.join": "join",
+    "math.sin.real": "real",
+    "side.format(1)": "format",
+    "side.encode()": "encode",
+    "python.vars()": "vars",
+    "math.update(a=1)": "update",
+    "xacro.load_yaml.__globals__": "__globals__",
+    "(y := 1)": ":=",
+    "f'{1'": "not an expression|f-string",
+    "b'a'": "only numbers and texts",
+    "1j": "only numbers and texts",
+    "abs_ @ abs_": "@",
+    "abs_(1)": "abs_ is not a function",
+    "python.complex(1)": "complex",
+    "(-8) ** 0.5": "complex",
+    "sum([1])": "python.sum",
+    "raelius": "'raelius' is not defined",
+    "1 +": "not an expression",
+    "1; 2": "not an expression",
+    "1 / 0": "division by zero",
+    "table.arm": "'arm'",
+    "table['arm']": "'arm'",
+    "xacro.fatal('no such hand')": "no such hand",
+    "x for": "not an expression",
+}
+
+
+@pytest.mark.parametrize("expression", REFUSED)
+def test_everything_else_is_refused_by_name_and_file(write, expression):
+    write(YAML, "table.yaml")
+    path = write(arm(f"${{{escaped(expression)}}}", NAMES))
+    with pytest.raises(sp.MechanismFileError, match=REFUSED[expression]) as refusal:
+        sp.load(path)
+    assert "arm.urdf.xacro: ${" in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+HUGE = [  # what would take hours, or all memory
+    "9**9**9", "-9**9**9 * 1.0", "10**400", "2**1023 * 2**1023", "1 << 10**9",
+    "'a' * 10**9", "10**9 * 'ab'", "[0] * 10**9", "(0,) * 10**10", "len([0] * 10**9)",
+    "python.sum(range(10**10))", "[i for i in range(10**9)][0]", "max(range(10**12))",
+    "len([0 for i in range(9999) for j in range(9999)])", "0.5 in range(10**15)",
+    "factorial(10**7)", "math.comb(10**9, 5 * 10**8)", "math.perm(10**6)",
+    "math.prod([10**300] * 10**5)", "math.lcm(*range(1, 10**5))", "round(5, -10**9)",
+    "len('%999999999d' % 1)", "len('%*d' % (10**9, 1))", "len('%.999999999f' % 1)",
+    "len('a'.center(10**10))", "len('a'.zfill(10**10))", "len('aa'.replace('a', 'b' * 10**7))",
+    "len(','.join(['a' * 10**5] * 10**5))", "list(map(len, [range(10**9), list(range(10**9))]))",
+    "0x" + "f" * 4000, "9" * 5000, "int('9' * 100000)", "1" + " + 1" * 50_000, "-" * 100_000 + "1",
+    "(" * 300 + "1" + ")" * 300, "[" * 5000 + "]" * 5000, "python.sum([[0] * 10**5] * 10**4, [])",
+    "float('9' * 400 + 'e' + '9' * 5)",
+]
+
+
+@pytest.mark.parametrize("expression", HUGE, ids=lambda text: text[:30])
+def test_what_would_not_end_or_not_fit_is_refused(write, expression):
+    with pytest.raises(sp.MechanismFileError, match=r"arm\.urdf\.xacro"):
+        sp.load(write(arm(f"${{{escaped(expression)}}}")))
+
+
+def doubling(first: str, step: str, names: str = "a") -> str:
+    """Sixty properties or macros, each made of two of the one before."""
+    return "".join([first.replace("NEW", f"{x}0") + "".join(
+        step.replace("OLD", f"{x}{k}").replace("NEW", f"{x}{k + 1}") for k in range(60))
+        for x in names])
+
+
+NEST = ('<xacro:property name="NEW" value="${[1, 2]}"/>',
+        '<xacro:property name="NEW" value="${[OLD, OLD]}"/>')
+GROWING = {
+    "lists within lists": doubling(*NEST) + "<x y='${a60}'/>",
+    "equal lists within lists": doubling(*NEST, names="ab") + "<x y='${a60 == b60}'/>",
+    "tuples as keys": doubling(
+        '<xacro:property name="NEW" value="${(1, 2)}"/>',
+        '<xacro:property name="NEW" value="${(OLD, OLD)}"/>') + "<x y='${dict([(a60, 1)])}'/>",
+    "texts": doubling(
+        '<xacro:property name="NEW" value="abcdefgh"/>',
+        '<xacro:property name="NEW" value="${OLD}${OLD}"/>') + "<x y='${a60}'/>",
+    "sums of texts": doubling(
+        '<xacro:property name="NEW" value="abcdefgh"/>',
+        '<xacro:property name="NEW" value="${OLD + OLD}"/>') + "<x y='${a60}'/>",
+    "numbers": doubling(
+        '<xacro:property name="NEW" value="7"/>',
+        '<xacro:property name="NEW" value="${OLD * OLD}"/>') + "<x y='${a60}'/>",
+    "macros": doubling(
+        '<xacro:macro name="NEW"><x/></xacro:macro>',
+        '<xacro:macro name="NEW"><xacro:OLD/><xacro:OLD/></xacro:macro>') + "<xacro:a60/>",
+    "empty macros": doubling(
+        '<xacro:macro name="NEW"></xacro:macro>',
+        '<xacro:macro name="NEW"><xacro:OLD/><xacro:OLD/></xacro:macro>') + "<xacro:a60/>",
+    "blocks": doubling(
+        '<xacro:property name="NEW"><x/></xacro:property>',
+        '<xacro:property name="NEW"><xacro:insert_block name="OLD"/>'
+        '<xacro:insert_block name="OLD"/></xacro:property>') + '<xacro:insert_block name="a60"/>',
+    "a macro that calls itself": (
+        '<xacro:macro name="a"><xacro:a/></xacro:macro><xacro:a/>'),
+    "a macro that calls itself with a growing list": (
+        '<xacro:macro name="a" params="l"><xacro:a l="${l + l}"/></xacro:macro>'
+        '<xacro:a l="${[1]}"/>'),
+    "a property that is itself": '<xacro:property name="a" value="${a + 1}"/><x y="${a}"/>',
+    "properties of each other": (
+        '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>'
+        '<x y="${a}"/>'),
+    "a file that includes itself": '<xacro:include filename="arm.urdf.xacro"/>',
+    "elements within elements": "<x>" * 5000 + "</x>" * 5000,
+    "a list that holds itself": (
+        '<xacro:property name="a" value="${[1]}" lazy_eval="false"/>'
+        '<x y="${a.append(a)}" z="${a == [a]}" w="${a}"/>' + "<x y='${[a] * 9**6}'/>" * 9),
+}
+
+
+@pytest.mark.parametrize("case", GROWING)
+def test_what_grows_without_end_is_refused(write, case, monkeypatch):
+    monkeypatch.setattr(expressions, "STEPS", 50_000)  # as with more, but sooner
+    with pytest.raises(sp.MechanismFileError, match=r"arm\.urdf\.xacro"):
+        sp.load(write(arm("1", GROWING[case])))
+
+
+@pytest.mark.parametrize("name", sp.list_mechanisms())
+def test_the_library_needs_a_fifth_of_what_is_allowed_at_most(name, monkeypatch):
+    monkeypatch.setattr(expressions, "STEPS", expressions.STEPS // 5)
+    sp.load(name)
+
+
+# ---------------------------------------------------------------- files that are read
+
+SECRET = HEAD + '<xacro:property name="x" value="7"/></robot>'
+READING = {
+    "include": '<xacro:include filename="{file}.xacro"/>',
+    "include by pattern": '<xacro:include filename="{file}.xac*"/>',
+    "include of an expression": '<xacro:include filename="${{\'{file}\' + \'.xacro\'}}"/>',
+    "include of an argument": ('<xacro:arg name="f" default="{file}.xacro"/>'
+                               '<xacro:include filename="$(arg f)"/>'),
+    "load_yaml": '<xacro:property name="x" value="${{xacro.load_yaml(\'{file}.yaml\').x}}"/>',
+    "load_yaml of an absolute name": (
+        '<xacro:property name="x" '
+        'value="${{xacro.load_yaml(xacro.abs_filename(\'{file}.yaml\')).x}}"/>'),
+}
+
+
+@pytest.fixture
+def secret(tmp_path):
+    """Files beside the folder of the mechanism."""
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "parts.xacro").write_text(SECRET)
+    (folder / "parts.yaml").write_text("x: 7")
+    return folder
+
+
+@pytest.mark.parametrize("file", ["../elsewhere/parts", "{folder}/parts", "link/parts", "parts"])
+@pytest.mark.parametrize("how", READING)
+def test_files_outside_the_folder_are_read_for_who_trusts(write, secret, tmp_path, how, file):
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "link").symlink_to(secret)
+    if file == "parts":
+        for suffix in ("xacro", "yaml"):
+            (tmp_path / "own" / f"parts.{suffix}").symlink_to(secret / f"parts.{suffix}")
+    reading = READING[how].format(file=file.format(folder=secret))
+    path = write(arm("${x}", reading), "own/arm.urdf.xacro")
+    with pytest.raises(sp.MechanismFileError, match=r"arm\.urdf\.xacro.*trusted=True"):
+        sp.load(path)
+    assert reach(path, trusted=True) == 7.0
+
+
+@pytest.mark.parametrize("how", READING)
+@pytest.mark.parametrize("file", ["parts", "./parts", "inner/parts", "../own/inner/parts"])
+def test_files_below_the_folder_are_read(write, tmp_path, how, file):
+    for folder in ("own", "own/inner"):
+        write(SECRET, f"{folder}/parts.xacro")
+        write("x: 7", f"{folder}/parts.yaml")
+    assert reach(write(arm("${x}", READING[how].format(file=file)), "own/arm.xacro")) == 7.0
+
+
+@pytest.mark.parametrize("how", READING)
+def test_files_of_a_package_are_read(write, tmp_path, how, monkeypatch):
+    write("x: 7", "arm_description/config/parts.yaml")
+    write(SECRET, "arm_description/config/parts.xacro")
+    reading = READING[how].format(file="$(find arm_description)/config/parts")
+    path = write(arm("${x}", reading), "arm_description/urdf/arm.xacro")
+    with pytest.raises(sp.MechanismFileError, match="nor in an installed package"):
+        sp.load(path)
+    write("<package><name>arm_description</name></package>", "arm_description/package.xml")
+    assert reach(path) == 7.0
+    elsewhere = write(arm("${x}", reading), "user/arm.xacro")
+    assert reach(elsewhere) == 7.0  # a neighbour of the package
+    deep = write(arm("${x}", reading), "a/user/arm.xacro")
+    with monkeypatch.context() as patch:
+        patch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+        assert reach(deep) == 7.0
+
+
+def test_a_package_may_have_another_name_than_its_folder(write):
+    write("<package><name>arm_description</name></package>", "Arm_ROS2/package.xml")
+    write(SECRET, "Arm_ROS2/parts.xacro")
+    reading = '<xacro:include filename="$(find arm_description)/parts.xacro"/>'
+    assert reach(write(arm("${x}", reading), "Arm_ROS2/urdf/arm.xacro")) == 7.0
+
+
+def test_a_package_that_is_nowhere_is_named(write):
+    reading = '<xacro:include filename="$(find gone)/parts.xacro"/>'
+    with pytest.raises(sp.MechanismFileError, match=r"no package 'gone'.*ROS_PACKAGE_PATH"):
+        sp.load(write(arm("1", reading)))
+
+
+def test_an_include_that_may_be_missing_may_be_missing(write):
+    assert reach(write(arm("1", '<xacro:include filename="gone.xacro" optional="true"/>'))) == 1.0
+    with pytest.raises(sp.MechanismFileError, match=r"gone\.xacro"):
+        sp.load(write(arm("1", '<xacro:include filename="gone.xacro"/>')))
+
+
+YAMLS = {
+    "an alias in itself": "a: &a [*a, *a]\nx: 1",
+    "lists of lists": "".join([f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]\n" if k else "a0: &a0 [1, 2]\n"
+                              for k in range(60)]),
+    "tables merged into tables": "a0: &a0 {x: 1}\n" + "".join(
+        f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 60)),
+    "a deep list": "a: " + "[" * 5000 + "]" * 5000,
+    "a number without end": "a: " + "9" * 100_000,
+    "a number of base sixty": "a: 1" + ":59" * 100_000,
+    "an object": "a: !!python/object/apply:os.system ['true']",
+    "no YAML": "a: [",
+    "an expression": "a: !degrees (lambda: 1)()",
+}
+
+
+@pytest.mark.parametrize("case", YAMLS)
+def test_a_yaml_file_that_is_more_than_data_is_refused(write, case, monkeypatch):
+    monkeypatch.setattr(expressions, "STEPS", 50_000)
+    write(YAMLS[case], "table.yaml")
+    with pytest.raises(sp.MechanismFileError, match=r"(table\.yaml|arm\.urdf\.xacro): "):
+        sp.load(write(arm("${a}", '<xacro:property name="a" '
+                          'value="${xacro.load_yaml(\'table.yaml\').a}"/>')))
+
+
+@pytest.mark.parametrize("command", [
+    "eval __import__(", "eval open", "find ../..", "arg", "arg a b", "env", "shell ls", "",
+    "env NOBODY_HAS_THIS",
+])
+def test_a_command_that_is_none_is_refused(write, command):
+    with pytest.raises(sp.MechanismFileError, match=r"arm\.urdf\.xacro"):
+        sp.load(write(arm(f"$({command})")))
+
+
+def test_commands_as_robots_have_them(write, monkeypatch):
+    monkeypatch.setenv("ARM_REACH", "3")
+    monkeypatch.delenv("ARM_NONE", raising=False)
+    assert reach(write(arm("$(env ARM_REACH)"))) == 3.0
+    assert reach(write(arm("$(optenv ARM_NONE 4)"))) == 4.0
+    assert reach(write(arm("$(eval 2 * given)", NAMES.split("<xacro:property")[0]))) == 0.25
+
+
+# ---------------------------------------------------------------- threads and processes
+
+
+def test_threads_load_at_the_same_time():
+    reaches: dict[int, float] = {}
+
+    def run(k: int) -> None:
+        reaches[k] = sp.load("rssr", d=0.3 + k / 100).dimensions["d"]
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert reaches == {k: 0.3 + k / 100 for k in range(8)}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of Python, about any fork with threads
+def test_a_child_that_is_born_while_another_thread_loads_can_load():
+    stop = threading.Event()
+
+    def load_on() -> None:
+        while not stop.is_set():
+            sp.load("rssr")
+
+    thread = threading.Thread(target=load_on)
+    thread.start()
+    try:
+        for _ in range(5):
+            child = os.fork()
+            if child == 0:
+                signal.alarm(60)  # a deadlock ends, and is seen
+                try:
+                    os._exit(0 if sp.load("rssr").name == "rssr" else 1)
+                except BaseException:
+                    os._exit(2)
+            assert os.waitpid(child, 0)[1] == 0
+    finally:
+        stop.set()
+        thread.join()
