@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from spatial_pin.errors import SingularError
+
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
 EPS = float(np.finfo(float).eps)
@@ -54,7 +56,11 @@ class Decomposition(NamedTuple):
 
 
 def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
-    """Decompose `a` (m, n); columns and rows are expected to be scaled alike."""
+    """Decompose `a` (m, n); columns and rows are expected to be scaled alike.
+
+    Raises:
+        SingularError: an entry is no number.
+    """
     m, n = a.shape
     if m == 0:
         return Decomposition(np.empty((0, 0)), np.empty(0), np.eye(n), 0)
@@ -62,7 +68,8 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
         return Decomposition(np.empty((m, 0)), np.empty(0), np.empty((0, 0)), 0)
     u, s, vt, info = lapack.dgesdd(a, 1, m < n)  # vt is to span the null space too
     if info:
-        raise np.linalg.LinAlgError("singular values of a matrix with entries that are no numbers")
+        raise SingularError("the equations have entries that are no numbers: rates overflow, "
+                            "or the configuration is singular")
     rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF)))
     return Decomposition(u, s, vt, rank)
 
@@ -72,6 +79,8 @@ def full_decomposition(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposi
     m, n = a.shape
     if not a.size:
         return Decomposition(np.eye(m), np.empty(0), np.eye(n), 0)
+    if not np.isfinite(a).all():
+        return decompose(a, tolerance)  # which refuses it
     u, s, vt = np.linalg.svd(a, full_matrices=True)
     return Decomposition(u, s, vt, int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))))
 
@@ -145,6 +154,26 @@ def pivots_of(lu: Array, pivots: NDArray[np.int32]) -> tuple[int, float]:
         if (d < 0.0) != (p != i):
             sign = -sign
     return sign, smallest / largest
+
+
+def rows_factored(a: Array) -> tuple[Array, NDArray[np.int32], bool]:
+    """Return LAPACK's LU factors of the transpose of `a` (n, n), row order, and if it is regular.
+
+    A transpose of C order is one of Fortran order: LAPACK copies it once. It does not return from
+    a matrix that is empty.
+    """
+    if not len(a):
+        return a, np.empty(0, dtype=np.int32), True
+    lu, order, info = lapack.dgetrf(a.T)
+    return lu, order, info == 0
+
+
+def rows_solved(lu: Array, order: NDArray[np.int32], b: Array) -> Array:
+    """Return the solution of a x = b, (n,) or (n, k), from `rows_factored` of a."""
+    if not b.size:
+        return b
+    x: Array = lapack.dgetrs(lu, order, b, 1)[0]
+    return x
 
 
 class Factors:

@@ -20,7 +20,14 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.newton import rank_loss
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array, decompose, independent_rows, pivots_of
+from spatial_pin.linalg import (
+    Array,
+    decompose,
+    independent_rows,
+    pivots_of,
+    rows_factored,
+    rows_solved,
+)
 from spatial_pin.mechanism.pairs import PAIRS
 
 MOST_CORRECTIONS = 8
@@ -104,11 +111,11 @@ class Embedding:
         """Factor K, with what stands in its lower rows; False where it is singular."""
         jacobian = self.evaluation.jacobian
         self.k[: len(self.rows)] = jacobian[: self.n_rows] if self.whole else jacobian[self.rows]
-        self.lu, self.pivots, info = lapack.dgetrf(self.k.T)
-        return info == 0
+        self.lu, self.pivots, is_regular = rows_factored(self.k)
+        return is_regular
 
     def _solve(self, rhs: Array) -> Array:
-        return lapack.dgetrs(self.lu, self.pivots, rhs, 1)[0]
+        return rows_solved(self.lu, self.pivots, rhs)
 
     def _set_columns(self) -> None:
         """Set the scaled joint velocities (nv, n) per unit of held velocities, and of chart rates.

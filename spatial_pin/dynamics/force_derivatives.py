@@ -16,6 +16,7 @@ from spatial_pin.dynamics.forces import Forces, Law
 from spatial_pin.dynamics.row_derivatives import Rates, Rows
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.split import SplitModel
+from spatial_pin.kinematics.views import own_jacobian
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -182,7 +183,7 @@ class Outside:
         total = np.zeros((nv, nv))
         for joint, placement, force in self._moving:
             at = int(self.whole.joint[joint])
-            columns = pin.getJointJacobian(self.whole.model, data, at, pin.ReferenceFrame.LOCAL)
+            columns = own_jacobian(self.whole.model, data, at)
             back = data.oMi[at].rotation.T
             local = [pin.skew(back @ x) for x in (force.linear, force.angular)]
             lever = pin.skew(placement.translation)

@@ -17,6 +17,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from spatial_pin.dynamics.saddle import HOLDS, ROUNDING, own_units
+from spatial_pin.kinematics.views import own_jacobian
 from spatial_pin.linalg import Array, decompose, null_space
 
 LEFT = 1e-12  # part of a motion, by the largest, that is what round-off of the loops has left
@@ -112,7 +113,7 @@ class LeastConstraint:
         sizes = np.abs(columns)
         for k, (joint, lever, axes, weights) in enumerate(self._bodies):
             at, across = slice(6 * k, 6 * k + 6), pin.skew(lever)
-            local = pin.getJointJacobian(model, data, joint, pin.LOCAL)
+            local = own_jacobian(model, data, joint)
             joined = np.abs(local)
             joined[:3] += np.abs(across) @ joined[3:]
             terms += weights.max() * (joined @ sizes).sum(axis=0)

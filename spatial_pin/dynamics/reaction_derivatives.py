@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from spatial_pin.dynamics.force_derivatives import Pull
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
-from spatial_pin.dynamics.row_derivatives import LOCAL, Rates, Rows
+from spatial_pin.dynamics.row_derivatives import Rates, Rows
 from spatial_pin.kinematics.split import SplitModel
 from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.views import acceleration_derivatives
 from spatial_pin.linalg import Array
 
 
@@ -134,8 +135,7 @@ class ReactionChanges:
 
     def _body(self, model: pin.Model, data: pin.Data, joint: int) -> Array:
         """Return (6, ...) the wrench that the motion of a body needs, at the world's origin."""
-        v_by_q, a_by_q, a_by_v, columns = pin.getJointAccelerationDerivatives(
-            model, data, joint, LOCAL)
+        v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
         inertia, x = model.inertias[joint].matrix(), data.oMi[joint].toDualActionMatrix()
         v = data.v[joint].vector
         pull = data.oMi[joint].rotation.T @ model.gravity.linear

@@ -20,10 +20,10 @@ import pinocchio as pin
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.kinematics.constraints import TWIST_MATRIX, constraints_of
 from spatial_pin.kinematics.split import SplitModel
+from spatial_pin.kinematics.views import acceleration_derivatives, twist_derivatives
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 
-LOCAL = pin.ReferenceFrame.LOCAL
 Product = Callable[[int, int], Array]
 
 
@@ -77,15 +77,15 @@ class Products:
     def _combined(coefficients: Array, g: Array) -> Array:
         """Return coefficients @ G for G (njoints, 4, 3) or (njoints, nv, 4, 3)."""
         moved = np.moveaxis(g, 0, -3)  # (..., njoints, 4, 3)
-        return coefficients @ moved.reshape(*moved.shape[:-3], -1, 3)
+        return coefficients @ moved.reshape(*moved.shape[:-3], 4 * moved.shape[-3], 3)
 
     def _body(self, joint: int) -> tuple[Array, Array, Array]:
         """Return G, G', G'' (3, 4, 3) of a body and their derivatives by q and v (3, nv, 4, 3)."""
         data = self.data
-        nu_by_q, _ = pin.getJointVelocityDerivatives(self.model, data, joint, LOCAL)
+        nu_by_q, _ = twist_derivatives(self.model, data, joint)
         g0 = data.oMi[joint].homogeneous[:3].T
-        _, accel_by_q, accel_by_v, columns = pin.getJointAccelerationDerivatives(
-            self.model, data, joint, LOCAL)
+        _, accel_by_q, accel_by_v, columns = acceleration_derivatives(
+            self.model, data, joint)
         h, dh = _matrix(data.v[joint].vector), _matrix(data.a[joint].vector)
         g1 = h @ g0
         g2 = h @ g1 + dh @ g0
@@ -161,9 +161,10 @@ class Rows:
 
         And of that of half the squared spring lengths (n_lines, nv, nv).
         """
-        closed, lines = [], []
-        for unit in np.eye(self.nv):
-            rates = self.products.rates(q, np.zeros(self.nv), unit)
-            closed.append(self.accelerations(rates)[0])
-            lines.append(rates.by_q[2][self.closed :])
+        nv = self.nv
+        units = [self.products.rates(q, np.zeros(nv), unit) for unit in np.eye(nv)]
+        if not units:
+            return np.zeros((0, 0, 0)), np.zeros((0, 0, 0))
+        closed = [self.accelerations(rates)[0] for rates in units]
+        lines = [rates.by_q[2][self.closed :] for rates in units]
         return np.stack(closed, axis=1), np.stack(lines, axis=1)

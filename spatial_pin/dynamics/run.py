@@ -110,6 +110,10 @@ class Run:
         self.y = system.unknowns(state.v, 0.0)
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
+        if not len(self.y):  # nothing is free, nor does anything work: laws alone say where it is
+            rest = self.rows.until(self.end)
+            self.rows.ask(system, rest, np.empty((len(rest), 0)))
+            self.t = self.end
         if not self.end > self.t:  # nothing but the state it starts from
             self.rows.fill(system)
         while self.t < self.end:

@@ -88,6 +88,9 @@ class SaddlePoint:
             gamma: (n_rows,) second derivatives of the rows without acceleration.
         """
         nv, unit, size = len(self._unit), self._unit, self._size
+        if not nv:  # LAPACK asks for one equation at least
+            self.pivot = 1.0
+            return work, gamma[:0]
         rows = scaled.take(self.rows, 0, self._jacobian, "clip")
         rows *= self._weight
         np.multiply(mass, self._square, out=self._mass)

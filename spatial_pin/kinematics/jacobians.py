@@ -10,6 +10,7 @@ import pinocchio as pin
 from spatial_pin.kinematics.constraints import Constraints, Evaluation, evaluation_of
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import WORLD_AXES, State, of_mechanism
+from spatial_pin.kinematics.views import frame_jacobian, own_jacobian
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -51,7 +52,7 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
     with square_system(state, ()) as system:
         data = system.evaluation.data  # where the joints' Jacobians are known
         pin.updateFramePlacement(mechanism.model, data, frame)
-        own = pin.getFrameJacobian(mechanism.model, data, frame, WORLD_AXES)
+        own = frame_jacobian(mechanism.model, data, frame)
         return own @ system.driver_rates()
 
 
@@ -98,13 +99,13 @@ class _Moving:
         self.data = self.model.createData()
         pin.computeJointJacobians(self.model, self.data, self.q)
         pin.updateFramePlacements(self.model, self.data)
-        self.jacobian = pin.getFrameJacobian(self.model, self.data, frame, WORLD_AXES)
+        self.jacobian = frame_jacobian(self.model, self.data, frame)
 
     def rate(self, w: Array, turned: Array) -> Array:
         """Return (6,) the derivative of jacobian @ w at fixed w; `turned` is the bracket [v, w]."""
         plus, minus = self._bias(self.v + w), self._bias(self.v - w)
         skew = self.jacobian @ turned
-        skew[3:] += np.cross(*(self.jacobian[3:] @ u for u in (self.v, w)))
+        skew[3:] += np.cross(self.jacobian[3:] @ self.v, self.jacobian[3:] @ w)
         return 0.25 * (plus - minus) + 0.5 * skew
 
     def _bias(self, v: Array) -> Array:
@@ -135,8 +136,7 @@ def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> 
     c: Constraints = evaluation.constraints
     out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
     for k, (joint, axis) in enumerate(c.spins):
-        columns = pin.getJointJacobian(evaluation.model, evaluation.data, joint,
-                                       pin.ReferenceFrame.LOCAL)[3:]
+        columns = own_jacobian(evaluation.model, evaluation.data, joint)[3:]
         out[c.n_rows + k] -= axis @ np.cross(columns @ u, columns @ w)
     return out
 

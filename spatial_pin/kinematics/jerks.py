@@ -18,10 +18,9 @@ from spatial_pin.kinematics.constraints import TWIST_MATRIX, Evaluation
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.split import split_of
 from spatial_pin.kinematics.state import State, center_of_mass, of_mechanism
+from spatial_pin.kinematics.views import acceleration_derivatives
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
-
-LOCAL = pin.ReferenceFrame.LOCAL
 
 
 class Jerks:
@@ -119,7 +118,7 @@ def _body_jerks(mechanism: Mechanism, state: State) -> tuple[Array, Array]:
     pin.computeForwardKinematicsDerivatives(model, data, state.q, state.v, state.a)
     bodies, columns = np.zeros((len(joints), 6)), np.zeros((len(joints), 6, model.nv))
     for i, joint in enumerate(joints[1:].tolist(), start=1):
-        _, by_q, by_v, by_a = pin.getJointAccelerationDerivatives(model, data, joint, LOCAL)
+        _, by_q, by_v, by_a = acceleration_derivatives(model, data, joint)
         bodies[i], columns[i] = by_q @ state.v + by_v @ state.a, by_a
     return bodies, columns
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
@@ -43,3 +44,33 @@ def _stride(items: Any) -> int:
         return 96
     first, second = (items[i].translation.__array_interface__["data"][0] for i in (0, 1))
     return int(second - first)
+
+
+# Pinocchio gives matrices of one column as vectors, and ends the interpreter over some without any.
+LOCAL = pin.ReferenceFrame.LOCAL
+
+
+def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Array:
+    """Return the Jacobian (6, nv) of a frame at its origin, world axes; joints' are known."""
+    if not model.nv:
+        return np.zeros((6, 0))
+    found: Array = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    return found.reshape(6, model.nv)
+
+
+def own_jacobian(model: pin.Model, data: pin.Data, joint: int) -> Array:
+    """Return the Jacobian (6, nv) of a joint in its own axes; joints' are known."""
+    found: Array = pin.getJointJacobian(model, data, joint, LOCAL)
+    return found.reshape(6, model.nv)
+
+
+def twist_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:
+    """Return `pin.getJointVelocityDerivatives` of a joint in its own axes, each (6, nv)."""
+    return [x.reshape(6, model.nv)
+            for x in pin.getJointVelocityDerivatives(model, data, joint, LOCAL)]
+
+
+def acceleration_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:
+    """Return `pin.getJointAccelerationDerivatives` of a joint in its own axes, each (6, nv)."""
+    return [x.reshape(6, model.nv)
+            for x in pin.getJointAccelerationDerivatives(model, data, joint, LOCAL)]
