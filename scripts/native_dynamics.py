@@ -29,7 +29,6 @@ import spatial_pin as sp
 from spatial_pin.accuracy.models import ladder
 from spatial_pin.dynamics.equations import equations_of
 from spatial_pin.dynamics.native import NativeDynamics, native_models
-from spatial_pin.linalg import independent_rows
 from spatial_pin.mechanism.inertia import MassMatrix
 
 # joints of a pair about and along z, and their coordinates among (3 angles, 3 lengths)
@@ -48,15 +47,13 @@ def seconds(call: Callable[[], Any]) -> float:
 
 def compare(mechanism: sp.Mechanism, state: sp.State, repeats: int) -> dict[str, Any] | None:
     """Measure one mechanism, the ways in turns; None if Pinocchio cannot express it."""
-    scaled = sp.closure_jacobian(mechanism, state.q) * mechanism.velocity_scale
     try:
         models = native_models(mechanism)
     except sp.ClosureTypeError:
         return None
     if not models:
         return None
-    native = NativeDynamics(mechanism, MassMatrix(mechanism.model), models,
-                            len(independent_rows(scaled)))
+    native = NativeDynamics(mechanism, MassMatrix(mechanism.model), models)
     none = np.zeros(mechanism.model.nv)
 
     def taking(which: NativeDynamics | None) -> Callable[[], Any]:

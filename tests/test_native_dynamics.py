@@ -41,7 +41,7 @@ def by_pinocchio(mech, state):
     """What Pinocchio's algorithm answers there: None where it is not believed."""
     with equations_of(mech) as equations:
         assert equations.native is not None
-        return equations.native.accelerations(state.q, state.v, np.zeros(mech.model.nv))
+        return equations._by_pinocchio(state, np.zeros(mech.model.nv))
 
 
 def nearby(mech, rng):

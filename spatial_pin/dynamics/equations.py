@@ -10,12 +10,11 @@ the shortest that bear the same loads.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.native import NativeDynamics, native_of
@@ -23,7 +22,7 @@ from spatial_pin.dynamics.reactions import Pairs, Poses
 from spatial_pin.dynamics.saddle import SINGULAR, IndependentCoordinates, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
-from spatial_pin.kinematics.newton import generic_rank, passive_freedoms
+from spatial_pin.kinematics.newton import Regular, lost_rank, passive_freedoms, rank_loss
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.views import forces as force_view
 from spatial_pin.kinematics.views import joint_jacobian
@@ -65,8 +64,8 @@ class Equations:
         self._laws: tuple[dict[str, Law], SlipSpeed | None] = {}, None
         self.springs = Forces(mechanism)
         self.scale = mechanism.velocity_scale
-        self._passive_known: dict[bytes, int] = {}
         self._svd: Decomposition | None = None
+        self._regular: Regular | None = None
         self.native: NativeDynamics | None = None
         self.asked = False
         self._dense: SaddlePoint | None = None
@@ -80,6 +79,10 @@ class Equations:
         self._mass = MassMatrix(self.model)
         self._columns = joint_jacobian(self.evaluation.data, self.model.nv)
         self._transmitted = force_view(self.data)
+
+    def forget(self) -> None:
+        """Forget the choice of rows, which is right at any place where it was made."""
+        self._dense = None
 
     def update(
         self, state: State, external: Mapping[str, pin.Force] | None = None,
@@ -136,29 +139,23 @@ class Equations:
         Raises:
             SingularError: they have; the motion is not determined by the forces.
         """
-        m = self.mechanism
         if rank == len(self.scaled):
             return
-        if "rank" not in m.memo:
-            with evaluation_of(m, self.state.angles) as evaluation:
-                m.memo["rank"] = generic_rank(evaluation, self.state.q)
-        if rank < m.memo["rank"]:
-            raise SingularError(
-                f"mechanism {m.name!r}: singular configuration, {self.state}: the loops lose "
-                f"{m.memo['rank'] - rank} independent equation(s) there; the motion is not "
-                "determined by the forces", state=self.state,
-            )
+        with evaluation_of(self.mechanism, self.state.angles) as evaluation:
+            lost = rank_loss(evaluation, self.state.q, rank)
+            self._regular = evaluation.regular
+            if lost:
+                why = lost_rank(evaluation, self.state.q, lost, "forces")
+                raise SingularError(
+                    f"mechanism {self.mechanism.name!r}: {self.state}: {why}", state=self.state)
 
     def multipliers(self, closures: Array) -> Array:
         """Return the shortest multipliers (n_rows,) whose generalised force is `closures`."""
         return self.spaces.minimum_norm_transposed(self.scale * closures)
 
-    def passive_among(self, columns: NDArray[np.intp], freedoms: Array) -> int:
-        """Return how many of the freedoms (k, nv) that leave `columns` at rest are passive."""
-        key = columns.tobytes() + bytes(len(freedoms))
-        if key not in self._passive_known:
-            self._passive_known[key] = len(self._passive(freedoms))
-        return self._passive_known[key]
+    def passive_among(self, freedoms: Array) -> int:
+        """Return how many of the freedoms (k, nv), which leave actuators at rest, are passive."""
+        return len(self._passive(freedoms))
 
     def active_among(self, freedoms: Array) -> Array:
         """Return the freedoms (k, nv) that are left when passive ones are taken away."""
@@ -206,25 +203,24 @@ class Equations:
         if self.native is None:
             return None
         found = self.native.accelerations(state.q, state.v, force)
-        if found is not None:
-            self.error = self.native.error
+        if found is None or not self._is_known(state, self.native.rank):
+            return None
+        self.error = self.native.error
         return found
 
-    def _learn(self) -> bool:
-        """Take note of the loops' rank; return whether Pinocchio's algorithm serves from now on."""
-        if self.native is not None:
-            self.native.expect(self.rank)
-        elif not self.asked:
-            self.asked = True
-            self.native = native_of(self.mechanism, self._mass, self.rank)
-            return self.native is not None
-        return False
+    def _is_known(self, state: State, rank: int) -> bool:
+        """Whether loops of this rank are known to have lost none at a state."""
+        if rank in (self.evaluation.constraints.n_rows, self.model.nv):
+            return True
+        known = self._regular
+        return known is not None and known.holds(self.mechanism, state.q, rank)
 
-    @property
-    def rank(self) -> int:
-        """Number of independent closure rows at the last `accelerations`."""
-        assert self._dense is not None
-        return len(self._dense.rows)
+    def _learn(self) -> bool:
+        """Make Pinocchio's algorithm once; return whether it may serve."""
+        if not self.asked:
+            self.asked = True
+            self.native = native_of(self.mechanism, self._mass)
+        return self.native is not None
 
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
@@ -376,6 +372,12 @@ def _made_for(mechanism: Mechanism) -> Equations:
     return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
 
 
-def equations_of(mechanism: Mechanism) -> AbstractContextManager[Equations]:
-    """Lend the equations of a mechanism, made once for each thread that asks at the same time."""
-    return lent(mechanism, "equations", lambda: _made_for(mechanism))
+@contextmanager
+def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
+    """Lend the equations of a mechanism, made once for each thread that asks at the same time.
+
+    They have forgotten what was chosen at other configurations.
+    """
+    with lent(mechanism, "equations", lambda: _made_for(mechanism)) as equations:
+        equations.forget()
+        yield equations

@@ -149,7 +149,7 @@ def _unactuated(equations: Equations, actuation: Actuation) -> Array:
     spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
     missing = len(spare)
     if missing:
-        missing -= equations.passive_among(actuation.columns, spare)
+        missing -= equations.passive_among(spare)
     if missing:
         names = equations.moving(equations.active_among(spare))
         raise SpatialPinError(

@@ -77,16 +77,16 @@ class NativeDynamics:
         mechanism: its closures are all native.
         mass: its mass matrix, and the model with it.
         models: from `native_models`.
-        rank: of its closure rows.
 
     Attributes:
+        rank: of the contacts at the last accelerations, by their pivots.
         error: estimated round-off of the last accelerations, by their size.
     """
 
     def __init__(
-        self, mechanism: Mechanism, mass: MassMatrix, models: list[pin.RigidConstraintModel],
-        rank: int,
+        self, mechanism: Mechanism, mass: MassMatrix, models: list[pin.RigidConstraintModel]
     ) -> None:
+        self.rank = 0
         self.model, self._unit, self.error = mass.model, mass.unit, 0.0
         self.data = self.model.createData()
         self.models = pin.StdVec_RigidConstraintModel(models)
@@ -100,7 +100,6 @@ class NativeDynamics:
         self._open = self._errors()
         self.settings = pin.ProximalSettings(0.0, PROXIMAL * self._largest(mechanism), STEPS)
         self._rounding = ROUNDING + EPS * self._distance(mechanism)
-        self.expect(rank)
 
     def _largest(self, mechanism: Mechanism) -> float:
         """Return the largest pivot of the contacts at neutral, 1 if there is none."""
@@ -120,10 +119,6 @@ class NativeDynamics:
         own = self._inertias * mechanism.velocity_scale**2
         has = (own > 0.0) & (carried > 0.0)
         return self._size * float(np.sqrt((carried[has] / own[has]).max(initial=0.0)))
-
-    def expect(self, rank: int) -> None:
-        """Take note of the rank of the closure rows."""
-        self._extra = self._n - rank
 
     def _errors(self) -> Array:
         """Return a view (n, 2, 6) on the errors of placements and velocities of the contacts."""
@@ -155,7 +150,8 @@ class NativeDynamics:
         largest = max(own)
         small = TOO_MANY * largest
         sound = [x for x in own if not x < small]
-        if not (len(sound) + self._extra == self._n and sound and min(masses) > 0.0):
+        self.rank = len(sound)
+        if not (sound and min(masses) > 0.0):
             return False
         inertias = self._inertias.tolist()
         grown = max(map(truediv, inertias, masses)) * largest / min(sound)
@@ -170,13 +166,12 @@ class NativeDynamics:
         return bool(place <= size * size and pace <= size * size * speed.dot(speed))
 
 
-def native_of(mechanism: Mechanism, mass: MassMatrix, rank: int) -> NativeDynamics | None:
+def native_of(mechanism: Mechanism, mass: MassMatrix) -> NativeDynamics | None:
     """Return what solves a mechanism by `constraintDynamics`; None if it has no such form.
 
     Args:
         mechanism: the mechanism.
         mass: its mass matrix.
-        rank: of its closure rows where nothing is singular.
     """
     try:
         models = native_models(mechanism)
@@ -184,4 +179,4 @@ def native_of(mechanism: Mechanism, mass: MassMatrix, rank: int) -> NativeDynami
         return None
     if not models or sum(m.residualSize() for m in models) > ROWS:
         return None
-    return NativeDynamics(mechanism, mass, models, rank)
+    return NativeDynamics(mechanism, mass, models)

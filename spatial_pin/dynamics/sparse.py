@@ -1,8 +1,8 @@
 """The equations of motion of mechanisms with many loops, by sparse factorisation.
 
 The same equations as in `spatial_pin.dynamics.equations`. Their cost grows with the number of
-loops; which rows are independent is found once, and again when an equation that was left out does
-not hold.
+loops; which rows are independent is found once, and again where one of them depends on the others
+or an equation that was left out does not hold.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin.dynamics.equations import Equations
 from spatial_pin.dynamics.saddle import HOLDS, own_units, round_off
 from spatial_pin.errors import SingularError
+from spatial_pin.kinematics.newton import Regular
 from spatial_pin.kinematics.pieces import PiecewiseRows
 from spatial_pin.linalg import RANK_TOLERANCE, Array, independent_rows
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -75,7 +76,7 @@ class SparseEquations(Equations):
     With more than `PROBED` freedoms the rank of the loops is not found by closing them nearby. A
     configuration is refused there if rows that depend on others do not go on doing so: if for a
     motion v that the loops allow J a = -gamma(v) has no solution (second-order analysis
-    [ConnellyWhiteley1996]), or if a better configuration came before it.
+    [ConnellyWhiteley1996]).
     """
 
     evaluation: PiecewiseRows  # type: ignore[assignment]
@@ -124,10 +125,10 @@ class SparseEquations(Equations):
         load = d * (force - self.motion_forces(np.zeros(len(d))))
         if self._system is None:
             self._system = _System(rows, self._select())
-            self.check_rank(len(self._system.chosen))
         x, holds = self._solve(mass, load, gamma, unit)
         if not holds and self._select_again():
             x, _ = self._solve(mass, load, gamma, unit)
+        self.check_rank(len(self._system.chosen))
         if x is None:
             return super().accelerations(force)
         full = np.zeros(rows.constraints.n_rows)
@@ -146,12 +147,15 @@ class SparseEquations(Equations):
         """
         if self.model.nv <= PROBED:
             super().check_rank(rank)
-        elif rank < self.evaluation.constraints.n_rows and not self._stays():
-            self._system = None
-            raise SingularError(
-                f"mechanism {self.mechanism.name!r}: singular configuration, {self.state}: the "
-                "loops lose independent equations there; the motion is not determined by the "
-                "forces", state=self.state)
+        elif not self._is_known(self.state, rank):
+            if self._system is None or len(self._system.chosen) != rank:
+                self._system = _System(self.evaluation, self._select())
+            if not self._stays():
+                raise SingularError(
+                    f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
+                    "loops lose independent equations there; the motion is not determined by the "
+                    "forces", state=self.state)
+            self._regular = Regular(self.state.q.copy(), rank, 0.0)
 
     def _stays(self) -> bool:
         """Whether rows that depend on others here do so in motion, tried with a random one."""
@@ -233,18 +237,9 @@ class SparseEquations(Equations):
         return bool(pivots.min(initial=1.0) > RANK_TOLERANCE * pivots.max(initial=1.0))
 
     def _select_again(self) -> bool:
-        """Choose the rows anew; False if they are the same.
-
-        Raises:
-            SingularError: there are fewer than there were.
-        """
+        """Choose the rows anew; False if they are the same."""
         assert self._system is not None
         before, chosen = self._system.chosen, self._select()
-        if len(chosen) < len(before):
-            raise SingularError(
-                f"mechanism {self.mechanism.name!r}: singular configuration, {self.state}: the "
-                f"loops lose {len(before) - len(chosen)} independent equation(s) there; the motion "
-                "is not determined by the forces", state=self.state)
         self._system = _System(self.evaluation, chosen)
         return not np.array_equal(before, chosen)
 

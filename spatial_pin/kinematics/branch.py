@@ -67,6 +67,7 @@ class Branch:
         self.q = state.q.copy()
         self.s = float(state.q[self.at])
         self.system = SquareSystem(self.evaluation, driven, state.q)
+        self.system.check_regular(state.q)
         self.scale = self.system.scale
         self.sign, pivot = self.system.pivots()
         if pivot < SINGULAR_PIVOT:

@@ -75,11 +75,13 @@ class Constraints:
         n_wrenches: of `Evaluation.row_wrenches`.
         differences: (row, auxiliary row to be subtracted) of each distance between other frames.
         spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.scale = 1.0 / mechanism.characteristic_length
+        self.supports = _supports(mechanism.model)
         n = mechanism.model.njoints
         self._a, self._b, self._x = _Vectors(n), _Vectors(n), _Vectors(n)
         self._constants: list[float] = []
@@ -193,11 +195,17 @@ class Constraints:
 
     def support(self, joint: int) -> Array:
         """(nv,) 1 for the freedoms that move the body of `joint`."""
-        model = self.mechanism.model
-        mask = np.zeros(model.nv)
-        for i in model.supports[joint]:
-            mask[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
+        mask: Array = self.supports[joint]
         return mask
+
+
+def _supports(model: pin.Model) -> Array:
+    """Return (njoints, nv): 1 for the freedoms that move the body of each joint."""
+    supports = np.zeros((model.njoints, model.nv))
+    for i in range(1, model.njoints):
+        supports[i] = supports[model.parents[i]]
+        supports[i, model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
+    return supports
 
 
 def unit_length(mechanism: Mechanism, closure: Closure) -> float:
@@ -317,9 +325,11 @@ class Evaluation:
         angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
         wrenches: (rows, 6) force and moment about the world origin of each product row.
         placements: (njoints, 4, 3) view on the joint placements.
+        regular: the last configuration that was found to be regular, see `newton.rank_loss`.
     """
 
     def __init__(self, constraints: Constraints) -> None:
+        self.regular: Any = None
         self.constraints = c = constraints
         self.mechanism = c.mechanism
         self.model = model = c.mechanism.model

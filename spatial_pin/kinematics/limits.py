@@ -177,7 +177,9 @@ def _system(
 def _square(mechanism: Mechanism, driven: Sequence[Coordinate], state: State) -> SquareSystem:
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
-    return SquareSystem(evaluation, driven, state.q)
+    system = SquareSystem(evaluation, driven, state.q)
+    system.check_regular(state.q)
+    return system
 
 
 def _beside(mechanism: Mechanism, driven: Sequence[Coordinate], state: State) -> State | None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
@@ -16,10 +16,13 @@ from spatial_pin.linalg import (
     EPS,
     ROUND_OFF,
     Array,
+    Factors,
     aligned,
     decompose,
     independent_rows,
     pivots_of,
+    rows_factored,
+    rows_solved,
 )
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 
@@ -29,6 +32,17 @@ MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 SINGULAR_PIVOT = 1e-7
 NEARLY = 1e-5  # singular values below this fraction of the largest are all but zero
 CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
+# A trial step from a configuration: long beside the square root of round-off, to which singular
+# ones are known, and short beside the way to other branches.
+STEP = 1e-2  # rad, characteristic lengths
+MOVED = 0.3  # part of it that is left after closing if it is a motion
+SHUT = 1e-11  # closure error on the surface of independent rows where all loops are closed
+CORRECTIONS = 8  # Newton steps to it, of which four do as a rule
+TRIALS = 4  # of which one nearly always closes
+SURE = 0.25  # part of the way on which the rows would turn to dependence that one is sure of
+FARTHEST = 0.1  # rad, characteristic lengths, of it at most
+STILL = 1e-8  # twist of a body that rests, by that of the one that moves most
+FARTHEST = 0.1  # rad, characteristic lengths, of it at most
 
 
 def close(
@@ -133,7 +147,6 @@ class SquareSystem:
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.matrix = np.zeros((nv, nv))
         self._whole = False
-        self._usual_rank = -1
         self.size = 0.0
         if q is not None:
             self.select(q)
@@ -211,13 +224,7 @@ class SquareSystem:
         missing = len(null_space) - passive
         if not missing:
             self._check_free()
-        lost = self._lost(q, likely=missing > 0)
-        if lost:
-            raise SingularError(
-                f"mechanism {mechanism.name!r}: singular configuration: the loops lose "
-                f"{missing or lost} independent equation(s) there and branches cross; the motion "
-                "is not determined by the drivers"
-            )
+        self.check_regular(q)
         if not missing:
             return
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
@@ -227,18 +234,17 @@ class SquareSystem:
             f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
         )
 
-    def _lost(self, q: Array, likely: bool) -> int:
-        """Return how many independent equations the loops lose at q.
+    def check_regular(self, q: Array) -> None:
+        """Refuse a configuration q at which the loops lose independent equations.
 
         Also where the freedom won moves one link only, like a passive one: a single distance whose
-        row vanishes frees the link it holds. The usual rank is looked up but once if none is lost.
+        row vanishes frees the link it holds. And where there seem to be as many freedoms as
+        drivers, but they are instantaneous only.
         """
-        rank = len(self.rows)
-        if not likely and rank == self._usual_rank:
-            return 0
-        lost = rank_loss(self.evaluation, q, rank)
-        self._usual_rank = rank + lost
-        return lost
+        lost = rank_loss(self.evaluation, q, len(self.rows))
+        if lost:
+            raise SingularError(f"mechanism {self.evaluation.mechanism.name!r}: "
+                                + lost_rank(self.evaluation, q, lost, "drivers"))
 
     def _check_free(self) -> None:
         """Refuse passive freedoms that closures do hold, by a lever too short to be of use."""
@@ -262,9 +268,8 @@ class SquareSystem:
             k[self._closure] = jacobian[self.rows]
             k[self._spin] = jacobian[n:]
             k[self._fill] = self.passive
-        # the transpose is Fortran-ordered already: no copy beyond LAPACK's own
-        self._lu, self._pivots, info = lapack.dgetrf(k.T)
-        return info == 0
+        self._lu, self._pivots, is_regular = rows_factored(k)
+        return is_regular
 
     def refresh_passive(self) -> None:
         """Recompute the unresolved passive freedoms, oriented as before."""
@@ -282,7 +287,7 @@ class SquareSystem:
 
     def solve(self, rhs: Array) -> Array:
         """Solve the factored system for (nv,) or (nv, k) right-hand sides; unknowns are scaled."""
-        return lapack.dgetrs(self._lu, self._pivots, rhs, 1)[0]
+        return rows_solved(self._lu, self._pivots, rhs)
 
     def correction(self, spun: Sequence[float] = ()) -> Array:
         """Return the Newton correction (nv,), scaled, that closes the loops, drivers held.
@@ -357,26 +362,137 @@ class SquareSystem:
         return self.scale * self.solve(rhs)
 
 
+class Regular(NamedTuple):
+    """A configuration at which the loops lose no equation, and none near it.
+
+    Attributes:
+        q: the configuration (nq,).
+        rank: of its closure rows.
+        radius: how far off others with that rank are regular too [rad, characteristic lengths]:
+            rows turn by so little on the way that those chosen here stay independent.
+    """
+
+    q: Array
+    rank: int
+    radius: float
+
+    def holds(self, mechanism: Mechanism, q: Array, rank: int) -> bool:
+        """Whether q (nq,), where the rows have this rank, is so near that it is regular too."""
+        if rank != self.rank:
+            return False
+        away = pin.difference(mechanism.model, self.q, q) / mechanism.velocity_scale
+        return bool(np.abs(away).max(initial=0.0) <= self.radius)
+
+
 def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
-    """Return how many independent equations the loops lose at q, where their rank is `rank`."""
-    if rank == evaluation.constraints.n_rows:
+    """Return how many independent equations the loops lose at q, where their rank is `rank`.
+
+    As many independent rows as that leave a surface through q of as many dimensions as there are
+    freedoms at q. Where no equation is lost, the loops are closed on all of it; where branches
+    cross, or a freedom is instantaneous only, the other rows open on it: with the second power of
+    the way, as a rule [ConnellyWhiteley1996], but a step shows any.
+
+    Args:
+        evaluation: the closure equations, their turns at q; it comes back to q.
+        q: (nq,) closed configuration.
+        rank: of the closure rows there.
+    """
+    n, nv = evaluation.constraints.n_rows, evaluation.model.nv
+    if rank in (n, nv):
         return 0
-    return max(0, generic_rank(evaluation, q) - rank)
+    known: Regular | None = evaluation.regular
+    if known is not None and known.holds(evaluation.mechanism, q, rank):
+        return 0
+    evaluation.update(q)
+    jacobian, error = evaluation.jacobian[:n].copy(), evaluation.closure_error
+    svd = decompose(jacobian[independent_rows(jacobian)])
+    opened = _opened(evaluation, q, svd.null_space)
+    shut = max(SHUT, 2.0 * error)
+    if opened is not None and opened < shut:
+        turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
+        radius = SURE * svd.s[-1] / max(turned, EPS) if rank else 0.0
+        evaluation.regular = Regular(q.copy(), rank, min(float(radius), FARTHEST))
+        evaluation.update(q)
+        return 0
+    lost = _generic_rank(evaluation, q) - rank
+    evaluation.update(q)
+    return max(lost, int(opened is not None))
 
 
-def generic_rank(evaluation: Evaluation, q: Array) -> int:
-    """Return the closure rank at closed configurations near q; `evaluation` comes back to q."""
+def _opened(evaluation: Evaluation, q: Array, freedoms: Array) -> float | None:
+    """Return by how much the loops are open a step from q, on the surface of independent rows.
+
+    The step is a random one of the freedoms (k, nv), scaled, which that surface has at q. None if
+    it was not found; the evaluation is left there.
+    """
+    n, scale = evaluation.constraints.n_rows, evaluation.mechanism.velocity_scale
+    rows = independent_rows(evaluation.jacobian[:n])
+    v = np.random.default_rng(3).standard_normal(len(freedoms)) @ freedoms
+    there = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
+    rhs, last = np.zeros(evaluation.model.nv), np.inf
+    for _ in range(CORRECTIONS):
+        evaluation.update(there)
+        residual = evaluation.residual[rows]
+        size = float(np.abs(residual).max(initial=0.0))
+        if size <= EPS or (size <= SHUT and size > 0.5 * last):
+            return evaluation.closure_error
+        last = size
+        rhs[: len(rows)] = -residual
+        x = Factors(np.vstack([evaluation.jacobian[rows], freedoms])).solve(rhs)
+        if not np.linalg.norm(x) < STEP:
+            return None
+        there = pin.integrate(evaluation.model, there, scale * x)
+    return None
+
+
+def _generic_rank(evaluation: Evaluation, q: Array) -> int:
+    """Return the closure rank at closed configurations near q."""
     n, model = evaluation.constraints.n_rows, evaluation.model
     free = np.ones(model.nv, dtype=bool)
     rng = np.random.default_rng(3)
     best = 0
-    for _ in range(4):
+    for _ in range(TRIALS):
         step = evaluation.mechanism.velocity_scale * rng.uniform(-0.02, 0.02, model.nv)
         _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
         if error <= 1e-11:
             best = max(best, len(independent_rows(evaluation.jacobian[:n])))
-    evaluation.update(q)
     return best
+
+
+def is_rigid(evaluation: Evaluation, q: Array) -> bool:
+    """Whether no step from q, where the loops lose rank, is left when they are closed again."""
+    evaluation.update(q)
+    n, scale = evaluation.constraints.n_rows, evaluation.mechanism.velocity_scale
+    freedoms = decompose(evaluation.jacobian[:n]).null_space
+    free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
+    for _ in range(TRIALS * len(freedoms)):
+        v = rng.standard_normal(len(freedoms)) @ freedoms
+        start = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
+        there, error = close(evaluation, start, free, 1e-13)
+        moved = pin.difference(evaluation.model, q, there) / scale
+        if error <= 1e-11 and np.linalg.norm(moved) > MOVED * STEP:
+            break
+    else:
+        evaluation.update(q)
+        return True
+    evaluation.update(q)
+    return False
+
+
+def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
+    """Return why nothing determines the motion at q, in words, where the loops lose equations.
+
+    Args:
+        evaluation: the closure equations; it comes back to q.
+        q: (nq,) closed configuration.
+        lost: how many equations.
+        motion: what would determine the motion elsewhere.
+    """
+    if is_rigid(evaluation, q):
+        return (f"singular configuration: the loops lose {lost} independent equation(s) there and "
+                f"nothing can move: {lost} freedom(s) are instantaneous only (see sp.mobility)")
+    return (f"singular configuration: the loops lose {lost} independent equation(s) there and "
+            f"branches cross; the motion is not determined by the {motion}")
 
 
 def driven_groups(mechanism: Mechanism) -> list[int]:
@@ -403,18 +519,20 @@ def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[st
         evaluation: at the configuration in question.
         null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
     """
-    model, c = evaluation.model, evaluation.constraints
-    columns = joint_jacobian(evaluation.data, model.nv)
-    twists = np.array([(columns * c.support(i)) @ null_space.T for i in range(1, model.njoints)])
-    size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
-    twists = twists * size[:, None]  # (bodies, 6, k)
+    model, mechanism = evaluation.model, evaluation.mechanism
+    columns = joint_jacobian(evaluation.data, model.nv) * evaluation.constraints.supports[1:, None]
+    size = np.array([1.0, 1.0, 1.0, *[mechanism.characteristic_length] * 3])
+    twists = (columns @ null_space.T) * size[:, None]  # (bodies, 6, k)
     twists = twists / np.abs(twists).max(initial=1e-300)
-    groups = np.array(driven_groups(evaluation.mechanism)[1:])
+    groups = np.array(driven_groups(mechanism)[1:])
+    moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL
     found: list[tuple[str, Array]] = []
-    for group in sorted(set(groups.tolist()) - {0}):
-        others = twists[groups != group].reshape(-1, len(null_space))
-        alone = decompose(np.vstack([others, np.zeros((1, len(null_space)))]))
-        still = int(np.count_nonzero(alone.s > 1e-8)) if len(others) else 0
+    for group in sorted(set(groups[moves].tolist()) - {0}):
+        others = twists[(groups != group) & moves].reshape(-1, len(null_space))
+        if len(null_space) == 1 and len(others):
+            continue
+        svd = decompose(others)
+        still = int(np.count_nonzero(svd.s > STILL))
         if still < len(null_space):
-            found.append((model.names[group], alone.vt[still:] @ null_space))
+            found.append((model.names[group], svd.vt[still:] @ null_space))
     return found

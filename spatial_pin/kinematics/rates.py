@@ -97,6 +97,7 @@ def square_system(state: State, names: Iterable[str]) -> Iterator[SquareSystem]:
         system.evaluation.turns[:] = state.angles
         try:
             system.move(state.q)
+            system.check_regular(state.q)
         except SingularError as error:
             raise SingularError(str(error), state=state) from None
         _, pivot = system.pivots()

@@ -1,0 +1,132 @@
+"""Mechanisms at the edges: without joints, drivers or closures, and structures that cannot move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mechanisms as known
+import numpy as np
+from masses import heavy
+
+import spatial_pin as sp
+
+BAR = (0.5, (0.1, 0, 0), (1e-4, 1e-3, 1e-3))
+DOWN = "gravity = [0.0, -9.81, 0.0]\n"
+
+# ---------------------------------------------------------------- nothing to solve for
+
+
+def nothing(folder: Path) -> sp.Mechanism:
+    """The fixed link alone."""
+    return known.load(folder, "nothing", "", "")
+
+
+def only_frames(folder: Path) -> sp.Mechanism:
+    return known.load(folder, "only_frames", known.point("tip", "ground", (0.1, 0.2, 0.3)), "")
+
+
+def welded(folder: Path) -> sp.Mechanism:
+    """Links with mass, all joints fixed."""
+    tree = heavy(known.point("arm", "ground", (0.3, 0, 0)) + known.point("end", "arm", (0, 0.4, 0))
+                 + known.point("post", "ground", (0.3, 0.4, 0)), arm=BAR, end=BAR)
+    return known.load(folder, "welded", tree, DOWN)
+
+
+def free_arm(folder: Path) -> sp.Mechanism:
+    """One joint, no driver, no closure."""
+    return known.load(folder, "free_arm", heavy(known.turning("pin", "ground", "arm"), arm=BAR),
+                      DOWN)
+
+
+def driven_arm(folder: Path) -> sp.Mechanism:
+    return known.load(folder, "driven_arm", heavy(known.turning("pin", "ground", "arm"), arm=BAR),
+                      DOWN + known.driver("pin", "pin"))
+
+
+def undriven_four_bar(folder: Path) -> sp.Mechanism:
+    mechanism = known.bare_four_bar(folder, 1.0, 0.3, 0.9, 0.8)
+    path = folder / f"{mechanism.name}.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(known.driver("crank", "crank_pin"), ""), encoding="utf-8")
+    return sp.load(path)
+
+
+# ---------------------------------------------------------------- structures
+
+
+def flat_truss(folder: Path, wrap=str, size=1.0, cut="middle") -> sp.Mechanism:
+    """Two bars in a line between two supports: they can be shaken, but not moved."""
+    bars = heavy(known.turning("a", "ground", "bar_a"), bar_a=BAR)
+    ends = known.point("tip_a", "bar_a", (size, 0, 0))
+    if cut == "middle":
+        bars += heavy(known.turning("b", "ground", "bar_b", (2.5 * size, 0, 0)), bar_b=BAR)
+        ends += known.point("tip_b", "bar_b", (-1.5 * size, 0, 0))
+    else:
+        bars += heavy(known.turning("b", "bar_a", "bar_b", (size, 0, 0)), bar_b=BAR)
+        ends += known.point("tip_b", "bar_b", (1.5 * size, 0, 0))
+        ends += known.point("tip_c", "ground", (2.5 * size, 0, 0))
+    first, second = ("tip_a", "tip_b") if cut == "middle" else ("tip_b", "tip_c")
+    return known.load(folder, "flat_truss", wrap(bars + ends), DOWN + known.driver("a", "a")
+                      + known.closure("pin", "revolute", first, second))
+
+
+def flat_tripod(folder: Path, wrap=str) -> sp.Mechanism:
+    """A point held by three rods in one plane: it can be shaken out of it."""
+    tree = (known.sliding("x", "ground", "first", axis=(1, 0, 0))
+            + known.sliding("y", "first", "second", axis=(0, 1, 0))
+            + heavy(known.sliding("z", "second", "node"), node=BAR))
+    toml = known.driver("z", "z")
+    for k, (angle, length) in enumerate(((0.2, 0.5), (2.0, 0.8), (4.1, 0.7))):
+        tree += known.point(f"foot_{k}", "ground", (length * np.cos(angle),
+                                                    length * np.sin(angle), 0))
+        toml += known.closure(f"rod_{k}", "distance", f"foot_{k}", "node", length=length)
+    return known.load(folder, "flat_tripod", wrap(tree), toml)
+
+
+def stretched_four_bar(folder: Path, wrap=str) -> sp.Mechanism:
+    """The ground link as long as the three others together: locked in a line."""
+    tree = heavy(known.turning("a", "ground", "crank")
+                 + known.turning("b", "crank", "coupler", (0.3, 0, 0))
+                 + known.turning("c", "ground", "rocker", (1.2, 0, 0)),
+                 crank=BAR, coupler=BAR, rocker=BAR)
+    tree += known.point("end", "coupler", (0.5, 0, 0)) + known.point("top", "rocker", (-0.4, 0, 0))
+    return known.load(folder, "stretched_four_bar", wrap(tree), DOWN + known.driver("crank", "a")
+                      + known.closure("pin", "revolute", "end", "top"))
+
+
+def tensegrity(folder: Path, wrap=str, radius=0.4, height=0.7) -> sp.Mechanism:
+    """A prism of three struts and three cables at the twist at which it is shaky [Connelly].
+
+    On its top an arm turns freely, which is a motion.
+    """
+    bottom = [(np.cos(a), np.sin(a), 0) for a in 2 * np.pi / 3 * np.arange(3)]
+    top = [(radius * np.cos(a + np.pi / 2), radius * np.sin(a + np.pi / 2), height)
+           for a in 2 * np.pi / 3 * np.arange(3)]
+    tree = heavy(known.floating("free", "ground", "plate"), plate=BAR)
+    tree += heavy(known.turning("arm_pin", "plate", "arm", (0, 0, height)), arm=BAR)
+    toml = known.driver("arm", "arm_pin")
+    for k in range(3):
+        tree += known.point(f"foot_{k}", "ground", bottom[k]) + known.point(f"top_{k}", "plate",
+                                                                            top[k])
+    for k in range(3):
+        for kind, other in (("cable", (k + 2) % 3), ("strut", (k + 1) % 3)):
+            length = float(np.linalg.norm(np.subtract(top[k], bottom[other])))
+            toml += known.closure(f"{kind}_{k}", "distance", f"foot_{other}", f"top_{k}",
+                                  length=length)
+    return known.load(folder, "tensegrity", wrap(tree), toml)
+
+
+EMPTY = {f.__name__: f for f in (nothing, only_frames, welded)}
+FREE = {f.__name__: f for f in (free_arm, driven_arm, undriven_four_bar)}
+STRUCTURES = {
+    "flat truss": flat_truss,
+    "flat truss, tilted": lambda folder: flat_truss(folder, known.tilted),
+    "flat truss, cut at its end": lambda folder: flat_truss(folder, cut="end"),
+    "a tiny flat truss": lambda folder: flat_truss(folder, size=1e-4),
+    "a huge flat truss": lambda folder: flat_truss(folder, size=1e4),
+    "flat tripod": flat_tripod,
+    "flat tripod, tilted": lambda folder: flat_tripod(folder, known.tilted),
+    "stretched four-bar": stretched_four_bar,
+    "stretched four-bar, tilted": lambda folder: stretched_four_bar(folder, known.tilted),
+    "tensegrity": tensegrity,
+}

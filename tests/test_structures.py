@@ -1,0 +1,150 @@
+"""Mechanisms that cannot move, or have nothing to move: right answers or one clear error."""
+
+from __future__ import annotations
+
+import mechanisms as known
+import numpy as np
+import odd_mechanisms as odd
+import pytest
+
+import spatial_pin as sp
+
+
+def output(mechanism: sp.Mechanism) -> str:
+    return mechanism.links[-1]
+
+
+def some_driver(mechanism: sp.Mechanism) -> str:
+    return next(iter(mechanism.drivers))
+
+
+RATES = {
+    "solve_rates": lambda m, s: sp.solve_rates(m, s, {some_driver(m): 1.0}),
+    "solve_rates at rest": lambda m, s: sp.solve_rates(m, s),
+    "solve_jerks": lambda m, s: sp.solve_jerks(m, s, {some_driver(m): 1.0}),
+    "jacobian": lambda m, s: sp.jacobian(m, s, output(m)),
+    "jacobian_rate": lambda m, s: sp.jacobian_rate(m, s, output(m)),
+    "influence": lambda m, s: sp.influence(m, s),
+    "sweep": lambda m, s: sp.sweep(m, some_driver(m), s.coordinate(some_driver(m)).value
+                                   + np.linspace(0.0, 0.1, 5)),
+    "sweep of many": lambda m, s: sp.sweep(m, some_driver(m), np.linspace(0.0, 0.1, 400)),
+    "sweep of one": lambda m, s: sp.sweep(m, some_driver(m), [s.coordinate(some_driver(m)).value]),
+    "limits": lambda m, s: sp.limits(m, some_driver(m)),
+    "trace": lambda m, s: sp.trace(m, some_driver(m)),
+    "forward_dynamics": lambda m, s: sp.forward_dynamics(m, s),
+    "inverse_dynamics": lambda m, s: sp.inverse_dynamics(m, s),
+    "dynamics_derivatives": lambda m, s: sp.dynamics_derivatives(m, s),
+    "simulate": lambda m, s: sp.simulate(m, s, 0.01, times=[0.0, 0.01]),
+    "simulate projected": lambda m, s: sp.simulate(
+        m, s, 0.01, times=[0.0, 0.01], accuracy=sp.Accuracy(formulation="projected")),
+}
+
+
+@pytest.mark.parametrize("name", odd.STRUCTURES)
+def test_what_can_only_be_shaken_has_no_rates(name, tmp_path):
+    """The driver's freedom is instantaneous only: no speed of it is one of a motion."""
+    mechanism = odd.STRUCTURES[name](tmp_path)
+    state = sp.assemble(mechanism)
+    mobility = sp.mobility(mechanism, state)
+    assert mobility.instantaneous > mobility.dof
+    for verb, ask in RATES.items():
+        with pytest.raises(sp.SpatialPinError) as caught:
+            ask(mechanism, state)
+        assert isinstance(caught.value, sp.SingularError | sp.LimitError), verb
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
+def test_it_is_said_that_nothing_can_move(size, tmp_path):
+    mechanism = odd.flat_truss(tmp_path, size=size)
+    with pytest.raises(sp.SingularError, match="are instantaneous only"):
+        sp.solve_rates(mechanism, sp.assemble(mechanism), {"a": 1.0})
+
+
+@pytest.mark.parametrize("height", [0.05, 1e-2])
+def test_a_shallow_truss_is_rigid_and_a_bent_four_bar_moves(height, tmp_path):
+    """Near structures that can be shaken there are those that cannot, and true mechanisms."""
+    mechanism = odd.flat_truss(tmp_path)
+    text = (tmp_path / "flat_truss.urdf").read_text(encoding="utf-8")
+    (tmp_path / "flat_truss.urdf").write_text(
+        text.replace("2.5 0.0 0.0", f"2.5 {height} 0.0"), encoding="utf-8")
+    shallow = sp.load(tmp_path / "flat_truss.toml")
+    assert mechanism.coordinates == shallow.coordinates
+    with pytest.raises(sp.AssemblyError):
+        sp.assemble(shallow, {"a": 0.0})
+    four_bar = odd.stretched_four_bar(tmp_path)
+    text = (tmp_path / "stretched_four_bar.urdf").read_text(encoding="utf-8")
+    (tmp_path / "stretched_four_bar.urdf").write_text(
+        text.replace("1.2 0.0 0.0", f"{1.2 - height} 0.0 0.0"), encoding="utf-8")
+    bent = sp.load(tmp_path / "stretched_four_bar.toml")
+    state = sp.assemble(bent, {"crank": 0.5 * height}, guess={"b": -0.1, "c": 0.1})
+    assert four_bar.coordinates == bent.coordinates
+    v = sp.solve_rates(bent, state, {"crank": 1.0}).v
+    step = 1e-6
+    there = sp.assemble(bent, {"crank": 0.5 * height + step}, guess=state)
+    assert v == pytest.approx((there.q - state.q) / step, rel=1e-3, abs=1e-3)
+
+
+def test_a_regular_overconstrained_mechanism_keeps_its_rates(tmp_path):
+    """Rows that depend on others everywhere are no loss."""
+    for make in (known.bennett, known.bricard, known.sarrus):
+        mechanism = make(tmp_path)
+        state = sp.assemble(mechanism)
+        driver = some_driver(mechanism)
+        v = sp.solve_rates(mechanism, state, {driver: 1.0}).v
+        assert np.abs(sp.closure_jacobian(mechanism, state) @ v).max() < 1e-12
+
+
+NOTHING = {
+    "solve_rates": lambda m, s: sp.solve_rates(m, s).v,
+    "solve_jerks": lambda m, s: sp.solve_jerks(m, s).j,
+    "forward_dynamics": lambda m, s: sp.forward_dynamics(m, s).a,
+    "multipliers": lambda m, s: sp.forward_dynamics(m, s).multipliers,
+    "inverse_dynamics": lambda m, s: sp.inverse_dynamics(m, s).a,
+    "closure_jacobian": lambda m, s: sp.closure_jacobian(m, s),
+    "simulate": lambda m, s: sp.simulate(m, s, 0.01, times=[0.0, 0.01]).q,
+    "simulate projected": lambda m, s: sp.simulate(
+        m, s, 0.01, times=[0.0, 0.01], accuracy=sp.Accuracy(formulation="projected")).q,
+    "influence": lambda m, s: sp.influence(m, s).first,
+    "dynamics_derivatives": lambda m, s: sp.dynamics_derivatives(m, s).a_by_q,
+}
+
+
+@pytest.mark.parametrize("name", odd.EMPTY)
+def test_without_joints_answers_are_empty(name, tmp_path):
+    mechanism = odd.EMPTY[name](tmp_path)
+    state = sp.assemble(mechanism)
+    assert sp.mobility(mechanism, state).dof == 0
+    for verb, ask in NOTHING.items():
+        assert np.size(ask(mechanism, state)) == 0, verb
+    for found in (sp.jacobian, sp.jacobian_rate):
+        assert found(mechanism, state, output(mechanism)).shape == (6, 0)
+    assert len(sp.assembly_modes(mechanism, {})) == 1
+    with pytest.raises(sp.UnknownNameError):
+        sp.sweep(mechanism, "crank", [0.0, 1.0])
+
+
+@pytest.mark.parametrize("wrap", [str, known.tilted], ids=["level", "tilted"])
+@pytest.mark.parametrize("name", ["turning", "sliding"])
+def test_one_joint_is_a_mechanism(name, wrap, tmp_path):
+    """Pinocchio gives matrices of one column as vectors."""
+    kind = {"turning": known.turning, "sliding": known.sliding}[name]
+    tree = odd.heavy(kind("one", "ground", "arm", (0.1, 0.2, 0.3), (0.0, 0.6, 0.8)), arm=odd.BAR)
+    tree += known.point("tip", "arm", (0.4, -0.1, 0.2))
+    mechanism = known.load(tmp_path, "one", wrap(tree), odd.DOWN + known.driver("one", "one"))
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"one": 0.4}), {"one": 1.3},
+                           {"one": -0.7})
+    twist = sp.jacobian(mechanism, state, "tip")[:, 0]
+    assert state.velocity("tip").vector == pytest.approx(1.3 * twist, abs=1e-14)
+    rate = sp.jacobian_rate(mechanism, state, "tip")[:, 0]
+    assert state.acceleration("tip").vector == pytest.approx(-0.7 * twist + 1.3 * rate, abs=1e-13)
+    step = 1e-4
+    moved = [sp.solve_rates(
+        mechanism, sp.assemble(mechanism, {"one": 0.4 + 1.3 * t - 0.35 * t * t}),
+        {"one": 1.3 - 0.7 * t}, {"one": -0.7}).acceleration("tip").vector for t in (-step, step)]
+    jerk = sp.solve_jerks(mechanism, state).frame("tip").vector
+    assert jerk == pytest.approx((moved[1] - moved[0]) / (2 * step), abs=1e-6)
+    found = sp.dynamics_derivatives(
+        mechanism, sp.assemble(mechanism, {"one": 0.4})).a_by_q
+    a = [sp.forward_dynamics(mechanism, sp.assemble(mechanism, {"one": 0.4 + x})).a[0]
+         for x in (-step, step)]
+    assert found[0, 0] == pytest.approx((a[1] - a[0]) / (2 * step), abs=1e-5)
