@@ -169,6 +169,7 @@ def two_states(mechanism) -> list[sp.State]:
     return [first, sp.assemble(mechanism, at)]
 
 
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_a_mechanism_of_the_library(name):
     in_both_orders(lambda: sp.load(name), two_states)
