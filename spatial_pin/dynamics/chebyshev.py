@@ -8,7 +8,7 @@ difference is round-off too.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,6 +74,10 @@ class Piece(NamedTuple):
     pace: float
     shift: Array
     tail: float
+
+    def part(self, s: Array | float) -> Any:
+        """Return where places (N,), or one, lie in the stretch: from -1 to 1."""
+        return (2.0 * s - self.first - self.last) / (self.last - self.first)
 
 
 def polynomials(x: float) -> Array:

@@ -37,7 +37,8 @@ LONGEST = 0.7  # longest step in one go [rad, characteristic lengths]
 HALVINGS = 10
 SINGULAR = 1e-9  # smallest over largest pivot of K below which nothing can be solved
 USELESS = 1e-7  # pivots below which no chart is begun
-PLAIN = 0.1  # speed of a plain coordinate, by the fastest component's, at which it is preferred
+WORN = 1e-2  # of the pivots where a chart begins: there redundant rows are chosen anew
+PLAIN = 0.1  # speed of a plain coordinate, by the fastest component's, at which it will do
 CLOSED = 1e-22  # squared residual that ends a contraction by round-off
 
 
@@ -105,7 +106,24 @@ class Embedding:
         self.sign, self.pivot = pivots_of(self.lu, self.pivots)
         if self.pivot < USELESS:
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration")
+        self._first_pivot = self.pivot
         self._set_columns()
+        self.keep()
+
+    def keep(self) -> None:
+        """Take the present place for one to begin anew from, where the way from another is lost."""
+        self._kept = self.q, self.x, self.evaluation.angles.copy()
+
+    def _stand_at_kept(self) -> None:
+        q, self.x, angles = self._kept
+        self.q = q.copy()
+        self.evaluation.turns[:] = angles
+        self.evaluation.update(self.q)
+        self._set_chart_rows(self.q)
+        self._factor()
+        self.pivot = pivots_of(self.lu, self.pivots)[1]
+        self._set_columns()
+        self._bend = None
 
     def _factor(self) -> bool:
         """Factor K, with what stands in its lower rows; False where it is singular."""
@@ -141,10 +159,25 @@ class Embedding:
     def go(self, x: Array) -> None:
         """Move to the chart coordinates x (n,), on the same branch.
 
+        A wild trial of an integrator may end where there is hardly a way back: then the way begins
+        at the place that was kept last.
+
         Raises:
-            Lost: it cannot.
+            Lost: it cannot; it stands at the place kept last.
         """
-        start, x = self.x, np.array(x)  # integrators write on what they have asked for
+        x = np.array(x)  # integrators write on what they have asked for
+        if np.isfinite(x).all():
+            if self._goes(x):
+                return
+            self._stand_at_kept()
+            if self._goes(x):
+                return
+            self._stand_at_kept()
+        raise Lost
+
+    def _goes(self, x: Array) -> bool:
+        """Move to chart coordinates x (n,) in as many steps as it takes; whether it gets there."""
+        start = self.x
         part, done = 1.0, 0.0
         while done < 1.0:
             fraction = min(1.0, done + part)
@@ -153,9 +186,10 @@ class Embedding:
                 done = fraction
                 part *= 2.0
             elif part <= 0.5**HALVINGS:
-                raise Lost
+                return False
             else:
                 part *= 0.5
+        return True
 
     def _step(self, x: Array) -> bool:
         """Move in one step; False, and nothing changed, where that is not safe."""
@@ -253,14 +287,21 @@ class Embedding:
         return self.scale * bend
 
     @property
+    def has_worn_rows(self) -> bool:
+        """Whether other closure rows than were chosen where the chart began would do better."""
+        return not self.whole and self.pivot < WORN * self._first_pivot
+
+    @property
     def pace(self) -> float:
-        """How many times faster than the fastest held coordinate another one may move."""
-        return float(np.abs(self.columns).max(initial=1.0))
+        """How many times faster than the fastest held, or chart, coordinate another one may move.
+
+        A curved chart folds elsewhere than the velocities at its joints.
+        """
+        pace = float(np.abs(self.columns).max(initial=1.0))
+        return pace if self.linear else max(pace, float(np.abs(self._ahead).max()))
 
 
-def best_coordinates(
-    state: State, prescribed: Sequence[int], apart: Array | None = None
-) -> list[int]:
+def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
     """Return the velocity entries that determine the motion best, besides the prescribed ones.
 
     Column-pivoted QR of the freedoms: joints that move most.
@@ -268,12 +309,37 @@ def best_coordinates(
     Args:
         state: where.
         prescribed: velocity entries that follow laws.
-        apart: (k, nv) freedoms that are not to be determined; then plain coordinates are preferred
-            to components of rotation vectors.
 
     Raises:
         SingularError: prescribed coordinates depend on each other, or the loops have lost rank.
     """
+    drive = np.zeros((len(prescribed), state.mechanism.model.nv))
+    drive[np.arange(len(prescribed)), list(prescribed)] = 1.0
+    freedoms = _freedoms(state, drive)
+    if not len(freedoms):
+        return []
+    _, pivots, *_ = lapack.dgeqp3(np.asfortranarray(freedoms))
+    return sorted(int(p) - 1 for p in pivots[: len(freedoms)])
+
+
+def plain_coordinates(state: State, apart: Array) -> list[int]:
+    """Return the velocity entries of joints that can tell one freedom, the fastest first.
+
+    Args:
+        state: where.
+        apart: (k, nv) freedoms that are not to be determined; one more is left.
+
+    Raises:
+        SingularError: the loops have lost rank.
+    """
+    speeds = np.abs(_freedoms(state, apart)[0])
+    plain = [c.v for c in state.mechanism.coordinate_table.values() if c.q >= 0]
+    enough = PLAIN * speeds.max()
+    return sorted((v for v in plain if speeds[v] > enough), key=lambda v: -speeds[v])
+
+
+def _freedoms(state: State, drive: Array) -> Array:
+    """Return orthonormal rows (n, nv), scaled, of the motions that drive (k, nv) leaves."""
     mechanism = state.mechanism
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
@@ -285,22 +351,9 @@ def best_coordinates(
             f"mechanism {mechanism.name!r}: singular configuration, {state}: branches cross there "
             "and the motion is not determined; start beside it", state=state)
     evaluation.update(state.q)
-    drive = np.zeros((len(prescribed), mechanism.model.nv))
-    drive[np.arange(len(prescribed)), list(prescribed)] = 1.0
-    if apart is not None:
-        drive = np.vstack([drive, apart])
     svd = decompose(np.vstack([evaluation.jacobian[rows], drive]))
     if svd.rank < len(rows) + len(drive):
         raise SingularError(
             f"mechanism {mechanism.name!r}: the prescribed coordinates are not independent of each "
             f"other at {state}", state=state)
-    freedoms = svd.null_space
-    if not len(freedoms):
-        return []
-    if apart is not None:
-        vectors = [c.v for c in mechanism.coordinate_table.values() if c.q < 0]
-        plain = freedoms.copy()
-        plain[:, vectors] = 0.0
-        freedoms = plain if np.abs(plain).max() > PLAIN * np.abs(freedoms).max() else freedoms
-    _, pivots, *_ = lapack.dgeqp3(np.asfortranarray(freedoms))
-    return sorted(int(p) - 1 for p in pivots[: len(freedoms)])
+    return svd.null_space

@@ -163,7 +163,8 @@ class Freedoms:
             self._place(t, y)
         except Lost:
             return True
-        return self.embedding.pace > self.patience
+        self.embedding.keep()
+        return self.embedding.pace > self.patience or self.embedding.has_worn_rows
 
     @property
     def pivot(self) -> float:
@@ -173,4 +174,4 @@ class Freedoms:
     @property
     def is_fresh_the_same(self) -> bool:
         """Whether the same coordinates, taken anew, would be no better."""
-        return self.embedding.linear
+        return self.embedding.linear and self.embedding.whole

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -70,10 +71,18 @@ class NodeRows:
         Raises:
             Lost: the branch does not go to one of them.
         """
+        return self._or_back(self._rows, values)
+
+    def _or_back(self, rows: Callable[[Any], Array], places: Any) -> Array:
+        """Return rows at places; where the branch does not go to them it stays where it was.
+
+        Raises:
+            Lost: the branch does not go to one of them.
+        """
         path, branch = self.path, self.path.branch
         start = branch.s, branch.q, branch.angles
         try:
-            return self._rows(values)
+            return rows(places)
         except Lost:
             if not path.is_on_strip(start[0]):
                 path.stand(*start[1:])  # the way back from where it ended is a long one
@@ -95,7 +104,7 @@ class NodeRows:
                 plain.append(i)
             if order:
                 i = order.pop(0)
-                rows[i] = self.at(float(values[i]))
+                rows[i] = self._at(float(values[i]))
                 if not path.is_on_strip(float(values[i])):
                     plain.append(i)
                     pivots[i] = path.branch.system.pivots()[1]
@@ -104,7 +113,7 @@ class NodeRows:
         self._look_beyond(values, pivots)
         for i in plain:
             if path.is_on_strip(float(values[i])):
-                rows[i] = self.at(float(values[i]))
+                rows[i] = self._at(float(values[i]))
         return rows
 
     def _look_beyond(self, values: Array, pivots: Array) -> None:
@@ -126,6 +135,9 @@ class NodeRows:
         Raises:
             Lost: the branch does not go there.
         """
+        return self._or_back(self._at, s)
+
+    def _at(self, s: float) -> Array:
         self.path.go_to(s)
         branch = self.path.branch
         return self._row(Place(branch.q, branch.t, branch.c, branch.angles))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.dynamics.embedding import Lost, best_coordinates
+from spatial_pin.dynamics.embedding import Lost, plain_coordinates
 from spatial_pin.dynamics.freedoms import FAST
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.placed_rows import PlacedRows
@@ -79,7 +79,7 @@ class OneFreedom:
 
     def choice(self, state: State) -> list[int]:
         """Return the velocity entry that would be the best coordinate at a state."""
-        return best_coordinates(state, [], self.spins.rows)
+        return plain_coordinates(state, self.spins.rows)[:1]
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the branch does not go."""

@@ -59,8 +59,16 @@ class Path:
         Raises:
             Lost: a limit lies before it, or a crossing that no branch passes straight.
         """
-        if value != self.branch.s:
-            self._go(value)
+        if value == self.branch.s:
+            return
+        if any(self._is_between(limit, value) for limit in self.limits):
+            raise Lost
+        self._go(value)
+
+    def _is_between(self, limit: float, value: float) -> bool:
+        """Whether a known limit lies on the way to a value."""
+        left = limit - self.branch.s
+        return abs(left) > SAME * self.unit and left * (value - limit) > 0.0
 
     @property
     def q(self) -> Array:

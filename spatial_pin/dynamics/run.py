@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,9 @@ NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion cr
 LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
 SHORTEST = 1e-13  # step, by the time, that is taken anew no more
 CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
+
+GivenUp = Set[tuple[type, tuple[int, ...]]]  # kinds of equations, and their independent coordinates
+Formulate = Callable[[Problem, State, GivenUp], System]
 
 
 class Rows:
@@ -75,7 +78,7 @@ class Run:
     Args:
         problem: what acts.
         accuracy: integrator, tolerance or step.
-        formulate: makes the equations of motion that fit a state.
+        formulate: makes the equations of motion that fit a state, others than were given up.
         times: (N,) of the rows.
         watch: what is looked for.
 
@@ -85,8 +88,8 @@ class Run:
     """
 
     def __init__(
-        self, problem: Problem, accuracy: Accuracy, formulate: Callable[[Problem, State], System],
-        times: Array, watch: Watch,
+        self, problem: Problem, accuracy: Accuracy, formulate: Formulate, times: Array,
+        watch: Watch,
     ) -> None:
         self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
         self.rows, self.watch = Rows(times), watch
@@ -100,7 +103,8 @@ class Run:
         self._solver: Any = None
         self._projections: list[Projection] = []  # of systems that were given up
         self._largest, self._creeping = np.zeros(2), 0
-        self._failed_at, self._warned = -1.0, False
+        self._begun_at, self._failed_at, self._warned = 0.0, -1.0, False
+        self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self.integrators: list[str] = []
         self._began = time.perf_counter()
 
@@ -223,29 +227,40 @@ class Run:
             f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
             f"{self.t:.9g} s: {why}, at {state}", state=state)
 
-    def _begin(self, state: State) -> System:
+    def _begin(self, state: State, given_up: GivenUp = frozenset()) -> System:
         if self.system is not None and self.system.projection is not None:
             self._projections.append(self.system.projection)
-        self.system = system = self.formulate(self.problem, state)
+        self.system = system = self.formulate(self.problem, state, given_up)
+        if _kind(system) in given_up:
+            raise self._singular(state)
         by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
         self.used += [by_v[v] for v in system.free]
+        self._begun_at = self.t
         return system
 
     def _begin_again(self, system: System, failed: bool) -> System:
-        """Choose new coordinates where the old ones are worn, and change the unknowns to them."""
+        """Choose new coordinates where the old ones are worn, and change the unknowns to them.
+
+        Raises:
+            SingularError: none can be followed.
+        """
         state = system.state(self.t, self.y)
-        if failed and self.t == self._failed_at:
-            raise self._singular(state)
-        if failed:
-            self._failed_at = self.t
-        if system.choice(state) == system.free and system.is_fresh_the_same:
-            if failed:
-                raise self._singular(state)
+        if not failed and system.choice(state) == system.free:
             system.patience *= 2.0
-            return system
-        fresh = self._begin(state)
+            if system.is_fresh_the_same:
+                return system
+        fresh = self._begin(state, self._give_up(system) if failed else frozenset())
         self.y = fresh.unknowns(state.v, self.problem.work(self.y))
         return fresh
+
+    def _give_up(self, system: System) -> GivenUp:
+        """Return what has failed at the present time, the system included."""
+        if self.t != self._failed_at:
+            self._failed_at = self.t
+            self._given_up.clear()
+        if system.is_fresh_the_same or self._begun_at == self.t:
+            self._given_up.add(_kind(system))
+        return self._given_up
 
     def _take(self, system: System, solver: Any) -> bool:
         """Keep rows and events of the last step; return whether it is to be the last."""
@@ -308,3 +323,7 @@ class Run:
             sum(part.steps for part in parts), sum(part.corrections for part in parts),
             max(part.opened for part in parts), seconds,
             seconds / (time.perf_counter() - self._began))
+
+
+def _kind(system: System) -> tuple[type, tuple[int, ...]]:
+    return type(system), tuple(system.free)

@@ -9,13 +9,13 @@ import numpy as np
 from tqdm import tqdm
 
 from spatial_pin.checks import positive_number
-from spatial_pin.dynamics.embedding import Lost, best_coordinates
+from spatial_pin.dynamics.embedding import Lost, best_coordinates, plain_coordinates
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
 from spatial_pin.dynamics.problem import EffortLaw, Problem, System
 from spatial_pin.dynamics.projected import Projected
-from spatial_pin.dynamics.run import Run
+from spatial_pin.dynamics.run import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation import Projection, Simulation, driver_names
 from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
@@ -149,8 +149,16 @@ def _check_start(problem: Problem, state: State) -> None:
                 f"state moves with {pace:.9g}: solve its rates")
 
 
-def _independent(problem: Problem, state: State) -> System:
+def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
     """Return the equations of motion in the independent coordinates that fit a state best.
+
+    Those of one freedom are tables of a joint that moves. Where no table can be made, near
+    where such joints turn back, the loops are closed in every evaluation.
+
+    Args:
+        problem: what acts.
+        state: where they begin.
+        given_up: what could not be followed from there.
 
     Raises:
         SingularError: the motion is not determined there.
@@ -160,17 +168,20 @@ def _independent(problem: Problem, state: State) -> System:
         spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
         if len(free) - len(spins) == 1:
             coordinates = {c.v: c for c in problem.mechanism.coordinate_table.values()}
-            only = coordinates[free[0]]
-            if len(spins) or only.q < 0:
-                only = coordinates[best_coordinates(state, [], spins.rows)[0]]
-            if only.q >= 0:
-                return OneFreedom(problem, state, only, spins)
+            for v in plain_coordinates(state, spins.rows):
+                if (OneFreedom, (v,)) not in given_up:
+                    return OneFreedom(problem, state, coordinates[v], spins)
     return Freedoms(problem, state, free)
 
 
-FORMULATIONS: dict[str, Callable[[Problem, State], System]] = {
+def _projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
+    """Return the equations of motion in all joint coordinates, whatever was given up."""
+    return Projected(problem, state)
+
+
+FORMULATIONS: dict[str, Formulate] = {
     "independent": _independent,
-    "projected": Projected,
+    "projected": _projected,
 }
 # integrators that a projection can correct
 SETTLING = ("automatic", "DOP853", "RK45", "Radau", "RK4", "Gauss")

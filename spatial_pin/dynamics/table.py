@@ -90,25 +90,16 @@ class Table:
         self.turns = np.array([c.q for c in mechanism.coordinate_table.values()
                                 if c.q >= 0 and c.unit == "rad"], dtype=int)
 
-    def basis(self, s: float) -> tuple[Piece, Array]:
-        """Return the piece that holds s, and the Chebyshev polynomials (NODES,) there.
-
-        Raises:
-            Lost: the branch does not go there.
-        """
-        piece = self.piece
-        if piece is None or not piece.first <= s <= piece.last:
-            self.piece = piece = self._find(s)
-        x = (2.0 * s - piece.first - piece.last) / (piece.last - piece.first)
-        return piece, polynomials(x)
-
     def pace_near(self, s: float) -> float:
         """Return how fast joints move at most, scaled, at the nodes of the piece that holds s.
 
         Raises:
             Lost: the branch does not go there.
         """
-        return self.basis(s)[0].pace
+        piece = self._piece_at(s)
+        if piece is None:
+            return self._pace(self._beside_pieces(s)[None])
+        return piece.pace
 
     def reduced(self, s: float) -> list[float]:
         """Return m, h and g at s, and w and d of every body that spins.
@@ -118,7 +109,10 @@ class Table:
         """
         piece = self.piece
         if piece is None or not piece.first <= s <= piece.last:
-            self.piece = piece = self._find(s)
+            piece = self._piece_at(s)
+            if piece is None:
+                often: list[float] = self._beside_pieces(s)[self.often].tolist()
+                return often
         place = CELLS * (s - piece.first) / (piece.last - piece.first)
         k = min(int(place), CELLS - 1)
         x = 2.0 * (place - k) - 1.0
@@ -126,24 +120,62 @@ class Table:
                 for a, b, c, d, e, f, g in piece.cells[k]]
 
     def columns_at(self, s: float) -> Array:
-        """Return all columns (width,) at s, q with its whole turns."""
-        piece, basis = self.basis(s)
-        values = basis @ piece.coefficients
+        """Return all columns (width,) at s, q with its whole turns.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        piece = self._piece_at(s)
+        if piece is None:
+            return self._beside_pieces(s)
+        values = polynomials(piece.part(s)) @ piece.coefficients
         values[self.columns.q] += piece.shift
         return values
 
     def columns_of(self, places: Array) -> Array:
-        """Return all columns (N, width) at places (N,), q with its whole turns."""
+        """Return all columns (N, width) at places (N,), q with its whole turns.
+
+        Raises:
+            Lost: the branch does not go to one of them.
+        """
         found = np.empty((len(places), self.columns.width))
         rest = np.arange(len(places))
-        while rest.size:
-            piece, _ = self.basis(float(places[rest[0]]))
+        while rest.size:  # at least the first is found
+            piece = self._piece_at(float(places[rest[0]]))
+            if piece is None:
+                found[rest[0]], rest = self._beside_pieces(float(places[rest[0]])), rest[1:]
+                continue
             inside = (piece.first <= places[rest]) & (places[rest] <= piece.last)
             here, rest = rest[inside], rest[~inside]
-            x = (2.0 * places[here] - piece.first - piece.last) / (piece.last - piece.first)
-            found[here] = polynomials_at(x) @ piece.coefficients
+            found[here] = polynomials_at(piece.part(places[here])) @ piece.coefficients
             found[here, self.columns.q] += piece.shift
         return found
+
+    def _piece_at(self, s: float) -> Piece | None:
+        """Return the piece that holds s, None where none is exact enough."""
+        piece = self.piece
+        if piece is None or not piece.first <= s <= piece.last:
+            piece = self._find(s)
+            self.piece = piece or self.piece
+        return piece
+
+    def _beside_pieces(self, s: float) -> Array:
+        """Return all columns (width,) at s, where no piece is exact enough: near a limit.
+
+        Raises:
+            Lost: the branch does not go there.
+        """
+        turns = 0
+        if self.period is not None and self.period.size:  # in the first turn, which is nearest
+            turns = math.floor((s - self.path.start) / TURN)
+        values = self.rows.at(s - turns * TURN)
+        if self.period is not None and turns:
+            values[self.columns.q] += turns * self.period
+        return values
+
+    def _pace(self, rows: Array) -> float:
+        """Return how fast joints move at most, scaled, in rows (N, width)."""
+        return float(np.abs(rows[:, self.columns.t] / self.mechanism.velocity_scale).max())
 
     def images(self, crossing: float, low: float, high: float) -> list[float]:
         """Return where in (low, high] a crossing is met, in every turn if turns are alike."""
@@ -187,11 +219,13 @@ class Table:
         flat_tree_of(self.mechanism).normalize(q.T)
         q[:, self.coordinate.q] = places
 
-    def _find(self, s: float) -> Piece:
+    def _find(self, s: float) -> Piece | None:
         """Return the piece that holds s, made if need be; halved as long as that makes it exacter.
 
+        None where even the shortest is not exact enough.
+
         Raises:
-            Lost: the branch does not go there.
+            Lost: s is not finite, or too large.
         """
         if not math.isfinite(s) or s + self.span / 2**HALVINGS == s:  # run away
             raise Lost
@@ -213,7 +247,7 @@ class Table:
                 break
         if best is None or best[2].tail > NOISE:
             self._divide(tried)
-            raise Lost
+            return None
         self._divide(tried[: tried.index(best[:2])])
         return self._keep(*best)
 
@@ -280,9 +314,8 @@ class Table:
         if n == NODES:
             enough = (k for k in FEWER if self._tail(coefficients[:k]) < SAFELY * self.exact)
             self.nodes = next(enough, NODES)
-        pace = np.abs(rows[:, self.columns.t] / self.mechanism.velocity_scale).max()
         return Piece(first, last, coefficients, cells_of(coefficients[:, self.often]),
-                     float(pace), np.zeros(self.model.nq), tail)
+                     self._pace(rows), np.zeros(self.model.nq), tail)
 
     def _again(self, level: int, k: int) -> Piece | None:
         """Return a piece of a turn before or after, if all bodies stand as they did then.

@@ -1,0 +1,127 @@
+"""Motions go on where the joint that counts them turns back, however sharply."""
+
+import mechanisms as known
+import numpy as np
+import pinocchio as pin
+import pytest
+from masses import heavy
+
+import spatial_pin as sp
+from spatial_pin.dynamics.freedoms import Freedoms
+from spatial_pin.dynamics.one_freedom import OneFreedom
+from spatial_pin.dynamics.problem import Problem
+from spatial_pin.dynamics.simulate import _independent
+
+
+def rod(mass, length):
+    return mass, (0.5 * length, 0.0, 0.0), (0.0, mass * length**2 / 12, mass * length**2 / 12)
+
+
+def arm_on_a_slider(folder, seed):
+    """A block on a rail and an arm pinned to it, whose tip a rod holds to the ground."""
+    rng = np.random.default_rng(seed)
+    length, _ = rng.uniform(0.3, 1.2), rng.uniform(-0.5, 0.5)
+    slide, angle = rng.uniform(-0.5, 0.5), rng.uniform(-2.0, 2.0)
+    tip = np.array([slide + length * np.cos(angle), length * np.sin(angle), 0.0])
+    anchor = np.array([rng.uniform(-1, 1), rng.uniform(-1, 1), 0.0])
+    tree = (known.sliding("slide", "ground", "block", (0, 0, 0), (1, 0, 0))
+            + known.turning("pin", "block", "arm") + known.point("tip", "arm", (length, 0, 0))
+            + known.point("anchor", "ground", anchor))
+    toml = "gravity = [0.0, -9.81, 0.0]\n" + known.closure(
+        "rod", "distance", "tip", "anchor", length=np.linalg.norm(tip - anchor))
+    mech = known.load(folder, "arm", heavy(tree, block=(1.0,), arm=rod(1.0, length)), toml)
+    return sp.assemble(mech, guess={"slide": slide, "pin": angle})
+
+
+def top_on_an_arm(folder, seed):
+    """A body on a ball joint at the end of an arm; one axis is kept normal to one of the arm."""
+    rng = np.random.default_rng(seed)
+    rng.normal(size=3)
+    turn, com = rng.normal(size=3), rng.normal(size=3) * 0.3
+    axis = np.cross(pin.exp3(turn).T @ np.array([0.0, 0.0, 1.0]), rng.normal(size=3))
+    tree = (known.turning("pin", "ground", "arm", axis=(0, 1, 0))
+            + known.floating("ball", "arm", "top", (0.4, 0, 0)))
+    toml = ("gravity = [0.0, 0.0, -9.81]\n" + known.refine("ball", "spherical") + known.closure(
+        "flat", "perpendicular", "arm", "top", axis=(0, 0, 1),
+        axis2=axis / np.linalg.norm(axis)))
+    mech = known.load(folder, "top", heavy(
+        tree, arm=rod(1.0, 0.4), top=(1.0, tuple(com), (0.1, 0.12, 0.15))), toml)
+    return sp.assemble(mech, guess={"pin": 0.3, "ball": turn})
+
+
+def rod_end_on_a_line(folder, height, symmetric=True, wrap=str):
+    """A crank, a rod on a ball joint at its end, and the rod's end on a line above the crank.
+
+    The crank rocks; beside it only a ball joint moves, whose components count nothing by turns.
+    """
+    across = 0.06 if symmetric else 0.055
+    tree = heavy(known.turning("pin", "ground", "crank")
+                 + known.floating("ball", "crank", "rod", (0.5, 0, 0))
+                 + known.point("end", "rod", (0.8, 0, 0))
+                 + known.point("rail", "ground", (0, 0.9, height), known.rpy_facing((1, 0, 0))),
+                 crank=(1.0, (0.25, 0, 0), (0.01, 0.02, 0.02)),
+                 rod=(1.0, (0.4, 0, 0), (0.01, 0.06, across)))
+    toml = ("gravity = [3.0, -9.81, 0.0]\n" + known.refine("ball", "spherical")
+            + known.closure("rail", "point_on_line", "rail", "end"))
+    mech = known.load(folder, "rod_end", wrap(tree), toml)
+    return sp.assemble(mech, {"pin": 0.6}, guess={"ball": [0.0, 0.0, 1.0]})
+
+
+def assert_formulations_agree(state, until, most=1e-6):
+    motions = [sp.simulate(state.mechanism, state, until, times=np.linspace(0.0, until, 6),
+                           accuracy=sp.Accuracy(formulation=name, time_tolerance=1e-11))
+               for name in ("independent", "projected")]
+    assert max(motion.energy_drift for motion in motions) < 1e-7
+    assert max(motion.closure_error.max() for motion in motions) < 1e-11
+    model = state.mechanism.model
+    assert max(np.abs(pin.difference(model, *pair)).max()
+               for pair in zip(*(motion.q for motion in motions), strict=True)) < most
+    return motions[0]
+
+
+@pytest.mark.parametrize("seed", [21, 44, 52, 3, 8])
+def test_a_joint_that_turns_back_sharply_hands_over_to_another(tmp_path, seed):
+    """Before its limit its functions go as a root: pieces of a table end too early there."""
+    assert_formulations_agree(arm_on_a_slider(tmp_path, seed), 1.0)
+
+
+@pytest.mark.parametrize("seed", [33, 37, 45, 57, 2])
+def test_a_chart_of_ball_joints_is_left_where_it_folds(tmp_path, seed):
+    """Not where velocities do: coordinates of a chart are other functions than theirs."""
+    assert_formulations_agree(top_on_an_arm(tmp_path, seed), 1.0)
+
+
+@pytest.mark.parametrize("wrap", [str, known.tilted])
+@pytest.mark.parametrize("height", [0.0, 0.2])
+def test_where_the_only_joint_that_counts_turns_back_others_carry_on(tmp_path, height, wrap):
+    state = rod_end_on_a_line(tmp_path, height, wrap=wrap)
+    motion = assert_formulations_agree(state, 2.0)
+    assert {"pin", "ball.x"} <= set(motion.coordinates)  # the rod spins beside
+
+
+def test_nothing_that_was_given_up_is_tried_again(tmp_path):
+    """From joint to joint, the fastest first, to closing the loops in every evaluation."""
+    state = arm_on_a_slider(tmp_path, 21)
+    problem, given_up, found = Problem(state.mechanism, None, None, None, 1e-13), set(), []
+    for _ in range(3):
+        system = _independent(problem, state, given_up)
+        found.append(type(system))
+        given_up.add((type(system), tuple(system.free)))
+    assert found == [OneFreedom, OneFreedom, Freedoms]
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-7])
+def test_a_table_goes_to_the_limit_itself(tmp_path, gap):
+    """Where no piece is exact enough the place itself is closed: here the rod leans back."""
+    state = rod_end_on_a_line(tmp_path, 0.0)
+    assert state.placement("end").translation[0] < state.placement("rod").translation[0]
+    system = _independent(Problem(state.mechanism, None, None, None, 1e-13), state)
+    assert isinstance(system, OneFreedom)
+    table, angle = system.table, np.arcsin((0.9 - 0.8) / 0.5) + gap
+    lean = np.pi - np.arcsin((0.9 - 0.5 * np.sin(angle)) / 0.8)
+    rate = -0.5 * np.cos(angle) / (0.8 * np.cos(lean))  # how fast it turns, for the crank
+    inertia = (0.02 + 0.25**2 + 0.5**2 + (0.06 + 0.4**2) * rate**2
+               + 2.0 * 0.5 * 0.4 * np.cos(lean - angle) * rate)
+    assert table.reduced(angle)[0] == pytest.approx(inertia, rel=1e-13 / gap)
+    values = table.columns_at(angle)
+    assert values[table.columns.reduced][0] == pytest.approx(inertia, rel=1e-13 / gap)
