@@ -260,12 +260,12 @@ class Table:
         """Return the number of the piece of a level that holds s.
 
         Raises:
-            Lost: s is so large that pieces are no longer than its round-off.
+            Lost: s is so large that pieces are hardly longer than its round-off.
         """
         k = math.floor((s - self.path.start) / self.span * 2**level)
         for near in (k, k - 1, k + 1):  # s may round into the piece beside
             first, last = self._ends(level, near)
-            if first <= s <= last and first < last:
+            if first <= s <= last and last - first > 4.0 * math.ulp(s):
                 return near
         raise Lost(f"{self.coordinate.name} = {s:.6g} {self.coordinate.unit} is too large to be "
                    "told from its neighbours; count it from a value near 0")
