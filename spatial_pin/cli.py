@@ -249,7 +249,8 @@ def _sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
     sub.add_argument("first", nargs=None if needed else "?", type=_quantity)
     sub.add_argument("last", nargs=None if needed else "?", type=_quantity)
     sub.add_argument("--steps", type=_count, default=361, help="number of values (361)")
-    sub.add_argument("--speed", type=_quantity, help="of the driver, as 240rpm (default 1)")
+    sub.add_argument("--speed", type=_quantity, help="of the driver, as 240rpm; without one the "
+                     "motion has no time, and its forces are those at rest")
     sub.add_argument("--acceleration", type=_quantity, default=0.0)
     sub.add_argument("--stop", action="store_true",
                      help="end at a limit position instead of failing")
@@ -387,10 +388,9 @@ def _sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[st
     for quantity_ in (options.first, options.last, options.speed, options.acceleration):
         _fitting(mechanism, {options.driver: quantity_})
     values = np.linspace(options.first, options.last, options.steps)
-    speed = options.speed
-    if speed is None:
-        speed = 1.0 if options.last >= options.first else -1.0
-    return {"driver": options.driver, "values": values, "speed": speed,
+    if options.acceleration and options.speed is None:
+        options.usage_error("--acceleration needs a --speed")
+    return {"driver": options.driver, "values": values, "speed": options.speed,
             "acceleration": options.acceleration, "guess": _guess(options),
             "on_limit": "stop" if options.stop else "raise"}
 

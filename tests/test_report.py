@@ -211,12 +211,11 @@ def test_every_mechanism_of_the_library_has_a_usual_motion(name):
     motion = usual_motion(sp.load(name))
     assert isinstance(motion, sp.Motion) and len(motion) > ROWS // 4
     assert motion.driver_name == next(iter(motion.mechanism.drivers))
-    assert motion.time is not None and usual_outputs(motion)
+    assert motion.time is None and usual_outputs(motion)
 
 
-def test_usual_motion_slides_in_six_seconds_and_turns_away_from_a_limit():
+def test_usual_motion_slides_a_little_and_turns_away_from_a_limit():
     slid = usual_motion(sp.load("stewart"))
-    assert slid.time[-1] == pytest.approx(6.0)
     assert np.ptp(slid.driver) == pytest.approx(SLIDE * slid.mechanism.characteristic_length)
     rocked = usual_motion(sp.load("four_bar"), "rocker_pin")
     (event,) = rocked.events

@@ -21,5 +21,5 @@ def carried_over(reduced: Mechanism, state: State) -> State:
                        for c in reduced.closures if c.type == "screw"])
     with evaluation_of(reduced, angles) as evaluation:
         evaluation.update(q)
-        return State(reduced, q, state.v[at], state.a[at],
+        return State(reduced, q, state.v[at], state.a[at], in_time=state.in_time,
                      closure_error=evaluation.closure_error, angles=evaluation.angles)

@@ -27,7 +27,7 @@ from spatial_pin.dynamics.saddle import SINGULAR, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.jacobians import closure_jacobian
 from spatial_pin.kinematics.split import split_of
-from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array, independent_rows
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -127,7 +127,7 @@ def dynamics_derivatives(
         SingularError: as `forward_dynamics`.
         UnknownNameError: a name does not exist.
     """
-    state = of_mechanism(mechanism, state)
+    state = moving_in_time(mechanism, state)
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)

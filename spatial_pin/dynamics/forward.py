@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, joint_efforts
-from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -152,7 +152,7 @@ def forward_dynamics(
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite.
     """
-    state = of_mechanism(mechanism, state)
+    state = moving_in_time(mechanism, state)
     effort = joint_efforts(mechanism, efforts)
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:

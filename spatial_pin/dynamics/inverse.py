@@ -12,7 +12,7 @@ from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array, decompose
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -110,7 +110,7 @@ def inverse_dynamics(
         UnknownNameError: a name does not exist.
         ValueError: a weight is not positive.
     """
-    state = of_mechanism(mechanism, state)
+    state = moving_in_time(mechanism, state)
     actuation = Actuation(mechanism, actuated)
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:

@@ -15,7 +15,7 @@ from spatial_pin.dynamics.inverse import Actuation, balance
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion, motion_needed
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.kinematics.summary import effort_lines, first_of, heading, tidy, where
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -25,13 +25,13 @@ External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
 
 class Kinetostatics(NamedTuple):
-    """Forces over a motion of N rows.
+    """Forces over a motion of N rows; at rest where that is no motion in time.
 
     Attributes:
         motion: the motion.
         a: (N, nv) its accelerations, those of passive freedoms as the forces make them.
         efforts: (N,) by driver or actuated coordinate [N·m about it, N along it].
-        power: (N,) of each of them [W].
+        power: (N,) of each of them [W]; 0 at rest.
         reactions: (N, 6) by pair, force then moment, as `Dynamics.reactions` [N, N·m].
         on_ground: (N, 6) force and moment at the world's origin on the fixed link: shaking wrench.
         multipliers: (N, n_rows) of the closure rows, the shortest.
@@ -52,7 +52,8 @@ class Kinetostatics(NamedTuple):
                 f"{list(self.reactions)})")
 
     def __str__(self) -> str:
-        parts = [heading(self.motion), "efforts:", *first_of(
+        statics = "" if self.motion.per == "s" else " at rest, for the motion has no speed"
+        parts = [heading(self.motion), f"efforts{statics}:", *first_of(
             effort_lines(self.motion, self.efforts), "efforts")]
         loads = [self._largest(name, x) for name, x in self.reactions.items()]
         parts += ["largest reactions:", *first_of(loads, "pairs"),
@@ -114,7 +115,8 @@ def kinetostatics(
 ) -> Kinetostatics:
     """Solve the efforts that a motion needs and the reactions it causes, row by row.
 
-    The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost.
+    The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost. Of a
+    sweep without a speed they are statics: the mechanism is held at rest in every row.
 
     Args:
         mechanism: the mechanism.
@@ -141,7 +143,7 @@ def kinetostatics(
     with equations_of(mechanism) as equations:
         rows = _Rows(equations, len(motion), len(actuation.names))
         for k in range(len(motion)):
-            state = motion.state(k)
+            state = moving_in_time(mechanism, motion.state(k))
             equations.update(state, external(state) if callable(external) else external, laws,
                              slip_speed)
             rows.fill(k, equations, actuation)
@@ -149,7 +151,7 @@ def kinetostatics(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
         determined = dict(zip(equations.pairs.names, rows.determined.T, strict=True))
     efforts: dict[str, Array] = dict(zip(actuation.names, rows.efforts.T, strict=True))
-    rates = motion.v[:, actuation.columns].T
+    rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: x * rate for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     return Kinetostatics(motion, rows.a, efforts, power, reactions, ground, rows.multipliers,
                          determined)

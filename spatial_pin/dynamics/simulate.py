@@ -20,7 +20,7 @@ from spatial_pin.dynamics.simulation import Projection, Simulation, driver_names
 from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
@@ -86,7 +86,7 @@ def simulate(
         ValueError: a value is NaN or infinite, or times do not rise.
     """
     accuracy = accuracy_of(accuracy)
-    state = of_mechanism(mechanism, state)
+    state = moving_in_time(mechanism, state)
     times = _times(duration, times)
     _check_formulation(accuracy)
     if on_joint_limit not in AT_LIMITS:

@@ -218,12 +218,16 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
 def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
     """Return the step from row k, and first and second derivatives (2, nv) at its ends.
 
-    They are taken by the time; where rows are no history in time by the arc length, whose step h
-    is the one that fits best q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
+    They are taken by the time, or by the driver where v and a are; where rows are no history in
+    either by the arc length, whose step h is the one that fits best
+    q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
     """
     v, a = motion.v[k : k + 2], motion.a[k : k + 2]
     if motion.time is not None:
         return float(motion.time[k + 1] - motion.time[k]), v, a
+    if motion.driver is not None and motion.per == motion.driver_unit:
+        way = float(motion.driver[k + 1] - motion.driver[k])
+        return abs(way), np.copysign(1.0, way) * v, a
     size = motion.mechanism.velocity_scale
     pace = np.sqrt(((v / size) ** 2).sum(axis=1))[:, None]
     if not np.all(pace > 0.0):

@@ -325,5 +325,5 @@ class _TracedRows:
             mechanism=self.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
             time=None, q=q, v=v, a=np.array(self.accelerations),
             closure_error=np.array(self.errors), driver_speed=v[:, driver.v].copy(),
-            events=self.events, angles=np.array([p.angles for p in self.points]),
+            events=self.events, angles=np.array([p.angles for p in self.points]), per="length",
         )

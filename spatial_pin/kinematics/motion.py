@@ -82,9 +82,9 @@ class Output(NamedTuple):
 
 ACROSS = 0.12  # distance from a crossing [rad, characteristic lengths] up to which it is continued
 COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
-FRAME_UNITS = {
-    "position": "m", "velocity": "m/s", "acceleration": "m/s²",
-    "angular_velocity": "rad/s", "angular_acceleration": "rad/s²", "jerk": "m/s³",
+FRAME_UNITS = {  # unit and order of the derivative
+    "position": ("m", 0), "velocity": ("m", 1), "acceleration": ("m", 2),
+    "angular_velocity": ("rad", 1), "angular_acceleration": ("rad", 2), "jerk": ("m", 3),
 }
 
 
@@ -107,9 +107,12 @@ class Motion:
         time: (N,) [s], or None where rows are no history in time.
         q: (N, nq) configurations; v, a: (N, nv) joint velocities and accelerations.
         closure_error: (N,) largest closure row of each row [-].
-        driver_speed: (N,) [rad/s or m/s].
+        driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
         events: limits and singular configurations met.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
+        per: unit of what v and a are derivatives by: "s"; "rad" or "m" of the driver where it has
+            no speed; "length" of the arc of a traced curve [rad, characteristic lengths]. Where
+            it is not "s", forces are those at rest.
     """
 
     mechanism: Mechanism
@@ -123,6 +126,7 @@ class Motion:
     driver_speed: Array
     events: list[Event] = field(default_factory=list)
     angles: Array = field(default_factory=lambda: np.empty((0, 0)))
+    per: str = "s"
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -135,6 +139,10 @@ class Motion:
     def driver_unit(self) -> str:
         """Unit of the driver, "rad" or "m"."""
         return self.mechanism.coordinate(self.driver_name).unit
+
+    def rate_unit(self, unit: str, order: int = 1) -> str:
+        """Return the unit of the derivative of that order, as those in v and a, of a quantity."""
+        return f"{unit}/{self.per}{('', '', '²', '³')[order]}"
 
     @property
     def swept(self) -> Array:
@@ -162,7 +170,8 @@ class Motion:
                 if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
-                     angles=self.angles[row] if self.angles.size else None, rate_error=lost)
+                     angles=self.angles[row] if self.angles.size else None, rate_error=lost,
+                     in_time=self.per == "s")
 
     def _is_continued(self, row: int) -> bool:
         """Whether a row may lie where the branch was continued across a crossing."""
@@ -242,16 +251,22 @@ class Motion:
         if kind in FRAME_UNITS and name:
             body = name.removesuffix(".com")
             label = f"{name} {kind.replace('_', ' ')}"
+            unit = self.frame_unit(kind)
             if kind == "jerk":
                 rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
                         for j in self._jerks()]
-                return Output(np.array(rows).reshape(-1, 3), label, FRAME_UNITS[kind])
+                return Output(np.array(rows).reshape(-1, 3), label, unit)
             moving = self.com(body) if name.endswith(".com") else self.frame(name)
-            return Output(getattr(moving, kind), label, FRAME_UNITS[kind])
+            return Output(getattr(moving, kind), label, unit)
         valid = [*mechanism.coordinate_table, *mechanism.drivers,
                  *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
                  *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
         raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+    def frame_unit(self, kind: str) -> str:
+        """Return the unit of a quantity of a frame, by its name."""
+        unit, order = FRAME_UNITS[kind]
+        return self.rate_unit(unit, order) if order else unit
 
     def _jerks(self) -> Iterator[Jerks]:
         driver = {self.driver_name: 0.0} if len(self.swept) else {}
@@ -262,12 +277,12 @@ class Motion:
         _, rate, acceleration = self.coordinate(name)
         unit = self.mechanism.coordinate(name).unit
         if kind == "rate":
-            return Output(rate, f"{name} rate", f"{unit}/s")
+            return Output(rate, f"{name} rate", self.rate_unit(unit))
         if kind == "acceleration":
-            return Output(acceleration, f"{name} acceleration", f"{unit}/s²")
+            return Output(acceleration, f"{name} acceleration", self.rate_unit(unit, 2))
         if kind == "jerk":
             jerks = np.array([j.coordinate(name) for j in self._jerks()])
-            return Output(jerks, f"{name} jerk", f"{unit}/s³")
+            return Output(jerks, f"{name} jerk", self.rate_unit(unit, 3))
         if kind == "transmission_angle":
             angles = [transmission_angle(self.mechanism, self.state(k), name, self.driver_name)[0]
                       for k in range(len(self.swept))]
@@ -297,8 +312,8 @@ class Motion:
             unit = self.mechanism.coordinate(name).unit
             value, rate, acceleration = self.coordinate(name)
             table[f"{name} [{unit}]"] = value
-            table[f"{name} rate [{unit}/s]"] = rate
-            table[f"{name} acceleration [{unit}/s²]"] = acceleration
+            table[f"{name} rate [{self.rate_unit(unit)}]"] = rate
+            table[f"{name} acceleration [{self.rate_unit(unit, 2)}]"] = acceleration
         table["closure error [-]"] = self.closure_error
         return table
 
@@ -333,6 +348,7 @@ class Motion:
             time=self.time if self.time is not None else np.empty(0),
             q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
             driver_speed=self.driver_speed, angles=self.angles, mechanism=self.mechanism.name,
+            per=self.per,
             coordinates=np.array(self.mechanism.coordinates),
             event_kind=np.array([e.kind for e in self.events], dtype=str),
             event_value=np.array([e.value for e in self.events], dtype=float),
@@ -363,6 +379,7 @@ class Motion:
             content["time"] if content["time"].size else None,
             content["q"], content["v"], content["a"], content["closure_error"],
             content["driver_speed"], [Event(*e) for e in events], content["angles"],
+            str(content.get("per", "s")),
         )
 
     def __repr__(self) -> str:

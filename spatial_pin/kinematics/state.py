@@ -85,6 +85,8 @@ class State:
             of a driver, and near a crossing of branches, up to 1: no digit. NaN until
             `solve_rates`; of a row of a sweep it is worked out when asked for, of a row of a
             simulation it is NaN.
+        in_time: whether v and a are rates in time; those of a row of a sweep without a speed are
+            not, and forces there are those at rest.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class State:
         branch: str = "",
         rate_error: float | Callable[[State], float] = np.nan,
         released: Mapping[str, float] = MappingProxyType({}),
+        in_time: bool = True,
     ) -> None:
         nv = mechanism.model.nv
         self.mechanism = mechanism
@@ -110,6 +113,7 @@ class State:
         self.branch = branch
         self.released = dict(released)
         self._rate_error = rate_error
+        self.in_time = in_time
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -257,12 +261,25 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
         if evaluation.closure_error <= max(1e-9, 2.0 * state.closure_error):
             return State(mechanism, state.q, state.v, state.a,
                          closure_error=evaluation.closure_error, angles=state.angles,
-                         branch=state.branch, released=state.released)
+                         branch=state.branch, released=state.released, in_time=state.in_time)
     raise SpatialPinError(
         f"mechanism {mechanism.name!r}: the state belongs to mechanism {state.mechanism.name!r}"
         + (f" of other dimensions (its loops are open here by {evaluation.closure_error:.1e}); "
            "assemble again with this state as guess" if same else ", which has other coordinates")
     )
+
+
+def moving_in_time(mechanism: Mechanism, state: State) -> State:
+    """Return `state` as a state of `mechanism`, at rest where its rates are not those in time.
+
+    Raises:
+        SpatialPinError: as `of_mechanism`.
+    """
+    own = of_mechanism(mechanism, state)
+    if own.in_time:
+        return own
+    return State(mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
+                 branch=own.branch, released=own.released)
 
 
 def center_of_mass(mechanism: Mechanism, link: str) -> Array:

@@ -38,7 +38,8 @@ def ranges(motion: Motion) -> list[str]:
         value, rate, _ = motion.coordinate(name)
         low, high = (round(float(x), 6) + 0.0 for x in (value.min(), value.max()))  # no -0
         lines.append(f"  {name:{width}}  {low:+.6f} to {high:+.6f} {c.unit}, rate "
-                     f"{tidy(rate.min(), rate, '+')} to {tidy(rate.max(), rate, '+')} {c.unit}/s")
+                     f"{tidy(rate.min(), rate, '+')} to {tidy(rate.max(), rate, '+')} "
+                     f"{motion.rate_unit(c.unit)}")
     return lines
 
 

@@ -34,7 +34,7 @@ def sweep(
     mechanism: Mechanism,
     driver: str,
     values: Any,
-    speed: Any = 1.0,
+    speed: Any = None,
     acceleration: Any = 0.0,
     *,
     guess: Mapping[str, Any] | State | Array | None = None,
@@ -53,8 +53,10 @@ def sweep(
         mechanism: the mechanism.
         driver: a driver, or any coordinate of a joint.
         values: (N,) driver values in any order [rad or m].
-        speed: the driver's speed at every row, one number or (N,) [rad/s or m/s].
-        acceleration: likewise [rad/s² or m/s²].
+        speed: the driver's speed at every row, one number or (N,) [rad/s or m/s]. Without one
+            the motion has no time: v and a are derivatives by the driver's value, and forces of
+            it (`kinetostatics`, `report`) are statics.
+        acceleration: likewise [rad/s² or m/s²]; it needs a speed.
         guess: where to assemble, as for `assemble`.
         hold: values of other drivers or coordinates. Drivers not named stand still where the
             guess has them; those that the loops do not let stand are told by "released" events.
@@ -79,7 +81,8 @@ def sweep(
         SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
             that moves most, away from the row before.
         UnknownNameError: a name does not exist.
-        ValueError: values or speeds are not finite, or make rates that are not.
+        ValueError: values or speeds are not finite, or make rates that are not, or there is an
+            acceleration without a speed.
     """
     accuracy = accuracy_of(accuracy)
     needed(mechanism)
@@ -89,7 +92,10 @@ def sweep(
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
     values = finite_array(values, (max(values.size, 1),), "values")
-    speeds, accels = _rows(speed, values, "speed"), _rows(acceleration, values, "acceleration")
+    speeds = _rows(1.0 if speed is None else speed, values, "speed")
+    accels = _rows(acceleration, values, "acceleration")
+    if speed is None and np.any(accels):
+        raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
     coordinate = mechanism.driven_coordinate(driver)
     hold = mapping(hold, "hold")
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
@@ -113,6 +119,8 @@ def sweep(
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
+    if speed is None:
+        motion.time, motion.per = None, coordinate.unit
     motion.events += _released(state, driven, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),

@@ -16,15 +16,14 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 TURN = 2 * math.pi  # how far a driver turns [rad]
 SLIDE = 0.15  # how far it slides, by the characteristic length
-SECONDS = 6.0  # that it takes to slide that far
 ROWS = 361
 
 
-def _reach(state: State, driver: str, way: Array, speed: float) -> Motion | None:
+def _reach(state: State, driver: str, way: Array) -> Motion | None:
     """Return the motion of a driver by `way` from a state on, as far as it goes, or None."""
     values = state.coordinate(driver).value + way
     try:
-        return sweep(state.mechanism, driver, values, speed, guess=state, on_limit="stop")
+        return sweep(state.mechanism, driver, values, guess=state, on_limit="stop")
     except SpatialPinError as error:
         return getattr(error, "motion", None)
 
@@ -36,7 +35,7 @@ def usual_motion(
 
     A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess
     on; where a limit or a singular position is in the way, to there, in the direction in which it
-    comes further. The other drivers are held. A driver turns at 1 rad/s and slides its way in 6 s.
+    comes further. The other drivers are held. The motion has no speed, nor time.
 
     Args:
         mechanism: the mechanism.
@@ -55,10 +54,10 @@ def usual_motion(
         return state
     turns = mechanism.coordinate(driver).unit == "rad"
     travel = TURN if turns else SLIDE * mechanism.characteristic_length
-    way, speed = np.linspace(0.0, travel, rows), 1.0 if turns else travel / SECONDS
-    forward = _reach(state, driver, way, speed)
+    way = np.linspace(0.0, travel, rows)
+    forward = _reach(state, driver, way)
     if forward is not None and len(forward) == rows:
         return forward
-    both = (forward, _reach(state, driver, -way, -speed))
+    both = (forward, _reach(state, driver, -way))
     best = max((m for m in both if m is not None), key=len, default=None)
     return best if best is not None and len(best) > 1 else state

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.kinematics.motion import FRAME_UNITS, Motion
+from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
 from spatial_pin.view.film import length_words, nice
 from spatial_pin.view.shapes import Solid, rod, turned
@@ -94,8 +94,8 @@ def rates(motion: Motion, spec: str) -> Vectors:
         valid = [f"{n}.{k}" for n in motion.mechanism.frame_ids for k in KINDS]
         raise UnknownNameError("arrow", spec, valid, f"mechanism {motion.mechanism.name!r}: ")
     moving = point_motion(motion, name)
-    vector, unit = getattr(moving, kind), FRAME_UNITS[kind]
-    return Vectors(name, moving.position, vector, kind.replace("_", " "), unit)
+    return Vectors(name, moving.position, getattr(moving, kind), kind.replace("_", " "),
+                   motion.frame_unit(kind))
 
 
 def _head(heads: int, size: float) -> Solid:

@@ -148,6 +148,8 @@ def _course(motion: Motion) -> list[tuple[str, str]]:
         return [("Duration", number(x, "s")) for x in time]
     unit = motion.driver_unit
     ends = f"{number(motion.driver[0], unit)} to {number(motion.driver[-1], unit)}"
+    if motion.per != "s":
+        return [(f"Driver {motion.driver_name}", ends)]
     low, high = float(np.min(motion.driver_speed)), float(np.max(motion.driver_speed))
     speed = number(high, f"{unit}/s")
     speed = speed if low == high else f"{number(low)} to {speed}"
@@ -200,8 +202,8 @@ def _ranges(subject: Subject) -> str | None:
         rows.append((
             name,
             number(value[low], c.unit), at[0], number(value[high], c.unit), at[1],
-            number(np.max(np.abs(rate)), f"{c.unit}/s"),
-            number(np.max(np.abs(acceleration)), f"{c.unit}/s²"),
+            number(np.max(np.abs(rate)), motion.rate_unit(c.unit)),
+            number(np.max(np.abs(acceleration)), motion.rate_unit(c.unit, 2)),
         ))
     here = f"at {where}"
     heads = ("coordinate", "least", here, "greatest", here, "largest rate", "largest acceleration")
@@ -254,8 +256,11 @@ def _efforts(subject: Subject) -> str | None:
     units = {"rad": "N·m", "m": "N"}
     curves = [Output(values, f"{name} effort", units[subject.mechanism.coordinate(name).unit])
               for name, values in subject.loads.efforts.items()]
-    note = ("What the drivers bring about this motion with: links, gravity and springs, "
-            "without friction.")
+    note = ("What the drivers bring about this motion with, against links, gravity, springs and "
+            "what resists at joints.")
+    if subject.loads.motion.per != "s":
+        note = ("What the drivers hold every position with, at rest, against gravity and springs: "
+                "the motion has no speed.")
     return _drawn(subject, "Efforts", curves, note)
 
 
