@@ -6,6 +6,7 @@ row, one about a joint on its coordinate.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -13,10 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import finite_number, mapping
-from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.errors import SpatialPinError, SpatialPinWarning, UnknownNameError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import has_inertia
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 
@@ -180,6 +182,31 @@ class Forces:
         wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
         jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
         return (wrench @ jacobian) * line.sign, length, wrench
+
+
+def warn_of_no_inertia(
+    mechanism: Mechanism, efforts: object = None, external: object = None, stacklevel: int = 3
+) -> None:
+    """Warn where forces work on a mechanism none of whose links has any inertia.
+
+    Not where forces from outside are given: then what they need is the question.
+
+    Args:
+        mechanism: the mechanism.
+        efforts: those given, if any.
+        external: forces from outside given, if any.
+        stacklevel: of the warning, 3 for the caller of a verb that calls this.
+    """
+    if external or has_inertia(mechanism) or not mechanism.model.nv:
+        return
+    acting = [word for word, acts in (
+        ("gravity", np.any(mechanism.model.gravity.vector)), ("springs", mechanism.springs),
+        ("efforts", efforts)) if acts]
+    if acting:
+        warnings.warn(
+            f"mechanism {mechanism.name!r}: no link has a mass or a moment of inertia, so that "
+            f"weights are missing from all forces and nothing is moved by {' and '.join(acting)}; "
+            "give the links an <inertial> in the URDF", SpatialPinWarning, stacklevel)
 
 
 def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pinocchio as pin
 
 from spatial_pin.dynamics.equations import Equations, equations_of
-from spatial_pin.dynamics.forces import Law, joint_efforts
+from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -158,4 +158,5 @@ def forward_dynamics(
     with equations_of(mechanism) as equations:
         a, closures = equations.forward(state, effort, *load)
         error = equations.error
+    warn_of_no_inertia(mechanism, efforts, external)
     return Dynamics(state, load, a, closures, effort, error)

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from spatial_pin.checks import finite_number
 from spatial_pin.dynamics.equations import Equations, equations_of
-from spatial_pin.dynamics.forces import Law
+from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.state import State, moving_in_time
@@ -112,6 +112,7 @@ def inverse_dynamics(
     """
     state = moving_in_time(mechanism, state)
     actuation = Actuation(mechanism, actuated)
+    warn_of_no_inertia(mechanism, external=external)
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
         equations.update(state, *load)

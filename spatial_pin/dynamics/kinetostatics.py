@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.dynamics.equations import Equations, equations_of
-from spatial_pin.dynamics.forces import Law
+from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.errors import SpatialPinError
@@ -139,6 +139,7 @@ def kinetostatics(
             f"the motion belongs to mechanism {motion.mechanism.name!r}, not to this load of "
             f"{mechanism.name!r}"
         )
+    warn_of_no_inertia(mechanism, external=external)
     actuation = Actuation(mechanism, actuated)
     with equations_of(mechanism) as equations:
         rows = _Rows(equations, len(motion), len(actuation.names))

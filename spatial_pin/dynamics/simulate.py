@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from spatial_pin.checks import positive_number
 from spatial_pin.dynamics.embedding import Lost, best_coordinates, plain_coordinates
-from spatial_pin.dynamics.forces import Law
+from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
 from spatial_pin.dynamics.problem import EffortLaw, Problem, System
@@ -92,6 +92,7 @@ def simulate(
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
+    warn_of_no_inertia(mechanism, efforts)
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
     _check_start(problem, state)
     watch = Watch(problem, state, stop_when, on_joint_limit)

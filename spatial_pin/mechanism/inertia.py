@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.linalg import Array
+
+if TYPE_CHECKING:
+    from spatial_pin.mechanism.mechanism import Mechanism
 
 SAFE = 1e-3  # kg, of the lightest body, above which nothing is lost
 LARGE = 1e100  # kg, of the heaviest, below which no product of two is too large
@@ -48,6 +52,17 @@ def _unit(masses: Iterable[float]) -> float:
 
 def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
     return pin.Inertia(inertia.mass * factor, inertia.lever, inertia.inertia * factor)
+
+
+def has_inertia(mechanism: Mechanism) -> bool:
+    """Whether anything that moves has a mass, a moment of inertia or an armature."""
+    if "has inertia" not in mechanism.memo:
+        model = mechanism.model
+        bodies = (x for x in list(model.inertias)[1:] if x.mass or np.any(x.inertia))
+        mechanism.memo["has inertia"] = bool(
+            np.any(model.armature) or next(bodies, None) is not None)
+    found: bool = mechanism.memo["has inertia"]
+    return found
 
 
 class MassMatrix:
