@@ -156,6 +156,8 @@ def _sweep_task(mechanism: Mechanism, given: dict[str, Any]) -> SweepTask:
     """Return the sweep of the values that can be reached, from a state that is assembled once."""
     if "driver" not in given:
         given["driver"] = _first_driver(mechanism)
+    if given.get("speed") is None:
+        given["speed"] = SweepTask.RATES["speed"]  # rates by the driver are those at this speed
     motion = sweep(mechanism, accuracy=Accuracy.named("reference"), **given)
     n = len(motion)
     if not n:
