@@ -316,6 +316,7 @@ class Evaluation:
     Owns a `pin.Data` whose memory is read through views made once.
 
     Attributes:
+        q: (nq,) the last configuration; not to be changed before what is made of it.
         residual: (n_rows,) closure rows [-]; lengths divided by the characteristic length.
         jacobian: (n_rows + n_passive, nv) derivative of the rows with respect to the scaled
             velocities v / `velocity_scale`; the last ones are spin rates.
@@ -340,6 +341,7 @@ class Evaluation:
         self.turns = np.zeros(c.n_angles)
         self.angle_jacobian = np.zeros((c.n_angles, nv))
         self._zero = np.zeros(nv)
+        self.q = c.mechanism.neutral
         self.placements = placements(self.data)
         self._g = self.placements.reshape(4 * n, 3)
         self._twists, self._accelerations = twists(self.data), accelerations(self.data)
@@ -388,7 +390,7 @@ class Evaluation:
 
     def update_wrenches(self, q: Array) -> None:
         """Evaluate placements, joint Jacobian, values and wrenches of the rows at q (nq,) only."""
-        c = self.constraints
+        c, self.q = self.constraints, q
         pin.computeJointJacobians(self.model, self.data, q)
         if self._n_all:
             _product(c.c_abx, self._g, self._abx)

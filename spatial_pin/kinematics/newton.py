@@ -24,7 +24,8 @@ from spatial_pin.linalg import (
     rows_factored,
     rows_solved,
 )
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.configuration import coordinate_bias, coordinate_row
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
@@ -145,11 +146,20 @@ class SquareSystem:
         for row, coordinate in zip(self._drive, self.driven, strict=True):
             row[coordinate.v] = 1.0
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
+        self._bent = [(k, c) for k, c in enumerate(self.driven)
+                      if c.q < 0 and not isinstance(c, VelocityEntry)]
         self.matrix = np.zeros((nv, nv))
         self._whole = False
         self.size = 0.0
         if q is not None:
             self.select(q)
+
+    def _aim(self) -> None:
+        """Turn the rows of driven coordinates whose rates are no entries of the velocity."""
+        evaluation = self.evaluation
+        for k, c in self._bent:
+            row = coordinate_row(evaluation.mechanism, c, evaluation.q)
+            self._drive[k] = row * self.scale / self._drive_scale[k]
 
     def select(self, q: Array) -> None:
         """Choose the independent rows at q.
@@ -159,6 +169,7 @@ class SquareSystem:
         """
         evaluation = self.evaluation
         evaluation.update(q)
+        self._aim()
         n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.driven)
         self.rows = independent_rows(evaluation.jacobian[:n])
         r = len(self.rows)
@@ -263,6 +274,9 @@ class SquareSystem:
     def factor(self) -> bool:
         """Factor the matrix at the evaluation's configuration; False when it is singular."""
         k = self.matrix
+        if self._bent:
+            self._aim()
+            k[self._drivers] = self._drive
         if not self._whole:
             jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
             k[self._closure] = jacobian[self.rows]
@@ -345,6 +359,9 @@ class SquareSystem:
 
     def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
         """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
+        for k, c in self._bent:
+            drive = drive.copy()
+            drive[k] -= coordinate_bias(self.evaluation.mechanism, c, q, v)
         return self.rates_of(self.evaluation.bias(q, v), drive)
 
     def rates_of(self, bias: Array, drive: Array) -> Array:

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from typing import Any
 
 import numpy as np
 
 from spatial_pin.checks import mapping
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
+from spatial_pin.kinematics.prescribed import (
+    check_one_meaning,
+    rate_coordinates,
+    rates_given,
+    siblings,
+)
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import EPS, Array, decompose, independent_rows, rank
-from spatial_pin.mechanism.configuration import finite_number
+from spatial_pin.mechanism.configuration import coordinate_row
 from spatial_pin.mechanism.lending import lent
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 
 ROUND_OFF = 8.0 * EPS  # of a closure row
 WELL = 1e-3  # smallest over largest pivot above which round-off is not looked at closely
@@ -26,7 +33,7 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
 
     The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
     """
-    wanted = [mechanism.driven_coordinate(name) for name in names]
+    wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
     drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
     chosen = drivers if all(c in drivers for c in wanted) else wanted
     return list(dict.fromkeys(chosen))
@@ -87,13 +94,20 @@ def square_system(state: State, names: Iterable[str]) -> Iterator[SquareSystem]:
     Raises:
         SingularError: the rates are not determined there.
     """
+    with _system(state, driven_coordinates(state.mechanism, names)) as system:
+        yield system
+
+
+@contextmanager
+def _system(state: State, driven: list[Coordinate]) -> Iterator[SquareSystem]:
+    """Lend the factored square system of a closed state with coordinates prescribed."""
     mechanism = state.mechanism
-    driven = driven_coordinates(mechanism, names)
 
     def made() -> SquareSystem:
         return SquareSystem(Evaluation(constraints_of(mechanism)), driven)
 
-    with lent(mechanism, ("system", tuple(c.v for c in driven)), made) as system:
+    key = "system", tuple((c.v, isinstance(c, VelocityEntry)) for c in driven)
+    with lent(mechanism, key, made) as system:
         system.evaluation.turns[:] = state.angles
         try:
             system.move(state.q)
@@ -109,11 +123,68 @@ def square_system(state: State, names: Iterable[str]) -> Iterator[SquareSystem]:
         yield system
 
 
+def _choices(state: State, named: list[Coordinate]) -> Iterator[list[Coordinate]]:
+    """Yield what may be prescribed when some coordinates are named, the best first.
+
+    The mechanism's drivers when all are drivers; if there are more of them than freedoms, those
+    named. Otherwise, beside the named ones, the other coordinates of their joints and the drivers
+    stand still: all of them if they can, or all of a kind, for nobody says which do not.
+    """
+    mechanism = state.mechanism
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
+    if all(c in drivers for c in named):
+        yield drivers
+        with evaluation_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            closed = evaluation.jacobian[: evaluation.constraints.n_rows]
+            freedoms = mechanism.model.nv - rank(closed)
+        if len(drivers) > freedoms:
+            yield named
+        return
+    beside = siblings(mechanism, named)
+    still = [c for c in drivers if c not in named and c not in beside]
+    for more in ([*beside, *still], beside, still):
+        if more and _are_independent(state, [*named, *more]):
+            yield [*named, *more]
+    yield named
+
+
+def _are_independent(state: State, driven: list[Coordinate]) -> bool:
+    """Whether coordinates can move independently of each other at a state."""
+    with evaluation_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        closed = evaluation.jacobian[: evaluation.constraints.n_rows]
+        rows = [coordinate_row(state.mechanism, c, state.q) * state.mechanism.velocity_scale
+                for c in driven]
+        sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+        return rank(np.vstack([closed, rows / sizes])) == rank(closed) + len(driven)
+
+
+@contextmanager
+def _determining(state: State, named: list[Coordinate]) -> Iterator[SquareSystem]:
+    """Lend the square system that determines the rates when some coordinates are named.
+
+    Raises:
+        SingularError: none does.
+    """
+    errors: list[SingularError] = []
+    for driven in _choices(state, list(dict.fromkeys(named))):
+        with ExitStack() as stack:
+            try:
+                system = stack.enter_context(_system(state, driven))
+            except SingularError as error:
+                errors.append(error)
+                continue
+            yield system
+            return
+    raise errors[-1]
+
+
 def solve_rates(
     mechanism: Mechanism,
     state: State,
-    speeds: Mapping[str, float] | None = None,
-    accelerations: Mapping[str, float] | None = None,
+    speeds: Mapping[str, Any] | None = None,
+    accelerations: Mapping[str, Any] | None = None,
 ) -> State:
     """Solve velocities and accelerations of all joints of a closed state.
 
@@ -124,8 +195,14 @@ def solve_rates(
     Args:
         mechanism: the mechanism.
         state: a closed configuration, from `assemble`.
-        speeds: speed of each driver or coordinate [rad/s, m/s]; drivers left out stand still.
-        accelerations: likewise [rad/s², m/s²].
+        speeds: speed of each driver, coordinate or joint [rad/s, m/s]; drivers left out stand
+            still. A coordinate's is its derivative (`ball.x`: of the rotation vector), and the
+            other coordinates of its joint stand still where the loops leave that open. A joint of
+            several freedoms takes them all as Pinocchio has its velocity: a spherical joint
+            [x, y, z] the angular velocity of the child in the child's axes, a floating one the
+            linear velocity in these axes before that, the others the rates of their coordinates.
+        accelerations: likewise [rad/s², m/s²]: second derivatives of coordinates, derivatives of
+            the joint's velocity.
 
     Returns:
         The State with v and a, and `rate_error`.
@@ -133,18 +210,18 @@ def solve_rates(
     Raises:
         SingularError: the drivers do not determine the rates there; says which and why.
         UnknownNameError: a name does not exist.
-        ValueError: a value is NaN or infinite, or makes rates that are.
+        ValueError: a value is NaN or infinite, or makes rates that are; or a joint is not given as
+            many as it has freedoms.
     """
     state = of_mechanism(mechanism, state)
     speeds = mapping(speeds, "speeds")
     accelerations = mapping(accelerations, "accelerations")
-    v_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"speed of {k!r}")
-            for k, x in speeds.items()}
-    a_of = {mechanism.driven_coordinate(k).name: finite_number(x, f"acceleration of {k!r}")
-            for k, x in accelerations.items()}
-    with square_system(state, [*speeds, *accelerations]) as system:
-        drive_v = np.array([v_of.get(c.name, 0.0) for c in system.driven])
-        drive_a = np.array([a_of.get(c.name, 0.0) for c in system.driven])
+    v_of = rates_given(mechanism, speeds, "speed")
+    a_of = rates_given(mechanism, accelerations, "acceleration")
+    check_one_meaning(mechanism, [*v_of, *a_of])
+    with _determining(state, [*v_of, *a_of]) as system:
+        drive_v = np.array([v_of.get(c, 0.0) for c in system.driven])
+        drive_a = np.array([a_of.get(c, 0.0) for c in system.driven])
         rates = system.driver_rates()
         with np.errstate(over="ignore", invalid="ignore"):
             v = rates @ drive_v

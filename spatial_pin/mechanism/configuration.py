@@ -139,6 +139,29 @@ def coordinate_rates(
     return CoordinateRates(phi[:, k], rate[:, k], acceleration[:, k])
 
 
+def coordinate_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
+    """Return the derivative (nv,) of a coordinate's value with respect to joint velocities."""
+    row = np.zeros(mechanism.model.nv)
+    if coordinate.q >= 0:
+        row[coordinate.v] = 1.0
+        return row
+    i = mechanism.joint_id(coordinate.joint)
+    at = slice(mechanism.model.idx_vs[i], mechanism.model.idx_vs[i] + mechanism.model.nvs[i])
+    units = np.eye(mechanism.model.nv)[at]
+    here = np.repeat(q[None], len(units), axis=0)
+    row[at] = coordinate_rates(mechanism, coordinate.name, here, units, 0.0 * units,
+                               continued=False).rate
+    return row
+
+
+def coordinate_bias(mechanism: Mechanism, coordinate: Coordinate, q: Array, v: Array) -> float:
+    """Return the second derivative of a coordinate's value at zero joint accelerations."""
+    if coordinate.q >= 0:
+        return 0.0
+    return float(coordinate_rates(mechanism, coordinate.name, q[None], v[None],
+                                  np.zeros((1, len(v)))).acceleration[0])
+
+
 def _floating_translation(
     k: int, x: Array, quaternions: Array, v: Array, a: Array
 ) -> CoordinateRates:

@@ -41,6 +41,12 @@ class Coordinate(NamedTuple):
     place: int
 
 
+class VelocityEntry(Coordinate):
+    """An entry of a joint's velocity as Pinocchio has it, which is not its coordinate's rate."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Closure:
     """One loop closure.
@@ -241,8 +247,8 @@ class Mechanism:
         if coordinate.q < 0:
             raise MechanismFileError(
                 f"mechanism {self.name!r}: {coordinate.name!r} is a component of a "
-                f"{self.pair_of(coordinate.joint)} joint and cannot be prescribed by itself; "
-                "model the joint as a chain of revolute joints to drive it"
+                f"{self.pair_of(coordinate.joint)} joint: solve_rates takes its speed, but it "
+                "cannot be held or driven; model the joint as a chain of revolute joints for that"
             )
         return coordinate
 
