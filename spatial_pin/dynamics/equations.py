@@ -19,9 +19,10 @@ import pinocchio as pin
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
-from spatial_pin.dynamics.saddle import SINGULAR, IndependentCoordinates, SaddlePoint
+from spatial_pin.dynamics.saddle import ROUNDING, SINGULAR, IndependentCoordinates, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
+from spatial_pin.kinematics.mobility import is_in_loop
 from spatial_pin.kinematics.newton import Regular, lost_rank, passive_freedoms, rank_loss
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.views import forces as force_view
@@ -39,6 +40,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 
 DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
+ON_AXIS = 1e-6  # characteristic lengths that a centre of mass may be off the axis of a link idle
 LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
 
 
@@ -69,6 +71,7 @@ class Equations:
         self.native: NativeDynamics | None = None
         self.asked = False
         self._dense: SaddlePoint | None = None
+        self._trial: pin.Data | None = None
         self._rest = np.zeros(self.model.nv)
         self._make_rows()
 
@@ -114,6 +117,12 @@ class Equations:
         if self.wrenches:
             self.given = self.turning + generalised(evaluation, self.wrenches)
 
+    @property
+    def applied(self) -> Array:
+        """(nv,) generalised forces of springs and external wrenches, without resistance."""
+        resistance = self.springs.resistance
+        return self.given - resistance.forces(self.state.v) if resistance else self.given
+
     # ------------------------------------------------------------ closure rows
 
     @property
@@ -156,6 +165,42 @@ class Equations:
     def passive_among(self, freedoms: Array) -> int:
         """Return how many of the freedoms (k, nv), which leave actuators at rest, are passive."""
         return len(self._passive(freedoms))
+
+    def idle_among(self, freedoms: Array) -> Array:
+        """Return the idle rotations (k, nv), scaled, among freedoms that leave actuators at rest.
+
+        They turn a link of a loop and move no centre of mass.
+        """
+        found = [np.zeros((0, len(self.scale)))]
+        for joint, motions in passive_freedoms(self.evaluation, freedoms * self.scale):
+            if is_in_loop(self.mechanism, joint):
+                scaled = motions / self.scale
+                svd = decompose(np.array([self._shift(motion) for motion in motions]).T)
+                moved = svd.s > ON_AXIS * np.abs(scaled).max()
+                found.append(svd.vt[np.count_nonzero(moved) :] @ scaled)
+        return np.vstack(found)
+
+    def _shift(self, v: Array) -> Array:
+        """Return how the centres of mass move at joint velocities v (nv,), (3 bodies,) [1/s].
+
+        Per characteristic length; nothing for bodies without mass.
+        """
+        if self._trial is None:
+            self._trial = self.model.createData()
+        pin.forwardKinematics(self.model, self._trial, self.state.q, v)
+        moved = [(twist.linear + np.cross(twist.angular, inertia.lever)) * (inertia.mass > 0.0)
+                 for twist, inertia in zip(self._trial.v, self.model.inertias, strict=True)]
+        return np.concatenate(moved) / self.mechanism.characteristic_length
+
+    def round_off(self, a: Array) -> float:
+        """Return what round-off leaves of scaled forces at accelerations a (nv,) [N·m, or alike]."""
+        state, scale = self.state, self.scale
+        weight = sum(i.mass for i in self.model.inertias) * float(
+            np.linalg.norm(self.model.gravity.linear)) * self.mechanism.characteristic_length
+        heaviest = float(np.abs(scale[:, None] * self.mass() * scale).max(initial=0.0))
+        rates = float(np.abs(a / scale).max(initial=0.0))
+        rates += float(np.abs(state.v / scale).max(initial=0.0)) ** 2
+        return ROUNDING * (weight + heaviest * rates)
 
     def active_among(self, freedoms: Array) -> Array:
         """Return the freedoms (k, nv) that are left when passive ones are taken away."""

@@ -11,6 +11,7 @@ from spatial_pin.checks import finite_number
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
+from spatial_pin.dynamics.saddle import HOLDS
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array, decompose
@@ -88,9 +89,10 @@ def inverse_dynamics(
 ) -> Efforts:
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
-    With more actuators than freedoms the efforts of least (weighted) squares are taken. Passive
-    freedoms are driven by nobody: their accelerations are those that the forces give them,
-    whatever `state` says, and nothing else depends on them. At rest this is statics.
+    With more actuators than freedoms the efforts of least (weighted) squares are taken. Idle
+    rotations of a link in a loop are driven by nobody: their accelerations are those that inertia
+    and resistance give them, whatever `state` says. All else that moves must be actuated, or be
+    without load: a link at an end hinge would fall, were it let go. At rest this is statics.
 
     Args:
         mechanism: the mechanism.
@@ -105,7 +107,8 @@ def inverse_dynamics(
         The Efforts.
 
     Raises:
-        SpatialPinError: a freedom is not actuated; says which coordinates it moves.
+        SpatialPinError: a freedom is not actuated, or carries load though nobody drives it; says
+            which coordinates it moves.
         SingularError: the loops lose rank there.
         UnknownNameError: a name does not exist.
         ValueError: a weight is not positive.
@@ -124,17 +127,20 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     """Return efforts (k,), accelerations (nv,), and the joint forces (nv,) closures must bear.
 
     Along every freedom N of the closed loops, N^T (M a + b - f - E x) = 0. The accelerations are
-    those of the equations' state but for passive freedoms.
+    those of the equations' state but for idle rotations.
 
     Raises:
-        SpatialPinError: a freedom is not actuated.
+        SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
     equations.check_rank(equations.spaces.rank)
     a = equations.state.a
     spare = _unactuated(equations, actuation)
     if len(spare):
-        a = _spun(equations, spare, a)
+        idle = equations.idle_among(spare)
+        if len(idle):
+            a = _spun(equations, idle, a)
+        _refuse_load(equations, spare, idle, a)
     wanted = equations.motion_forces(a) - equations.given
     work = equations.spaces.null_space * equations.scale
     pull = decompose(work[:, actuation.columns] * actuation.root)
@@ -143,7 +149,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
 
 
 def _unactuated(equations: Equations, actuation: Actuation) -> Array:
-    """Return the freedoms (k, nv), scaled, that no actuator moves; all must be passive."""
+    """Return the freedoms (k, nv), scaled, that no actuator moves; each moves one link only."""
     freedoms = equations.spaces.null_space
     pull = freedoms[:, actuation.columns]
     size = np.abs(pull).max(axis=0, initial=0.0)
@@ -160,15 +166,38 @@ def _unactuated(equations: Equations, actuation: Actuation) -> Array:
     return spare
 
 
-def _spun(equations: Equations, passive: Array, a: Array) -> Array:
-    """Return the accelerations (nv,) with passive freedoms (k, nv) moving as forces say."""
-    work = passive * equations.scale
+def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> None:
+    """Refuse freedoms (k, nv), scaled, that nobody drives but that something works on.
+
+    Weights, springs, forces from outside and the accelerations a (nv,) that are given: an end link
+    would fall under them. Of idle rotations (m, nv), whose accelerations are free, springs and
+    forces from outside.
+
+    Raises:
+        SpatialPinError: says which coordinates need an actuator.
+    """
+    scale, wanted = equations.scale, equations.motion_forces(a) - equations.given
+    allowed = HOLDS * float(np.abs(scale * wanted).max()) + equations.round_off(a)
+    for motions, force in ((spare, wanted), (idle, equations.applied)):
+        loads = motions @ (scale * force)
+        if np.abs(loads).max(initial=0.0) > allowed:
+            names = equations.moving(motions[np.abs(loads) > allowed])
+            raise SpatialPinError(
+                f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "
+                f"weight, a spring, a force or inertia works on {', '.join(names)}; actuate one of "
+                "them"
+            )
+
+
+def _spun(equations: Equations, idle: Array, a: Array) -> Array:
+    """Return the accelerations (nv,) with idle rotations (k, nv) moving as forces say."""
+    work = idle * equations.scale
     mass = equations.mass()
     wanted = equations.motion_forces(a) - equations.given
     heaviest = float(np.abs(equations.scale[:, None] * mass * equations.scale).max()) or 1.0
     inertia, load = work @ mass @ work.T / heaviest, work @ wanted / heaviest
     z = -decompose(inertia).minimum_norm(load)
     size = np.abs(equations.scale * wanted).max() / heaviest
-    if np.abs(inertia @ z + load).max() > 1e-9 * size:
-        raise equations.no_inertia(passive)
+    if np.abs(inertia @ z + load).max() > HOLDS * size:
+        raise equations.no_inertia(idle)
     return a + work.T @ z

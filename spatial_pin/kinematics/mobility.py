@@ -342,11 +342,15 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     tangents = null_space(np.vstack([evaluation.jacobian[:n], drive]), SINGULAR) * scale
     if not len(tangents):
         return []
-    joined = _pairs_of_bodies(mechanism)
-    groups = driven_groups(mechanism)
     return [(joint, velocities) for joint, velocities in passive_freedoms(evaluation, tangents)
-            if sum(n for n, g in zip(joined, groups, strict=True)
-                   if g == groups[mechanism.joint_id(joint)]) > 1]
+            if is_in_loop(mechanism, joint)]
+
+
+def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
+    """Whether the body of a joint, with what drivers hold to it, carries more than one pair."""
+    groups = driven_groups(mechanism)
+    own = groups[mechanism.joint_id(joint)]
+    return sum(n for n, g in zip(_pairs_of_bodies(mechanism), groups, strict=True) if g == own) > 1
 
 
 def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:
