@@ -193,7 +193,7 @@ class Equations:
         return np.concatenate(moved) / self.mechanism.characteristic_length
 
     def round_off(self, a: Array) -> float:
-        """Return what round-off leaves of scaled forces at accelerations a (nv,) [N·m, or alike]."""
+        """Return what round-off leaves of scaled forces at accelerations a (nv,) [N·m]."""
         state, scale = self.state, self.scale
         weight = sum(i.mass for i in self.model.inertias) * float(
             np.linalg.norm(self.model.gravity.linear)) * self.mechanism.characteristic_length
