@@ -24,6 +24,7 @@ from spatial_pin.errors import (
     SingularError,
     SpatialPinError,
     SpatialPinWarning,
+    StepLimitError,
     UnknownNameError,
 )
 from spatial_pin.kinematics.assembly import assemble
@@ -111,6 +112,7 @@ __all__ = [
     "SpatialPinWarning",
     "Spring",
     "State",
+    "StepLimitError",
     "Tolerance",
     "Tradeoff",
     "Transmission",

@@ -96,6 +96,18 @@ class SingularError(SpatialPinError):
         self.motion = motion
 
 
+class StepLimitError(SpatialPinError):
+    """A simulation has taken as many steps as it may.
+
+    Attributes:
+        motion: what was reached before it.
+    """
+
+    def __init__(self, message: str, *, motion: Motion | None = None) -> None:
+        super().__init__(message)
+        self.motion = motion
+
+
 class ContinuumError(SingularError):
     """With the given values held the mechanism can still move: its modes cannot be listed.
 

@@ -46,6 +46,8 @@ class Accuracy:
             or of a pendulum as large, see `dynamics.timescale`. The pace and the masses of a
             mechanism make no difference.
         step: fixed step of "RK4" and "Gauss", longest step of the others [s].
+        most_steps: of `simulate`: steps after which an adaptive integrator gives up, so that every
+            simulation ends; a motion of a hundred thousand turns takes about a million.
 
     Many values of a sweep are taken together, many times faster, with order 3 to tolerance only.
     """
@@ -57,6 +59,7 @@ class Accuracy:
     integrator: str = "automatic"
     time_tolerance: float = 4e-12
     step: float | None = None
+    most_steps: int = 1_000_000
 
     def __post_init__(self) -> None:
         order = whole_number(self.order, "order")
@@ -77,6 +80,9 @@ class Accuracy:
         _check_name("integrator", self.integrator, INTEGRATORS)
         if self.step is not None:
             object.__setattr__(self, "step", positive_number(self.step, "step"))
+        object.__setattr__(self, "most_steps", whole_number(self.most_steps, "most_steps"))
+        if self.most_steps < 1:
+            raise ValueError(f"most_steps is {self.most_steps}; it must be positive")
 
     @classmethod
     def named(cls, level: str) -> Accuracy:

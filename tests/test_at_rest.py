@@ -146,3 +146,62 @@ def test_a_driver_that_stands_still_by_law_holds_all(tmp_path, name):
     value = state.coordinate(held)[0]
     motion = sp.simulate(mech, state, 1.0, drives={held: lambda t: (value, 0.0, 0.0)})
     assert max(np.abs(pin.difference(mech.model, state.q, q)).max() for q in motion.q) < 1e-11
+
+
+# ---------------------------------------------------------------- every loop ends
+
+
+def test_a_simulation_without_end_says_where_it_has_come_to(tmp_path):
+    """A pendulum that swings for an age; what was reached is kept."""
+    mech, _ = double(tmp_path)
+    state = sp.assemble(mech, guess={"shoulder": 0.3})
+    for formulation in ("independent", "projected"):
+        with pytest.raises(sp.StepLimitError, match=r"70 steps have .*most_steps=700") as told:
+            sp.simulate(mech, state, 1e12, times=np.linspace(0.0, 1e12, 11), accuracy=sp.Accuracy(
+                most_steps=70, formulation=formulation, time_tolerance=1e-8))
+        assert told.value.motion.steps == 70
+        assert told.value.motion.time.tolist() == [0.0]
+
+
+def test_fixed_steps_are_as_many_as_were_asked_for(tmp_path):
+    mech, guess = hanging(tmp_path, 0.1)
+    motion = sp.simulate(mech, sp.assemble(mech, guess=guess), 1.0, accuracy=sp.Accuracy(
+        integrator="RK4", step=0.01, most_steps=3))
+    assert motion.steps == 100
+
+
+@pytest.mark.parametrize("most", [0, -3, 1.5, "many"])
+def test_a_number_of_steps_that_is_none_is_refused(most):
+    with pytest.raises((ValueError, TypeError), match="most_steps"):
+        sp.Accuracy(most_steps=most)
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("duration", [1e-100, 1e-20, 1e-9])
+def test_a_duration_of_no_time_is_over_at_once(tmp_path, duration, setting):
+    """Some integrators of others never get to the end of it."""
+    mech, _ = hanging(tmp_path, 0.1)
+    state = sp.assemble(mech, guess={"pin": 1.1})
+    motion = sp.simulate(mech, state, duration, times=[0.0, duration],
+                         accuracy=sp.Accuracy(**SETTINGS[setting]))
+    assert motion.time.tolist() == [0.0, duration]
+    assert np.abs(motion.q - state.q).max() < 1e-15
+
+
+def test_bodies_at_rest_are_so_after_an_age(tmp_path):
+    """Where nothing at all moves steps grow without end."""
+    mech, guess = ball(tmp_path)
+    state = sp.assemble(mech, guess=guess)
+    assert sp.simulate(mech, state, 1e9, times=[1e9]).steps < 1000
+
+
+@pytest.mark.parametrize("start", [1e12, 1e15, -3e16])
+def test_a_driver_far_beyond_all_turns_ends_somewhere(start):
+    """A step lost in the round-off of the driver's value is none."""
+    mech = sp.load("four_bar")
+    try:
+        state = sp.assemble(mech, {"crank": start})
+        motion = sp.sweep(mech, "crank", start + np.linspace(0.0, 7.0, 5), guess=state)
+    except sp.SpatialPinError:
+        return
+    assert motion.closure_error.max() < 1e-9

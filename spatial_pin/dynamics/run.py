@@ -14,7 +14,12 @@ from spatial_pin.dynamics.simulation import ByDriver, Projection, Simulation, en
 from spatial_pin.dynamics.steppers import AUTOMATIC, FIXED, STEPPERS
 from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
-from spatial_pin.errors import SingularError, SpatialPinError, SpatialPinWarning
+from spatial_pin.errors import (
+    SingularError,
+    SpatialPinError,
+    SpatialPinWarning,
+    StepLimitError,
+)
 from spatial_pin.kinematics.constraints import constraints_of
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Event
@@ -104,6 +109,7 @@ class Run:
         self._projections: list[Projection] = []  # of systems that were given up
         self._largest, self._creeping = np.zeros(2), 0
         self._begun_at, self._failed_at, self._warned = 0.0, -1.0, False
+        self._has_failed = False
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self.integrators: list[str] = []
         self._began = time.perf_counter()
@@ -131,7 +137,7 @@ class Run:
                 self.evaluations += system.evaluations - before
                 self.rows.fill(system)
             if self.t < self.end:
-                system = self._begin_again(system, self._solver.status == "failed")
+                system = self._begin_again(system, self._has_failed)
 
     def _integrator(self, system: System, longest: float = np.inf) -> Any:
         """Return an integrator at the present place, its errors counted in natural units."""
@@ -143,10 +149,11 @@ class Run:
     def _steps(self, system: System) -> Iterator[bool]:
         """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
         self._solver = solver = self._integrator(system)
-        held = False
+        held = self._has_failed = False
         while solver.status == "running":
             solver.step()
-            if solver.status == "failed":
+            if solver.status == "failed" or not solver.t > solver.t_old:  # LSODA goes on for ever
+                self._has_failed = True
                 break
             opened = system.settle(solver) or 0.0
             if opened > 1.0:
@@ -159,8 +166,24 @@ class Run:
             self._note_integrator(system, solver)
             self.t, self.y = solver.t, solver.y
             yield self._take(system, solver)
+            self._refuse_to_go_on_for_ever(solver)
             if solver.status == "running" and system.is_worn(self.t, solver.y):
                 break
+
+    def _refuse_to_go_on_for_ever(self, solver: Any) -> None:
+        """Refuse more steps than are allowed; how many fixed ones there are was known before.
+
+        Raises:
+            StepLimitError: there would be more.
+        """
+        most = self.accuracy.most_steps
+        if self.steps < most or solver.status != "running" or self.accuracy.integrator in FIXED:
+            return
+        raise StepLimitError(
+            f"mechanism {self.problem.mechanism.name!r}: {most} steps have led to {self.t:.6g} s "
+            f"of {self.end:.6g} s, the last of {solver.t - solver.t_old:.2g} s: take a shorter "
+            "duration, a larger time_tolerance, integrator='Radau' where strong springs or "
+            f"dampers make steps short, or Accuracy(most_steps={10 * most})")
 
     def _note_integrator(self, system: System, solver: Any) -> None:
         """Keep the names of integrators used; warn once of an explicit one that only creeps."""

@@ -19,7 +19,7 @@ from spatial_pin.dynamics.run import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation import Projection, Simulation, driver_names
 from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError, StepLimitError
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
@@ -80,6 +80,7 @@ def simulate(
     Raises:
         SingularError: the motion is not determined at some configuration; `.motion` holds what
             came before.
+        StepLimitError: it would take more steps than `accuracy.most_steps`; so does it.
         SpatialPinError: the state does not fit the laws, or is beyond a joint limit at which the
             simulation is to stop, or the integrator gives up.
         UnknownNameError: a name does not exist.
@@ -108,7 +109,7 @@ def simulate(
             f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
             f"{why}", motion=run.motion(),
         ) from None
-    except SingularError as error:
+    except (SingularError, StepLimitError) as error:
         error.motion = run.motion()
         raise
     finally:

@@ -310,7 +310,10 @@ class Branch:
                 raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
             if self.spins and self.accuracy.corrections is None:
                 stretches *= STRETCH / SPUN
-            self._reach(target if stretches <= 1.0 else self.s + (target - self.s) / stretches)
+            goal = target if stretches <= 1.0 else self.s + (target - self.s) / stretches
+            if goal == self.s:  # a stretch is lost in the round-off of the driver's value
+                raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
+            self._reach(goal)
 
     def _stretches(self, target: float) -> float:
         """Return how many stretches away a target is at the present rates."""
@@ -325,9 +328,9 @@ class Branch:
         size, smallest = 0.5 * h, abs(h) * 0.5**HALVINGS
         while self.s != target:
             goal = target if abs(target - self.s) <= abs(size) * (1 + 1e-12) else self.s + size
-            if self.step(goal):
+            if goal != self.s and self.step(goal):
                 size *= 2.0
-            elif abs(size) > smallest:
+            elif goal != self.s and abs(size) > smallest:
                 size *= 0.5
             else:
                 self._march(target)

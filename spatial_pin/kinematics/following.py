@@ -132,6 +132,9 @@ def _pass_crossing(
         crossed += [(x, row) for x in found.crossed(float(values[max(row - 1, 0)]), value)]
         if not found.holds(value):
             found.leave(branch, value)
+            if row == stopped.row and not abs(value - branch.s) < abs(
+                    value - stopped.arrival.value):  # no nearer than before
+                raise stopped
             return row
         found.put(branch, value)
         record.put(row, branch)

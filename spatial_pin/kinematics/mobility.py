@@ -301,10 +301,10 @@ def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
 def _generated_algebra(twists: Array) -> Array:
     """Return an orthonormal basis of the Lie algebra that twists (k, 6), linear first, generate."""
     basis = row_space(twists, ALGEBRA_TOLERANCE)
-    while True:
+    while True:  # it grows to dimension 6 at most
         brackets = [_bracket(a, b) for i, a in enumerate(basis) for b in basis[:i]]
         larger = row_space(np.vstack([basis, *brackets]), ALGEBRA_TOLERANCE)
-        if len(larger) == len(basis):
+        if len(larger) <= len(basis):
             return larger
         basis = larger
 

@@ -93,8 +93,9 @@ class _Line:
     def close(self) -> None:
         """Close the websocket and end its thread."""
         self._loop.call_soon_threadsafe(self._socket.close)
+        deadline = time.monotonic() + GRACE  # a page may report without end
         with contextlib.suppress(queue.Empty):
-            while self.receive(GRACE) is not None:
+            while time.monotonic() < deadline and self.receive(GRACE) is not None:
                 pass
         self._end()
 
@@ -190,8 +191,11 @@ class Browser:
     def _answer(self, method: str) -> dict[str, Any]:
         """Return the answer to the last question; what else comes before it is an event."""
         assert self._line is not None
+        deadline = time.monotonic() + PATIENCE
         while True:
             try:
+                if time.monotonic() > deadline:
+                    raise queue.Empty
                 text = self._line.receive()
             except queue.Empty:
                 raise SpatialPinError(
