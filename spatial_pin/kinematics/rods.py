@@ -243,7 +243,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
             small.addFrame(pin.Frame(name, at, 0, on * end.there, pin.FrameType.OP_FRAME))
         closures.append(Closure(f"rod {k}", "distance", frames,
                                 PairGeometry(np.eye(3), np.eye(3), length)))
-    core = Mechanism(mechanism.name, small, mechanism.visual_model, mechanism.collision_model,
+    core = Mechanism(mechanism.name, small, pin.GeometryModel(), pin.GeometryModel(),
                      tuple(mechanism.pairs[i - 1] for i in joints), tuple(closures))
     # lengths are divided as in the whole mechanism
     vars(core)["characteristic_length"] = mechanism.characteristic_length

@@ -123,8 +123,7 @@ def _load_toml(path: Path, parameters: Mapping[str, float], trusted: bool) -> Me
         check_file(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(top.text('tree'))!r}: {error}")
-    made = _of_table(top, file, expand(file, parameters, trusted), path, parameters)
-    return replace(made, trusted=True) if trusted else made
+    return _of_table(top, file, expand(file, parameters, trusted), path, parameters, trusted)
 
 
 def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
@@ -143,7 +142,8 @@ def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
 
 
 def _of_table(
-    top: _Table, file: Path, urdf: str, path: Path, parameters: Mapping[str, float]
+    top: _Table, file: Path, urdf: str, path: Path, parameters: Mapping[str, float],
+    trusted: bool = False,
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file `path`."""
     name, _ = top.text("name"), top.text("tree")
@@ -153,6 +153,7 @@ def _of_table(
         tree.model.gravity.linear = top.vector("gravity")
     parts = {
         "tree": file,
+        "trusted": trusted,
         "title": top.text("title", ""),
         "source": top.text("source", ""),
         "closures": tuple(_closure(table) for table in top.array("closures")),
@@ -175,8 +176,8 @@ def _build(
     )
     parts["closures"] = (*parts.get("closures", ()), *mimics)
     mechanism = Mechanism(
-        name=name, model=tree.model, visual_model=tree.visual_model,
-        collision_model=tree.collision_model, pairs=tree.pairs, inertias=tree.inertias,
+        name=name, model=tree.model, visual_model=tree.shapes.visual,
+        collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(parameters), path=path, urdf=tree.urdf, slip_speeds=tree.slip_speeds,
         **parts,
     )

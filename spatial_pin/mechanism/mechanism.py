@@ -147,7 +147,7 @@ class Mechanism:
     Attributes:
         name, title, source: what the file says of it.
         model: the open tree.
-        visual_model, collision_model: its geometry.
+        visual_model, collision_model: its geometry; meshes are read when it is first asked for.
         pairs: pair name of every joint, in the order of `model.joints[1:]`.
         closures: the loop closures, in the file's order.
         drivers: the prescribed coordinates, by name.
@@ -392,6 +392,28 @@ class Mechanism:
             f"{len(self.coordinates)} coordinates, {len(self.closures)} closures, "
             f"drivers {list(self.drivers)})"
         )
+
+
+class _MadeWhenAsked:
+    """A field that is given its value, or a function that makes it when it is first asked for."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, owner: Any, kind: type | None = None) -> Any:
+        if owner is None:
+            return self
+        value = owner.__dict__[self.name]
+        if callable(value):
+            value = owner.__dict__[self.name] = value()
+        return value
+
+    def __set__(self, owner: Any, value: Any) -> None:
+        owner.__dict__[self.name] = value
+
+
+for _name in ("visual_model", "collision_model"):
+    setattr(Mechanism, _name, _MadeWhenAsked(_name))
 
 
 def check_mechanism(mechanism: Mechanism, where: str) -> None:

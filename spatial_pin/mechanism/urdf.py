@@ -9,8 +9,6 @@ so that they count turns.
 from __future__ import annotations
 
 import math
-import os
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,6 +20,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import put_inertias
+from spatial_pin.mechanism.meshes import Shapes, put_stand_ins, take_meshes
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
 from spatial_pin.mechanism.urdf_checks import check_joint, check_links, check_structure, numbers
 from spatial_pin.mechanism.xacro_files import expand, parse_xml
@@ -65,7 +64,7 @@ class Tree:
 
     Attributes:
         model: Pinocchio model with the refined joints.
-        visual_model, collision_model: geometry, same joint numbering.
+        shapes: what is drawn and what collides, same joint numbering.
         pairs: pair name of every joint of the model, in the order of `model.joints[1:]`.
         inertias: inertia of every link that has one, in the link's frame.
         mimics: (mimicking joint, mimicked joint, multiplier, offset).
@@ -74,8 +73,7 @@ class Tree:
     """
 
     model: pin.Model
-    visual_model: pin.GeometryModel
-    collision_model: pin.GeometryModel
+    shapes: Shapes
     pairs: tuple[str, ...]
     inertias: dict[str, pin.Inertia]
     mimics: tuple[tuple[str, str, float, float], ...]
@@ -110,16 +108,14 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
     pairs = _joint_pairs(robot, refinements, path)
     for joint in robot.findall("joint"):
         check_joint(joint, f"{path}: joint {joint.get('name')!r}")
-    _resolve_meshes(robot, path)
-    text = ET.tostring(robot, encoding="unicode")
-    if robot.find("link/*/geometry/mesh") is not None:
+    meshes = take_meshes(robot, path)
+    text = _written(robot, path)
+    if meshes:
         urdf = text  # with absolute paths, so that it can be exported to another folder
+        put_stand_ins(robot)
+        text = _written(robot, path)
     try:
         model = pin.buildModelFromXML(text)
-        visual, collision = (
-            pin.buildGeomFromUrdfString(model, text, kind)
-            for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
-        )
     except Exception as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
@@ -133,53 +129,15 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
             f"{path}: inertias leave the range of numbers: it is too large or too heavy"
         ) from error
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
-    return Tree(rebuilt, visual, collision, order, inertias, mimics, urdf, slip_speeds)
+    shapes = Shapes(rebuilt, text, meshes, str(path))
+    return Tree(rebuilt, shapes, order, inertias, mimics, urdf, slip_speeds)
 
 
-# ---------------------------------------------------------------- meshes
-
-
-def _resolve_meshes(robot: ET.Element, path: Path) -> None:
-    """Make mesh paths absolute; report and leave out the ones that are not there."""
-    for link in robot.findall("link"):
-        for tag in ("visual", "collision"):
-            for shape in link.findall(tag):
-                mesh = shape.find("geometry/mesh")
-                if mesh is None:
-                    continue
-                name = mesh.get("filename", "")
-                file = _mesh_file(name, path.parent)
-                reason = "not found" if file is None else _mesh_fault(file)
-                if reason:
-                    warnings.warn(
-                        f"{path}: link {link.get('name')!r}: mesh {name!r} {reason}, left out",
-                        stacklevel=2,
-                    )
-                    link.remove(shape)
-                else:
-                    mesh.set("filename", str(file))
-
-
-def _mesh_file(name: str, folder: Path) -> Path | None:
-    if name.startswith("package://"):
-        package, _, rest = name.removeprefix("package://").partition("/")
-        roots = [p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
-        candidates = [Path(r) / package / rest for r in roots]
-        candidates += [parent / package / rest for parent in (folder, *folder.parents)]
-        candidates += [p / rest for p in (folder, *folder.parents) if p.name == package]
-    else:
-        candidates = [folder / name.removeprefix("file://")]
-    return next((file.resolve() for file in candidates if file.is_file()), None)
-
-
-def _mesh_fault(file: Path) -> str:
-    import coal
-
+def _written(robot: ET.Element, path: Path) -> str:
     try:
-        coal.MeshLoader().load(str(file), np.ones(3))
-    except Exception as error:  # whatever assimp says
-        return f"cannot be read ({str(error).split('message:')[-1].split(chr(10))[1]})"
-    return ""
+        return ET.tostring(robot, encoding="unicode")
+    except RecursionError as error:
+        raise MechanismFileError(f"{path}: elements are nested too deeply") from error
 
 
 # ---------------------------------------------------------------- joints
