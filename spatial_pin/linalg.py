@@ -196,6 +196,28 @@ class Factors:
         x: Array = lapack.dgetrs(self._lu, self._order, b)[0]
         return x
 
+    def blur(self, x: Array, known: Array, rounding: float) -> Array:
+        """Return bounds on the errors of a solution, entry by entry [Higham2002, 7.2, 9.3].
+
+        Args:
+            x: the solution (n,) or (n, k).
+            known: (n, n) how far the entries of the matrix may be off.
+            rounding: of an entry of the factors, by the size of what is added to it.
+        """
+        n = len(known)
+        if not n:
+            return np.zeros_like(x)
+        left, right = np.abs(np.tril(self._lu, -1)) + np.eye(n), np.abs(np.triu(self._lu))
+        grown = left @ right
+        for i in range(n - 1, -1, -1):  # back into the order of the matrix
+            p = self._order[i]
+            grown[[i, p]] = grown[[p, i]]
+        return self.spread((known + rounding * grown) @ np.abs(x))
+
+    def spread(self, off: Array) -> Array:
+        """Return bounds on the errors of a solution for errors (n,) or (n, k) of its right side."""
+        return np.abs(self.solve(np.eye(len(off)))) @ off
+
 
 def determinant_sign_of(a: Array) -> int:
     """Return the sign (-1, 0, 1) of the determinant of `a` (n, n)."""

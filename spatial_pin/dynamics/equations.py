@@ -12,14 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
+from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
-from spatial_pin.dynamics.saddle import ROUNDING, SINGULAR, IndependentCoordinates, SaddlePoint
+from spatial_pin.dynamics.saddle import DOUBTFUL, ROUNDING, SINGULAR, Motions, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
 from spatial_pin.kinematics.mobility import is_in_loop
@@ -39,9 +41,7 @@ from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 
-DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
 ON_AXIS = 1e-6  # characteristic lengths that a centre of mass may be off the axis of a link idle
-LOST = 1e-26  # energy, by that of the heaviest body at such speeds, of a motion without inertia
 
 
 class Equations:
@@ -291,15 +291,17 @@ class Equations:
         known = self._dense is not None
         system = self._dense or self._chosen(mass, scaled)
         a, multipliers = system.solve(mass, scaled, work, gamma)
-        if known and (system.error > DOUBTFUL or not system.holds(a, scaled, gamma)):
+        self.error = system.error
+        if known and (self.error > DOUBTFUL or not system.holds(a, scaled, gamma)):
             system = self._chosen(mass, scaled)
             a, multipliers = system.solve(mass, scaled, work, gamma)
-        self.error = system.error
+            self.error = system.error
         if self.error > DOUBTFUL:
-            coordinates = IndependentCoordinates(mass, scaled[system.rows], self.scale)
-            if system.pivot < SINGULAR or coordinates.error < self.error:
-                a = self._by_freedoms(coordinates, work, gamma[system.rows])
-                return a, mass @ a - work
+            found = self._by_freedoms(scaled[system.rows], gamma[system.rows], force)
+            if system.pivot < SINGULAR or found.error < self.error:
+                self.error = found.error
+                self._check(found)
+                return found.a, mass @ found.a - work
         return a, system.forces(multipliers)
 
     def _chosen(self, mass: Array, scaled: Array) -> SaddlePoint:
@@ -314,42 +316,31 @@ class Equations:
         self._dense = SaddlePoint(self.scale, rows, mass, scaled)
         return self._dense
 
-    def _by_freedoms(
-        self, coordinates: IndependentCoordinates, work: Array, gamma: Array
-    ) -> Array:
-        """Solve near a singular configuration, or where inertias differ much, or are none.
+    def _by_freedoms(self, rows: Array, gamma: Array, force: Array) -> Least:
+        """Solve near a singular configuration, or where inertias differ much, or are none."""
+        state = self.state
+        motions = Motions(rows, self.scale, state.closure_error)
+        return self._least_constraint.solve(
+            state.q, state.v, motions.carried(gamma, state.v), motions.columns, force)
 
-        A freedom without inertia stays as it is, if no force works on it.
+    @cached_property
+    def _least_constraint(self) -> LeastConstraint:
+        return LeastConstraint(self.mechanism)
+
+    def _check(self, found: Least) -> None:
+        """Refuse accelerations that forces do not determine, or not in these numbers.
+
+        Raises:
+            SingularError: as it says.
         """
-        if coordinates.pivot >= SINGULAR:
-            self.error = coordinates.error
-            return coordinates.solve(work, gamma)
-        a, still, pulled = coordinates.solve_massless(work, gamma)
-        self.error = coordinates.error
-        names = ", ".join(self.moving(_by_size(still / self.scale)))
-        if max((self._energy(motion) for motion in still), default=0.0) > LOST:
+        if found.pulled:
+            raise self.no_inertia(_by_size(found.still / self.scale))
+        if found.lost:
+            worst = self.mechanism.coordinates[int(np.argmax(found.off / self.scale))]
             raise SingularError(
-                f"mechanism {self.mechanism.name!r}: the inertia of a motion of {names} is lost in "
-                "round-off beside that of bodies more than 1e13 times as heavy: make their masses "
-                "more alike, or the light ones zero",
-                state=self.state)
-        if pulled:
-            raise self.no_inertia(still)
-        return a
-
-    def _energy(self, v: Array) -> float:
-        """Return the kinetic energy at joint velocities v (nv,), without Pinocchio's cancellation.
-
-        It works from the joint's origin, which may move much while the centre of mass does not.
-        """
-        data = self.model.createData()
-        pin.forwardKinematics(self.model, data, self.state.q, v)
-        total = 0.0
-        for twist, inertia in zip(data.v, self.model.inertias, strict=True):
-            w = twist.angular
-            centre = twist.linear + np.cross(w, inertia.lever)
-            total += 0.5 * float(inertia.mass * (centre @ centre) + w @ inertia.inertia @ w)
-        return total + 0.5 * float(v @ (self.model.armature * v))
+                f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
+                "round-off beside bodies so much heavier: make the masses more alike, or the light "
+                "ones zero", state=self.state)
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""

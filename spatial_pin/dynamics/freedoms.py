@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from spatial_pin.dynamics.embedding import Embedding, Lost, best_coordinates
 from spatial_pin.dynamics.problem import Problem, Row
+from spatial_pin.dynamics.saddle import ROUNDING, Blurred, Motions
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 
@@ -101,9 +102,19 @@ class Freedoms:
         mass = problem.mass(q)
         inertia = mass @ columns
         acceleration = problem.free_accelerations(
-            columns.T @ inertia, -(columns.T @ missing), self._heaviest, q, v, a,
-            columns, given)
+            columns.T @ inertia, -(columns.T @ missing), self._heaviest)
+        if acceleration is None:
+            acceleration = problem.least(
+                q, v, Blurred(a, ROUNDING * np.abs(a)), self._surely(), given).z
         return acceleration, missing + inertia @ acceleration, given
+
+    def _surely(self) -> Blurred:
+        """Return the joint velocities (nv, n) per unit of the free ones, with their round-off."""
+        rows, driven = self.embedding.rows, self.embedding.held[self.n :]
+        held = np.zeros((len(driven), len(self.problem.scale)))
+        held[np.arange(len(driven)), driven] = 1.0
+        return Motions(np.vstack([self.evaluation.jacobian[rows], held]), self.problem.scale,
+                       self.evaluation.closure_error, self.free).columns
 
     def _power(self, v: Array, missing: Array, given: Array) -> float:
         """Return the power of what is not stored: efforts, dampers, laws, prescribed drivers."""

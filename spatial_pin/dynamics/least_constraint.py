@@ -7,32 +7,60 @@ Of all accelerations a = a0 + G z that the loops allow, those happen for which
 is least [Gauss1829; UdwadiaKalaba1996], c'' and w' a body's accelerations, f the joint forces
 given; an armature A of a joint coordinate x adds 1/2 A x''^2. Solved by QR of the bodies' own
 rows, the heaviest first, no mass matrix is ever formed: in that a light body's part is rounded away
-beside a heavy one's [GolubVanLoan, 6.2.5].
+beside a heavy one's [GolubVanLoan, 6.2.5]. Every row keeps its own relative accuracy
+[CoxHigham1998], so it is bounded row by row how far entries may be off: a motion has no inertia if
+no row of it is larger than that, however small its inertia is, and what the same bounds leave
+uncertain of the accelerations is told with them.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from spatial_pin.dynamics.saddle import HOLDS, ROUNDING, own_units
-from spatial_pin.kinematics.views import own_jacobian
-from spatial_pin.linalg import Array, decompose, null_space
+from spatial_pin.dynamics.saddle import HOLDS, ROUNDING, Blurred
+from spatial_pin.linalg import Array, decompose, null_space, row_space
+from spatial_pin.mechanism.mechanism import Mechanism
 
-LEFT = 1e-12  # part of a motion, by the largest, that is what round-off of the loops has left
+
+class Least(NamedTuple):
+    """Where the constraint is least.
+
+    Attributes:
+        a: (nv,) joint accelerations.
+        z: (n,) those of freedoms.
+        still: (k, nv) motions without inertia; they go on as they are.
+        pulled: whether forces work on one of them.
+        off: (nv,) bounds on the round-off of a.
+        error: the largest of them, by the size of a.
+        lost: whether that is more than all that moves or pulls.
+    """
+
+    a: Array
+    z: Array
+    still: Array
+    pulled: bool
+    off: Array
+    error: float
+    lost: bool
 
 
 class LeastConstraint:
     """The bodies of a mechanism, at whose accelerations the constraint is least.
 
     Args:
-        model: the tree.
-        scale: (nv,) velocity of a unit of each scaled unknown.
+        mechanism: the mechanism.
     """
 
-    def __init__(self, model: pin.Model, scale: Array) -> None:
-        self._model, self._data, self._scale = model, model.createData(), scale
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._model = model = mechanism.model
+        self._data, self._scale = model.createData(), mechanism.velocity_scale
+        gravity = float(np.linalg.norm(model.gravity.linear))
+        size = mechanism.characteristic_length
+        self._falling, self._per_size = gravity / size, np.repeat([1.0 / size, 1.0], 3)
         self._bodies = []
         for joint, body in enumerate(model.inertias):
             if joint and (body.mass > 0.0 or np.any(body.inertia)):
@@ -40,42 +68,46 @@ class LeastConstraint:
                 axes[:, 0] *= np.linalg.det(axes)  # right-handed: products of rates are to come
                 self._bodies.append((joint, body.lever.copy(), axes,
                                      np.sqrt([body.mass] * 3 + np.maximum(moments, 0.0).tolist())))
-
         self._rotors = np.flatnonzero(model.armature)
         self._weights = np.sqrt(model.armature[self._rotors])
 
     def solve(
-        self, q: Array, v: Array, a: Array, columns: Array, given: Array
-    ) -> tuple[Array, Array, bool]:
+        self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array
+    ) -> Least:
         """Return the accelerations of freedoms; motions without inertia go on as they are.
 
         Args:
-            q: (nq,) configuration.
+            q: (nq,) configuration, the loops closed.
             v: (nv,) joint velocities.
             a: (nv,) joint accelerations at which the freedoms have none.
-            columns: (nv, n) joint velocities of unit freedoms.
+            columns: (nv, n) joint velocities of unit freedoms. What may be none in them is none.
             given: (nv,) joint forces.
-
-        Returns:
-            (n,) accelerations; (k, n) motions without inertia; whether forces work on one of them.
         """
-        parts = np.abs(columns / self._scale[:, None])
-        columns = np.where(parts > LEFT * parts.max(axis=0), columns, 0.0)
-        rows, rest, terms = self._rows(q, v, a, columns)
-        own = np.linalg.norm(rows, axis=0)
-        rows[:, own <= ROUNDING * terms] = 0.0
-        unit = own_units((rows * rows).sum(axis=0))
+        columns = columns.plain()
+        rows, known, rest, rest_known, unit = self._rows(q, v, a, columns)
         rows *= unit
-        load = unit * (columns.T @ given)
-        order = np.argsort(-np.abs(rows).max(axis=1))
-        z, still = _least(rows[order], -rest[order], load)
-        if not len(still):
-            return unit * z, still, False
-        sizes = unit * (np.abs(columns).T @ np.abs(given))
-        pulled = bool(np.any(np.abs(still @ load) > HOLDS * (np.abs(still) @ sizes)))
-        z, still = unit * z, still * unit
-        z = z + self._spinning_on(q, v, a + columns @ z, columns @ still.T) @ still
-        return z, still, pulled
+        known *= unit
+        moved = columns.value * unit
+        blur = columns.blur * unit
+        load = moved.T @ given
+        order = np.argsort(-np.abs(rows).max(axis=1, initial=0.0))
+        fit = _Fit(rows[order], known[order])
+        z = fit.solve(-rest[order], load)
+        still = fit.still
+        allowed = np.abs(still) @ ((HOLDS * np.abs(moved) + blur).T @ np.abs(given))
+        pulled = bool(np.any(np.abs(still @ load) > allowed))
+        wide = fit.error(z, rest_known[order], blur.T @ np.abs(given)
+                         + ROUNDING * np.abs(moved).T @ np.abs(given))
+        off = a.blur + np.abs(moved) @ wide + blur @ np.abs(z)
+        motions, found = moved @ still.T, a.value + moved @ z
+        if len(still):
+            y = self._spinning_on(q, v, found, motions)
+            z, found = z + y @ still, found + motions @ y
+        worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, found))
+        speed = v / self._scale
+        natural = max(size, self._falling, speed.dot(speed))
+        return Least(found, unit * z, motions.T, pulled, off,
+                     worst / (size or natural or 1.0), worst > natural)
 
     def _spinning_on(self, q: Array, v: Array, a: Array, motions: Array) -> Array:
         """Return the accelerations (k,) of motions (nv, k) without inertia, on top of a (nv,).
@@ -99,30 +131,78 @@ class LeastConstraint:
         largest = np.abs(rows).max()
         return decompose(rows / largest).minimum_norm(-rest / largest)
 
-    def _rows(self, q: Array, v: Array, a: Array, columns: Array) -> tuple[Array, Array, Array]:
-        """Return weighted accelerations per unit freedom (m, n), without (m,), and terms (n,)."""
+    def _rows(
+        self, q: Array, v: Array, a: Blurred, columns: Blurred
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return weighted accelerations per unit freedom (m, n), and without (m,).
+
+        Each with bounds on how far its entries may be off, and units of the freedoms (n,) at which
+        some body moves by one: so scaled, no row is good for one freedom and too coarse for
+        another.
+        """
         model, data = self._model, self._data
-        pin.computeJointJacobians(model, data, q)
-        pin.forwardKinematics(model, data, q, v, a)
+        pin.forwardKinematics(model, data, q, v, a.value)
+        n = columns.value.shape[1]
+        twists, sizes = self._twists(columns, a, v)
         rotors = slice(6 * len(self._bodies), None)
-        rows = np.zeros((rotors.start + len(self._rotors), columns.shape[1]))
-        rest = np.zeros(len(rows))
-        rows[rotors] = self._weights[:, None] * columns[self._rotors]
-        rest[rotors] = self._weights * a[self._rotors]
-        terms = np.abs(rows[rotors]).sum(axis=0)
-        sizes = np.abs(columns)
+        rows, known = np.zeros((2, rotors.start + len(self._rotors), n))
+        rest, rest_known = np.zeros((2, len(rows)))
+        turned = columns.value[self._rotors]
+        rows[rotors] = self._weights[:, None] * turned
+        known[rotors] = self._weights[:, None] * (
+            columns.blur[self._rotors] + ROUNDING * np.abs(turned))
+        rest[rotors] = self._weights * a.value[self._rotors]
+        rest_known[rotors] = self._weights * (a.blur + ROUNDING * np.abs(a.value))[self._rotors]
+        gravity = np.abs(model.gravity.linear)
+        pace = np.abs(turned / self._scale[self._rotors, None]).max(axis=0, initial=0.0)
         for k, (joint, lever, axes, weights) in enumerate(self._bodies):
             at, across = slice(6 * k, 6 * k + 6), pin.skew(lever)
-            local = own_jacobian(model, data, joint)
-            joined = np.abs(local)
-            joined[:3] += np.abs(across) @ joined[3:]
-            terms += weights.max() * (joined @ sizes).sum(axis=0)
+            local, size = twists[joint].copy(), sizes[joint].copy()
             local[:3] -= across @ local[3:]
             local[3:] = axes.T @ local[3:]
-            rows[at] = weights[:, None] * (local @ columns)
+            size[:3] += np.abs(across) @ size[3:]
+            size[3:] = np.abs(axes.T) @ size[3:]
+            moves = np.abs(local) * np.where(weights > 0.0, self._per_size, 0.0)[:, None]
+            np.maximum(pace, moves.max(axis=0), out=pace)
+            rows[at] = weights[:, None] * local
+            known[at] = weights[:, None] * size[:, :n]
             rest[at] = weights * self._rest(joint, lever, axes)
             rest[6 * k + 3 : 6 * k + 6] += _gyroscopic(weights[3:], axes.T @ data.v[joint].angular)
-        return rows, rest, terms
+            moving, turning = size[:3, n + 1].max(), size[3:, n + 1].max()  # by its velocity
+            size[:3, n] += moving * turning / ROUNDING + ROUNDING * (
+                np.abs(data.oMi[joint].rotation.T) @ gravity)
+            size[3:, n] += turning * turning / ROUNDING
+            rest_known[at] = weights * size[:, n]
+        return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
+
+    def _twists(self, columns: Blurred, a: Blurred, v: Array) -> tuple[list[Array], list[Array]]:
+        """Return what every joint's body moves like (6, n) in unit freedoms, its own axes.
+
+        From body to body, which keeps what is nothing nothing, as a way by the world's axes does
+        not. And bounds on how far that is off (6, n + 2): of these, of accelerations and velocity.
+        """
+        model, data = self._model, self._data
+        n = columns.value.shape[1]
+        off = np.column_stack([columns.blur + ROUNDING * np.abs(columns.value),
+                               a.blur + ROUNDING * np.abs(a.value), ROUNDING * np.abs(v)])
+        twists: list[Array] = [np.zeros((6, n))]
+        sizes: list[Array] = [np.zeros((6, n + 2))]
+        for joint in range(1, model.njoints):
+            parent, placed = model.parents[joint], data.liMi[joint]
+            back, across = placed.rotation.T, pin.skew(placed.translation)
+            entries = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+            own = np.reshape(data.joints[joint].S, (6, -1))
+            twist, size = own @ columns.value[entries], np.abs(own) @ off[entries]
+            if parent:
+                before, bounds = twists[parent], sizes[parent]
+                twist[:3] += back @ (before[:3] - across @ before[3:])
+                twist[3:] += back @ before[3:]
+                turned = np.abs(back)
+                size[:3] += turned @ (bounds[:3] + np.abs(across) @ bounds[3:])
+                size[3:] += turned @ bounds[3:]
+            twists.append(twist)
+            sizes.append(size)
+        return twists, sizes
 
     def _rest(self, joint: int, lever: Array, axes: Array) -> Array:
         """Return the acceleration (6,) of a body's centre less gravity, and angular, own axes."""
@@ -151,24 +231,89 @@ def _gyroscopic(roots: Array, w: Array) -> Array:
     return np.divide(moved, roots, out=np.zeros(3), where=roots > ROUNDING * roots.max())
 
 
-def _least(rows: Array, rest: Array, load: Array) -> tuple[Array, Array]:
-    """Return z (n,) with rows^T (rows z - rest) = load, of least norm, and what is free (k, n)."""
-    n = rows.shape[1]
-    if len(rows) < n:
-        rows = np.vstack([rows, np.zeros((n - len(rows), n))])
-        rest = np.concatenate([rest, np.zeros(len(rows) - len(rest))])
-    qr, pivots, tau, _, _ = lapack.dgeqp3(np.asfortranarray(rows))
-    turned = lapack.dormqr("L", "T", qr, tau, rest[:, None], 64 * n)[0][:, 0]
-    upper, order = np.triu(qr[:n]), pivots - 1
-    diagonal = np.abs(upper.diagonal())
-    rank = int(np.count_nonzero(diagonal > ROUNDING * diagonal[0]))
-    known, pulled = upper[:rank], load[order]
-    z = np.zeros(n)
-    if rank == n:
-        z[order] = lapack.dtrtrs(known, turned[:n] + lapack.dtrtrs(known, pulled, trans=1)[0])[0]
-        return z, np.zeros((0, n))
-    svd = decompose(known, ROUNDING)
-    z[order] = svd.minimum_norm(turned[:rank] + svd.minimum_norm_transposed(pulled))
-    still = np.zeros((n - rank, n))
-    still[:, order] = svd.null_space
-    return z, still
+class _Fit:
+    """Least squares with rows of very different sizes, and unknowns that no row knows of.
+
+    Args:
+        rows: (m, n) the largest first.
+        known: (m, n) how far their entries may be off.
+
+    Attributes:
+        still: (k, n) orthonormal changes of the unknowns that no row knows of.
+    """
+
+    def __init__(self, rows: Array, known: Array) -> None:
+        m, n = rows.shape
+        if m < n:
+            rows, known = (np.vstack([x, np.zeros((n - m, n))]) for x in (rows, known))
+        known = known + ROUNDING * np.abs(rows).max(axis=1, initial=0.0)[:, None]
+        self._rows, self._known = rows, known
+        qr, pivots, self._tau, _, _ = lapack.dgeqp3(np.asfortranarray(rows))
+        self._qr, self._order, self._upper = qr, pivots - 1, np.triu(qr[:n])
+        self._basis = lapack.dorgqr(qr[:, :n], self._tau)[0]
+        rank, motions = n, self._following(n)
+        while rank:  # the last unknowns are left out while they move nothing for certain
+            found = self._following(rank - 1)
+            off = known @ np.abs(found)
+            off += np.abs(rows[:, self._order[: rank - 1]]) @ (self._pseudo(rank - 1) @ off)
+            if np.any(np.abs(rows @ found) > off):
+                break
+            rank, motions = rank - 1, found
+        self._rank = rank
+        self.still = row_space(motions.T)
+
+    def _following(self, rank: int) -> Array:
+        """Return the motions (n, n - rank) of the last unknowns that the first ones make good."""
+        n = self._rows.shape[1]
+        found = np.zeros((n, n - rank))
+        found[self._order[rank:]] = np.eye(n - rank)
+        if rank:
+            found[self._order[:rank]] = -self._solve(rank, self._upper[:rank, rank:])
+        return found
+
+    def _solve(self, rank: int, b: Array, transposed: bool = False) -> Array:
+        """Return R^-1 b, or R^-T b, of the first unknowns."""
+        if not rank or not b.size:
+            return np.zeros((rank, *b.shape[1:]))
+        x: Array = lapack.dtrtrs(self._upper[:rank, :rank], b, trans=int(transposed))[0]
+        return x
+
+    def _pseudo(self, rank: int) -> Array:
+        """Return the sizes (rank, m) of the pseudo-inverse of the first unknowns' columns."""
+        return np.abs(self._solve(rank, np.ascontiguousarray(self._basis.T[:rank])))
+
+    def solve(self, rest: Array, load: Array) -> Array:
+        """Return z (n,) with rows^T (rows z - rest) = load, of least norm."""
+        n, r, first = len(load), self._rank, self._order[: self._rank]
+        z = np.zeros(n)
+        if r:
+            full = np.concatenate([rest, np.zeros(len(self._rows) - len(rest))])
+            turned, pull = self._turned(full, "T"), self._solve(r, load[first], transposed=True)
+            z[first] = self._solve(r, turned[:r] + pull)
+            turned[:r] = -pull
+            self._left = self._turned(turned, "N")
+        return z - self.still.T @ (self.still @ z)
+
+    def _turned(self, x: Array, way: str) -> Array:
+        """Return Q x (m,), or Q^T x."""
+        turned: Array = lapack.dormqr(
+            "L", way, self._qr, self._tau, x[:, None], 64 * len(self._order))[0][:, 0]
+        return turned
+
+    def error(self, z: Array, rest_known: Array, load_known: Array) -> Array:
+        """Return bounds (n,) on the error of the last solution, of first order [Higham2002, 20.1].
+
+        Args:
+            z: (n,) the solution.
+            rest_known: (m,) how far `rest` may be off.
+            load_known: (n,) how far the load may be off.
+        """
+        r, m, first = self._rank, len(rest_known), self._order[: self._rank]
+        wide = np.zeros(len(z))
+        if not r:
+            return wide
+        known, inverse = self._known[:m], np.abs(self._solve(r, np.eye(r)))
+        left = np.abs(self._left[:m])
+        wide[first] = self._pseudo(r)[:, :m] @ (rest_known + known @ np.abs(z))
+        wide[first] += inverse @ (inverse.T @ ((known.T @ left)[first] + load_known[first]))
+        return wide

@@ -10,8 +10,10 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from spatial_pin.checks import mapping
+from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
-from spatial_pin.dynamics.least_constraint import LeastConstraint
+from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
+from spatial_pin.dynamics.saddle import Blurred
 from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
@@ -22,7 +24,7 @@ from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 
-ALIKE = 1e-4  # pivot of inertias, each in its own unit, below which digits would be lost
+ALIKE = 1e-4  # of a freedom's inertia that others leave it, below which digits would be lost
 LIGHT = 1e-8  # inertia, by that of the heaviest joint coordinate, that may be round-off
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 
@@ -79,7 +81,7 @@ class Problem:
         self.data = self.model.createData()
         self.mass = MassMatrix(self.model)
         self.kinetic = KineticEnergy(self.model)
-        self.least_constraint = LeastConstraint(self.model, self.scale)
+        self.least_constraint = LeastConstraint(mechanism)
         self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
@@ -124,51 +126,50 @@ class Problem:
             raise self.no_inertia(names)
         return np.zeros(len(inertia))
 
-    def free_accelerations(
-        self, inertia: Array, force: Array, heaviest: float, q: Array, v: Array, a: Array,
-        columns: Array, given: Array,
-    ) -> Array:
+    def free_accelerations(self, inertia: Array, force: Array, heaviest: float) -> Array | None:
         """Return the accelerations (n,) that forces give to freedoms.
 
-        Where masses differ much, or there are none, they are those of `least`.
+        None where masses differ much, or there are none: there they are those of `least`.
 
         Args:
             inertia: (n, n) of the freedoms.
             force: (n,) on them.
             heaviest: of the inertias of joint coordinates.
-            q: (nq,) configuration.
-            v: (nv,) joint velocities.
-            a: (nv,) joint accelerations at which the freedoms have none.
-            columns: (nv, n) joint velocities of unit freedoms.
-            given: (nv,) joint forces given, of which `force` holds the part of the freedoms.
-
-        Raises:
-            SingularError: a force works on a freedom without inertia.
         """
         own = inertia.diagonal()
-        if own.min() > LIGHT * heaviest:
-            if len(own) == 1:
-                return force / own
-            unit = 1.0 / np.sqrt(own)
-            lu, _, found, singular = lapack.dgesv(unit[:, None] * inertia * unit, unit * force)
-            pivots = np.abs(lu.diagonal())
-            if not singular and pivots.min() > ALIKE * pivots.max():
-                answer: Array = unit * found
-                return answer
-        return self.least(q, v, a, columns, given)
+        if not own.min() > LIGHT * heaviest:
+            return None
+        if len(own) == 1:
+            return force / own
+        unit = 1.0 / np.sqrt(own)
+        factor, found, singular = lapack.dposv(unit[:, None] * inertia * unit, unit * force)
+        if singular or not factor.diagonal().min() ** 2 > ALIKE:
+            return None
+        answer: Array = unit * found
+        return answer
 
-    def least(self, q: Array, v: Array, a: Array, columns: Array, given: Array) -> Array:
-        """Return the accelerations (n,) of freedoms by `LeastConstraint`, for any masses.
+    def least(self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array) -> Least:
+        """Return the accelerations by `LeastConstraint`, for any masses.
 
         What has no inertia stays as it is, if no force works on it.
 
+        Args:
+            q: (nq,) configuration, the loops closed.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations at which the freedoms have none.
+            columns: (nv, n) joint velocities of unit freedoms.
+            given: (nv,) joint forces.
+
         Raises:
+            Lost: masses differ too much for any digit.
             SingularError: a force works on a freedom without inertia.
         """
-        found, still, pulled = self.least_constraint.solve(q, v, a, columns, given)
-        if pulled:
-            moving = np.abs(columns @ still.T / self.scale[:, None]).max(axis=1)
+        found = self.least_constraint.solve(q, v, a, columns, given)
+        if found.pulled:
+            moving = np.abs(found.still / self.scale).max(axis=0)
             raise self.no_inertia(np.flatnonzero(moving > 1e-6 * moving.max()).tolist())
+        if found.lost:
+            raise Lost("masses differ too much there")
         return found
 
     def no_inertia(self, names: Sequence[int]) -> SingularError:

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.problem import Problem, Row
-from spatial_pin.dynamics.saddle import SaddlePoint
+from spatial_pin.dynamics.saddle import DOUBTFUL, Motions, SaddlePoint
 from spatial_pin.dynamics.simulation import Projection
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -35,7 +35,6 @@ MOST_CORRECTIONS = 8
 CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
 CLOSED = 1e-9  # residual at which round-off may end that
 SINGULAR = 1e-12  # smallest over largest singular value at which the loops have lost rank
-ALIKE = 1e-6  # pivot, every freedom in its own unit, below which digits would be lost
 
 
 class Projected:
@@ -76,6 +75,10 @@ class Projected:
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
         self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
         self._make_saddle(self.q0)
+        none = np.zeros((2, max(self.n, self.n_rows)))
+        self.saddle.solve(problem.mass(self.q0), self.evaluation.jacobian[: self.n_rows],
+                          none[0, : self.n], none[1, : self.n_rows])
+        self._uneven = self.saddle.error > DOUBTFUL  # at the last place where the loops were closed
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
@@ -108,31 +111,38 @@ class Projected:
                 self.scale * y[n : 2 * n])
 
     def _accelerate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return joint accelerations and given joint forces (nv,)."""
+        """Return joint accelerations and given joint forces (nv,).
+
+        Raises:
+            Lost: the loops lose rank or cannot be closed.
+        """
         problem = self.problem
         gamma = self._bias(q, v)
         given = problem.given(t, q, v, self.evaluation)
         force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
         jacobian = self.evaluation.jacobian[: self.n_rows]
         a, _ = self.saddle.solve(problem.mass(q), jacobian, force, gamma)
-        if self.saddle.pivot < ALIKE:
-            a = self._least(q, v, jacobian[self.selected], gamma[self.selected], given)
+        if self._uneven or self.saddle.error > DOUBTFUL:
+            a = self._least(t, q, v)
         return a, given
 
-    def _least(self, q: Array, v: Array, rows: Array, gamma: Array, given: Array) -> Array:
+    def _least(self, t: float, q: Array, v: Array) -> Array:
         """Return joint accelerations (nv,) where masses differ much, or there are none.
 
+        Those of the nearest place with closed loops: where they are open, even a little, what has
+        no inertia seems to have some, and forces on it.
+
         Raises:
-            Lost: the loops lose rank.
+            Lost: the loops lose rank or cannot be closed.
         """
-        svd = decompose(rows, SINGULAR)
-        if svd.rank < len(rows):
+        problem, evaluation = self.problem, self.evaluation
+        q, v = self._closed(q, v)
+        gamma = self._bias(q, v)[self.selected]
+        motions = Motions(evaluation.jacobian[self.selected], self.scale, evaluation.closure_error)
+        if motions.pivot < SINGULAR:
             raise Lost
-        carried = -self.scale * svd.minimum_norm(gamma)
-        columns = self.scale[:, None] * svd.null_space.T
-        if not columns.size:
-            return carried
-        return carried + columns @ self.problem.least(q, v, carried, columns, given)
+        return problem.least(q, v, motions.carried(gamma, v), motions.columns,
+                             problem.given(t, q, v, evaluation)).a
 
     def _bias(self, q: Array, v: Array) -> Array:
         """Return gamma (n_rows,), the evaluation standing at q."""
@@ -166,15 +176,17 @@ class Projected:
             q, v = self._closed(q, v, allowed)
         except Lost:
             return np.inf
+        steps, corrections, opened, seconds, share = self.projection
+        opened_now, corrections = self._opened, corrections + self._corrections
         y[:n] = pin.difference(self.model, self.q0, q) / self.scale
         y[n : 2 * n] = v / self.scale
         solver.y = y
         solver.f = self(solver.t, y)
-        steps, corrections, opened, seconds, share = self.projection
+        self._uneven = self.saddle.error > DOUBTFUL
         self.projection = Projection(
-            steps + 1, corrections + self._corrections, max(opened, self._opened),
+            steps + 1, corrections, max(opened, opened_now),
             seconds + time.perf_counter() - began, share)
-        return self._opened / allowed
+        return opened_now / allowed
 
     def _choose(self, q: Array) -> None:
         """Choose the independent rows anew, where there is a choice."""

@@ -1,25 +1,30 @@
 """The equations of motion for a choice of closure rows, dense: a saddle point, or its freedoms.
 
-Both measure freedoms in velocities at which their own inertia is one: so scaled, light bodies keep
+Freedoms are measured in velocities at which their own inertia is one: so scaled, light bodies keep
 their digits beside heavy ones. The saddle point
 
     [M  J^T; J  0] [a; -lambda] = [f - b; -gamma]
 
 costs one factorisation. Where it loses digits, near singular configurations of the loops or with a
 heavy body carried between light ones, independent coordinates do better: some coordinates follow
-the others by the closure rows alone, and these are left with an inertia of their own.
+the others by the closure rows alone (`Motions`), and of these `least_constraint` finds the
+accelerations.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from spatial_pin.linalg import EPS, Array, Factors, decompose, independent_rows
+from spatial_pin.linalg import EPS, Array, Factors, independent_rows
 
 ROUNDING = 128.0 * EPS  # of an entry, with all that is added to it
 SINGULAR = 1e-13  # smallest over largest pivot below which nothing is determined
+DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coordinates
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
 
 
@@ -71,8 +76,14 @@ class SaddlePoint:
 
     @property
     def error(self) -> float:
-        """Estimated round-off of accelerations, by their size."""
-        return round_off(self.pivot)
+        """Estimated round-off of accelerations, by their size.
+
+        From the pivots and, for exchanges of rows may hide how small they are, from the condition.
+        """
+        if not self.pivot or not len(self._lu):
+            return round_off(self.pivot)
+        rcond, _ = lapack.dgecon(self._lu, self._norm)
+        return max(round_off(self.pivot), len(self._lu) * EPS / max(rcond, EPS))
 
     def solve(
         self, mass: Array, scaled: Array, work: Array, gamma: Array
@@ -97,10 +108,12 @@ class SaddlePoint:
         self._down[:] = rows
         self._right[:] = rows.T
         self._zero[:] = 0.0
+        self._norm = float(lapack.dlange("1", self._k)) if len(self._k) else 0.0
         rhs = np.concatenate((unit * work.T, gamma.take(self.rows, 0).T / -size), -1).T
         lu, _, x, info = lapack.dgesv(self._k, rhs, overwrite_a=True)
         sizes = [abs(d) for d in lu.diagonal().tolist()]
         self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
+        self._lu = lu
         return (unit * x[:nv].T).T, (x[nv:].T / -size).T
 
     def forces(self, multipliers: Array) -> Array:
@@ -119,84 +132,72 @@ class SaddlePoint:
         return bool(lacking.dot(lacking) <= HOLDS**2 * (gamma.dot(gamma) + a.dot(a)))
 
 
-class IndependentCoordinates:
-    """The equations of motion of coordinates that determine the others by the closure rows.
-
-    Args:
-        mass: (nv, nv).
-        rows: (r, nv) the independent ones of the closure rows, for scaled velocities.
-        scale: (nv,) velocity of a unit of each scaled unknown.
+class Blurred(NamedTuple):
+    """Numbers with bounds on their errors.
 
     Attributes:
-        pivot: smallest over largest pivot of the inertia; 0 if a motion has none.
-        error: estimated round-off of accelerations, by their size.
-        motions: (nv, f) joint velocities, one for each of these coordinates at its own unit.
+        value: the numbers.
+        blur: as many bounds.
     """
 
-    def __init__(self, mass: Array, rows: Array, scale: Array) -> None:
-        self._scale, self._mass = scale, mass
-        self._bound = bound = independent_rows(rows.T, 0.0)
-        self._followers = Factors(rows[:, bound])
-        freedoms, blur = self._motions(rows)
-        inertia, size = freedoms.T @ mass @ freedoms, np.abs(freedoms)
-        own, weight = inertia.diagonal(), np.abs(mass)
-        terms = (size * (weight @ size)).sum(axis=0)  # not all of it is known: what cancels
-        terms += (blur * (weight @ (2.0 * size + ROUNDING * blur))).sum(axis=0)  # and what blurs
-        has = own > ROUNDING * terms
-        unit = own_units(np.where(has, own, 0.0))
-        self._inertia = unit[:, None] * inertia * unit
-        self.motions, self._blur = freedoms * unit, ROUNDING * blur * unit
-        self._factors = Factors(self._inertia)
-        self.pivot = self._factors.pivot if has.all() else 0.0
-        self._cancelled = float((terms[has] / own[has]).max(initial=1.0))
-        self.error = self._error(self.pivot)
+    value: Array
+    blur: Array
 
-    def _motions(self, rows: Array) -> tuple[Array, Array]:
-        """Return joint velocities (nv, f), one of the free coordinates each, and their round-off.
+    def plain(self) -> Blurred:
+        """Return the numbers with those that may be nothing as nothing."""
+        kept = np.abs(self.value) > self.blur
+        return Blurred(np.where(kept, self.value, 0.0), np.where(kept, self.blur, 0.0))
 
-        The latter, in units of `ROUNDING`, bounds every entry [Higham, Accuracy, 7.2]; entries of
-        rows are known as well as the largest, but for those that are zero by their structure.
+
+class Motions:
+    """How some coordinates move the others by independent closure rows, and how surely.
+
+    Args:
+        rows: (r, nv) independent rows for scaled velocities, as many as there are others.
+        scale: (nv,) velocity of a unit of each scaled unknown.
+        opened: closure residual [-]: loops that are open by so much move as if rows were off by it.
+        free: the coordinates; those that determine the others best if not given.
+
+    Attributes:
+        columns: (nv, n) joint velocities, one of the free coordinates at its own unit each.
+        pivot: smallest over largest pivot of their equations.
+    """
+
+    def __init__(
+        self, rows: Array, scale: Array, opened: float, free: Sequence[int] | None = None
+    ) -> None:
+        r, nv = rows.shape
+        self._scale = scale
+        if free is None:
+            free = np.setdiff1d(np.arange(nv), independent_rows(rows.T, 0.0)).tolist()
+        whole = np.zeros((nv, nv))
+        whole[:r] = rows
+        whole[np.arange(r, nv), free] = 1.0
+        self._largest = np.abs(rows).max(axis=1, initial=0.0)
+        self._known = np.zeros((nv, nv))
+        self._known[:r] = np.where(rows != 0.0, ROUNDING * self._largest[:, None], 0.0) + opened
+        self._factors = Factors(whole)
+        self.pivot = self._factors.pivot
+        units = np.zeros((nv, nv - r))
+        units[r:] = np.eye(nv - r)
+        self.columns = self._solve(units)
+
+    def _solve(self, rhs: Array, off: Array | None = None) -> Blurred:
+        x = self._factors.solve(rhs)
+        blur = self._factors.blur(x, self._known, ROUNDING)
+        if off is not None:
+            blur += self._factors.spread(off)
+        return Blurred((self._scale * x.T).T, (self._scale * blur.T).T)
+
+    def carried(self, gamma: Array, v: Array) -> Blurred:
+        """Return the accelerations (nv,) that rows need while the free coordinates have none.
+
+        Args:
+            gamma: (r,) second derivatives of the rows without acceleration.
+            v: (nv,) joint velocities.
         """
-        nv, bound = len(self._scale), self._bound
-        free = np.setdiff1d(np.arange(nv), bound)
-        motions, blur = np.eye(nv)[:, free], np.zeros((nv, len(free)))
-        follow = motions[bound] = self._followers.solve(-rows[:, free])
-        back = np.abs(self._followers.solve(np.eye(len(bound))))
-        known = (rows != 0.0) * np.abs(rows).max(axis=1, initial=0.0)[:, None]
-        blur[bound] = back @ (known[:, bound] @ np.abs(follow) + known[:, free])
-        return self._scale[:, None] * motions, self._scale[:, None] * blur
-
-    def _error(self, pivot: float) -> float:
-        """Return the estimated round-off for the smallest over the largest pivot of the inertia."""
-        return ROUNDING * (self._cancelled / max(pivot, EPS)
-                           + 1.0 / max(self._followers.pivot, EPS))
-
-    def _carried(self, gamma: Array) -> Array:
-        """Return the accelerations (nv,) that rows (r,) need while the free coordinates rest."""
-        a = np.zeros(len(self._scale))
-        a[self._bound] = self._followers.solve(-gamma)
-        return self._scale * a
-
-    def solve(self, work: Array, gamma: Array) -> Array:
-        """Return accelerations (nv,), see `SaddlePoint.solve`, gamma (r,) of these rows only."""
-        carried = self._carried(gamma)
-        load = self.motions.T @ (work - self._mass @ carried)
-        return carried + self.motions @ self._factors.solve(load)
-
-    def solve_massless(
-        self, work: Array, gamma: Array
-    ) -> tuple[Array, Array, bool]:
-        """Return accelerations (nv,) with which motions without inertia go on as they are.
-
-        And these motions (k, nv), and whether forces work on one of them.
-        """
-        carried = self._carried(gamma)
-        given = work - self._mass @ carried
-        load = self.motions.T @ given
-        allowed = (HOLDS * np.abs(self.motions) + self._blur).T @ np.abs(given)
-        svd = decompose(self._inertia, SINGULAR)
-        z = svd.minimum_norm(load)
-        if svd.rank:
-            self.error = self._error(float(svd.s[svd.rank - 1] / svd.s[0]))
-        pulled = bool(np.any(np.abs(self._inertia @ z - load) > allowed))
-        return carried + self.motions @ z, svd.null_space @ self.motions.T, pulled
+        rhs, off = np.zeros((2, len(self._scale)))
+        rhs[: len(gamma)] = -gamma
+        speed = v / self._scale
+        off[: len(gamma)] = ROUNDING * (np.abs(gamma) + self._largest * speed.dot(speed))
+        return self._solve(rhs, off)
