@@ -171,8 +171,8 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("modes", _modes, "all closed configurations at given driver values")
     sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
-    sub.add_argument("--patience", type=_count, default=200,
-                     help="go on until so many starts have found nothing new (200)")
+    sub.add_argument("--patience", type=_count, default=1000,
+                     help="go on until so many starts have found nothing new (1000)")
     sub.add_argument("--copies", action="store_true",
                      help="every reading of the coordinates, not one for each mode")
     sub.add_argument("--limits", action="store_true",

@@ -137,6 +137,37 @@ def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.
     return np.sort(pivots[:r] - 1)
 
 
+def common_rows(a: Array, given: Array, count: int) -> list[int]:
+    """Return the first `count` rows that are independent in all matrices; fewer if there are not.
+
+    In the order of the rows, so that round-off has no say where several choices are as good.
+
+    Args:
+        a: (m, r, n) matrices.
+        given: (k, n) rows that the others are to be independent of too.
+        count: how many are wanted.
+    """
+    chosen: list[int] = []
+    basis = np.repeat(row_space(given)[None], len(a), axis=0)
+    for least in (1e-3, 1e-6, 1e-9):
+        for i in range(a.shape[1]):
+            if i in chosen or len(chosen) == count:
+                continue
+            left = a[:, i]
+            for _ in range(2):  # once more for the digits that the first time has lost
+                left = left - np.einsum("mk,mkn->mn", np.einsum("mkn,mn->mk", basis, left), basis)
+            sizes = np.linalg.norm(left, axis=1)
+            if sizes.min(initial=1.0) > least:
+                chosen.append(i)
+                basis = np.concatenate([basis, (left / sizes[:, None])[:, None]], axis=1)
+    return sorted(chosen)
+
+
+def determinant_signs(a: Array) -> list[int]:
+    """Return the signs (-1, 0, 1) of the determinants of matrices (m, n, n)."""
+    return [int(x) for x in np.linalg.slogdet(a)[0]]
+
+
 def pivots_of(lu: Array, pivots: NDArray[np.int32]) -> tuple[int, float]:
     """Return the sign of the determinant from LAPACK's LU factors, and smallest over largest pivot.
 

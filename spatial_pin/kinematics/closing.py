@@ -14,9 +14,9 @@ from spatial_pin.kinematics.newton import MAX_STEP
 from spatial_pin.linalg import EPS, Array
 
 DAMPING = 1e-2  # as `newton.close` begins with
-LEAST, MOST = 1e-12, 1e4  # damping that is given up; beyond it no step is left
+LEAST, MOST = 1e-12, 1e4  # of the damping; beyond it no step is left
 SOFTER, HARDER = 0.1, 8.0
-STALLED = 30  # steps after which a residual that is not yet halved will not be
+STALLED, LEFT = 20, 0.9  # steps after which more than that part of a residual will not vanish
 ROUND_OFF = 1e2 * EPS  # of J Jᵀ by its size: redundant rows leave it singular
 
 
@@ -34,12 +34,17 @@ def close_many(
     at = np.arange(q.shape[1])
     p = batch.place(q, near)
     error, damping = _length(p), np.full(q.shape[1], DAMPING)
-    for _ in range(iterations):
+    marked = np.full(q.shape[1], np.inf)
+    for k in range(iterations):
         going = (error > tolerance) & (damping < MOST)
+        if k % STALLED == 0:
+            going &= error < LEFT * marked
+            marked = error.copy()
         if not going.all():
             found[:, at[~going]], errors[at[~going]] = p.q[:, ~going], error[~going]
             kept = np.flatnonzero(going)
-            at, p, error, damping = at[kept], p.take(kept), error[kept], damping[kept]
+            at, p, marked = at[kept], p.take(kept), marked[kept]
+            error, damping = error[kept], damping[kept]
         if not at.size:
             break
         step = np.zeros((len(scale), at.size))

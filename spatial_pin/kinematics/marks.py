@@ -18,10 +18,8 @@ from spatial_pin.kinematics.rods import Line
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, null_space, row_space
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 
 AT_REST = 1e-7  # speed of a point by that of the fastest: passive freedoms are known to 1e-8
-CONTACTS = ("distance", "point_on_line", "point_on_plane")
 
 
 class Mark(NamedTuple):
@@ -60,7 +58,7 @@ def idle_motions(
     """Return (joint, (k, nv) velocities) of the links that are passive at a closed q.
 
     A passive freedom moves nothing that is held, and no end of a distance, which stands for a
-    rod, nor a point in contact.
+    rod.
 
     Args:
         evaluation: the closure equations; left at q.
@@ -73,7 +71,7 @@ def idle_motions(
         scaled = velocities / mechanism.velocity_scale
         moved: list[Array] = [scaled[:, at]]
         for body in _group(mechanism, mechanism.joint_id(name)):
-            moved.append(_speeds(evaluation, body, _contacts(mechanism, body), velocities))
+            moved.append(_speeds(evaluation, body, _held_points(mechanism, body), velocities))
         speeds = np.hstack(moved)
         speeds /= np.abs(scaled).max()
         kept = null_space(speeds.T, AT_REST) if speeds.size else np.eye(len(velocities))
@@ -146,11 +144,11 @@ def _points(mechanism: Mechanism, body: int) -> Array:
     return np.array(points)
 
 
-def _contacts(mechanism: Mechanism, body: int) -> Array:
-    """Return the points (k, 3) of a body that distances and contacts hold."""
+def _held_points(mechanism: Mechanism, body: int) -> Array:
+    """Return the points (k, 3) of a body that distances hold."""
     points = []
     for closure in mechanism.closures:
-        if closure.type == COUPLING or closure.type not in CONTACTS:
+        if closure.type != "distance":
             continue
         placed = map(mechanism.frame_on_joint, (*closure.frames, *closure.between))
         points += [M.translation for joint, M in placed if joint == body]

@@ -9,17 +9,22 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.assembly import nearest_turn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.marks import WHOLE, Mark, idle_motions, of_line, resting, rows_of
 from spatial_pin.kinematics.mobility import SINGULAR, finite_motions
 from spatial_pin.kinematics.mode_list import Continuum
 from spatial_pin.kinematics.newton import close
-from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.rods import Rod
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array, decompose, null_space, rank
+from spatial_pin.linalg import (
+    Array,
+    common_rows,
+    decompose,
+    determinant_signs,
+    null_space,
+    rank,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 
@@ -205,15 +210,28 @@ class Check:
         return State(self.mechanism, q, closure_error=self.evaluation.closure_error,
                      angles=self.evaluation.angles, branch=branch)
 
-    def sign(self, q: Array, kind: Kind) -> str:
-        """Return the sign of the determinant of the closed loops at a mode, in words."""
-        if kind.is_singular:
-            return "singular"
-        try:
-            with square_system(self.state(q), self.held) as system:
-                return "" if len(system.passive) else {1: "+", -1: "-"}[system.pivots()[0]]
-        except SingularError:
-            return ""
+    def signs(self, modes: list[tuple[Array, Kind]]) -> list[str]:
+        """Return the signs of the determinants of the closed loops at modes, in words.
+
+        Of redundant rows the same are left out in all modes.
+        """
+        evaluation, mechanism = self.evaluation, self.mechanism
+        nv, n = mechanism.model.nv, evaluation.constraints.n_rows
+        regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
+        jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
+        for at, k in enumerate(regular):
+            evaluation.update(modes[k][0])
+            jacobians[at] = evaluation.jacobian
+        drive = np.eye(nv)[sorted(self.fixed)]
+        words = ["" if k in regular else "singular" for k in range(len(modes))]
+        count = nv - len(drive) - (jacobians.shape[1] - n)
+        rows = common_rows(jacobians[:, :n], drive, count)
+        if len(rows) == count and nv:
+            whole = [np.vstack([j[rows], j[n:], drive]) for j in jacobians]
+            for k, sign in zip(regular, determinant_signs(np.array(whole).reshape(-1, nv, nv)),
+                               strict=True):
+                words[k] = {1: "+", -1: "-", 0: ""}[sign]
+        return words
 
 
 def _one_sign(mechanism: Mechanism, q: Array) -> Array:

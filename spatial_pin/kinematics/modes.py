@@ -28,10 +28,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.settings import Accuracy, accuracy_of
 
-TIMES = 10  # starts that the rarest mode must have had before no more are sought
+TIMES = 20  # starts that the rarest mode must have had before no more are sought
 BLURRED = 1e-3  # a singular mode is known to a root of round-off only, down to the fourth
 SLIDES = 1.5  # starts slide by up to so many characteristic lengths either way
-ITERATIONS = 60
+ITERATIONS = 120
 TOLERANCE = 1e-12  # length of the residual of a start that has closed
 FEWEST, MOST = 64, 512  # starts closed together
 LARGEST = 1 << 21  # numbers in their Jacobians
@@ -47,8 +47,8 @@ def assembly_modes(
     free: Iterable[str] = (),
     copies: bool = False,
     limits: bool = False,
-    patience: int = 200,
-    most_starts: int = 100_000,
+    patience: int = 1000,
+    most_starts: int = 50_000,
     seed: int = 0,
     accuracy: Accuracy | None = None,
     progress: bool = False,
@@ -57,8 +57,9 @@ def assembly_modes(
 
     Configurations that differ by passive freedoms, whole turns or rods turned about their own
     lines (a universal joint may be read in two ways) are one mode. Starts go on until the rarest
-    mode has been found ten times; `missing` estimates how many have not been found. Nothing proves
-    that a finite number of starts has found all; raise `patience` for rare modes.
+    mode has been found twenty times; `missing` estimates how many have not been found. Nothing
+    proves that a finite number of starts has found all; raise `patience` for rare modes. A screw of
+    the tree is sought near its zero: each of its turns may be a mode of its own.
 
     Args:
         mechanism: the mechanism.
@@ -345,7 +346,7 @@ class _Search:
         loose = {check.mechanism.model.names[i] for kind in [x[1] for x in found]
                  for i, _ in kind.idle}
         found.sort(key=lambda x: _order(check.state(x[0]), loose))
-        signs = [check.sign(q, kind) for q, kind, _ in found]
+        signs = check.signs([(q, kind) for q, kind, _ in found])
         states = [check.state(q, branch) for (q, _, _), branch in
                   zip(found, _labels(signs), strict=True)]
         return AssemblyModes(

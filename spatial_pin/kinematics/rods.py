@@ -9,6 +9,7 @@ mechanism has these equations instead of its rods.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import with_values
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PairGeometry
+from spatial_pin.mechanism.rows import Row, dot
 
 POINTS = ("spherical", "universal", "distance")  # pairs that hold a link at a point
 SLIDES = ("prismatic", "cylindrical")  # pairs that join two links of one rod along its line
@@ -182,6 +184,21 @@ def _off(line: Line, point: Array) -> float:
 # ---------------------------------------------------------------- the core of a mechanism
 
 
+class Aligned(Closure):
+    """A closure whose axes must point the same way: a mirror image leaves its last rows open.
+
+    Where axes point the same way these rows have no derivative; they change nothing there.
+    """
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """Its scalar equations, and cosine one for each pair of axes."""
+        assert self.geometry is not None
+        axes = ["xyz".index(axis) for axis in self.pair.aligned]
+        return (*super().rows, *(dot(self.geometry.axes1[:, k], self.geometry.axes2[:, k], 1.0)
+                                 for k in axes))
+
+
 class Core(NamedTuple):
     """A mechanism without its rods of given length, and without joints that are held.
 
@@ -235,7 +252,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
             at, on = places[body]
             small.addFrame(pin.Frame(name, at, 0, on * placement, pin.FrameType.OP_FRAME))
     removed = {end.closure for rod in out for end in rod.ends}
-    closures = [c for c in mechanism.closures if c.name not in removed]
+    closures = [_aligned_closure(c) for c in mechanism.closures if c.name not in removed]
     for k, (ends, length) in enumerate(distances):
         frames = (f"{k} of rods", f"{k} of rods, other end")
         for name, end in zip(frames, ends, strict=True):
@@ -248,6 +265,13 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
     # lengths are divided as in the whole mechanism
     vars(core)["characteristic_length"] = mechanism.characteristic_length
     return Core(core, tuple(out), tuple(joints))
+
+
+def _aligned_closure(closure: Closure) -> Closure:
+    if closure.type == COUPLING or not closure.pair.aligned:
+        return closure
+    return Aligned(closure.name, closure.type, closure.frames, closure.geometry,
+                   equations=closure.equations)
 
 
 def _of_given_length(
