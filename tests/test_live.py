@@ -212,6 +212,48 @@ def test_limit_is_told_in_words_and_marked_on_the_slider():
     assert ranges["ends"][0] < lower and upper < ranges["ends"][1]
 
 
+def limited_slider(folder):
+    """A slider-crank whose rail ends before the dead centres of its crank."""
+    from test_standing_drivers import limited_slider as made
+
+    return made(folder)
+
+
+def test_a_driver_stops_where_any_joint_comes_to_its_limit(tmp_path):
+    mechanism = limited_slider(tmp_path)
+    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive.keeps_limits = True
+    at = {end: np.arccos((0.01 + end**2 - 0.09) / (0.2 * end)) for end in (0.25, 0.38)}
+    for wanted, value in ((0.0, at[0.38]), (3.0, at[0.25])):
+        stop = drive.move("crank", wanted)
+        assert (stop.kind, stop.of) == ("joint limit", "slide")
+        assert drive.value("crank") == stop.value == pytest.approx(value, abs=1e-10)
+        assert abs(drive.state.beyond_limits.get("slide", 0.0)) < 1e-10
+    assert drive.move("crank", 1.5) is None
+    reach = drive.reach("crank", 13)
+    assert reach.ends == pytest.approx((at[0.38], at[0.25]), abs=1e-10)
+    assert [stop.of for stop in reach.stops] == ["slide", "slide"]
+    drive.keeps_limits = False
+    assert drive.move("crank", 0.2) is None and drive.state.beyond_limits["slide"] > 0.0
+    drive.keeps_limits = True
+    assert drive.move("crank", 0.1).value == pytest.approx(0.2)  # no further out, but back
+    assert drive.move("crank", 1.0) is None and not drive.state.beyond_limits
+
+
+def test_the_page_is_told_of_joint_limits_and_switches_them_off(tmp_path):
+    with live(limited_slider(tmp_path), open_browser=False) as viewer:
+        assert live_data(viewer)["limits"] is True
+        asking = Page(viewer)
+        answer = asking.move("crank", 0.0)
+        assert answer["stop"]["kind"] == "joint limit"
+        assert answer["stop"]["text"].startswith("joint limit of slide: crank = ")
+        assert len(asking.ask("limits", keep=True)["ranges"]["crank"]["marks"]) == 2
+        assert asking.ask("limits", keep=False)["ranges"]["crank"]["marks"] == []
+        answer = asking.move("crank", 0.0)
+        assert "stop" not in answer and "beyond limits: slide" in answer["says"]
+        assert "true or false" in asking.ask("limits", keep="no")["error"]
+
+
 def test_slider_without_limits_goes_a_turn_either_way_and_follows_what_is_typed(rssr):
     asking = Page(rssr)
     assert asking.ask("ranges")["ranges"]["crank"] == {"ends": pytest.approx([-360, 360]),
@@ -645,6 +687,17 @@ class TestBrowser:
             dragged(browser, 0.96, 0.5)
             assert "limit position" not in words(browser)
             assert browser.evaluate("dials[0].value") < 70.0
+
+    def test_slider_stops_at_joint_limits_until_the_switch_lets_it_pass(self, browser, tmp_path):
+        with live(limited_slider(tmp_path), open_browser=False) as viewer:
+            browser.open(viewer.url, READY)
+            assert browser.evaluate("document.getElementById('limits').hidden") is False
+            typed(browser, "10")
+            assert "joint limit of slide" in words(browser)
+            browser.evaluate("keep.click(); 1")
+            browser.wait_until("!asking")
+            typed(browser, "10")
+            assert "crank = 10.00°" in words(browser) and "beyond limits: slide" in words(browser)
 
     def test_error_and_lost_server_are_told(self, browser):
         viewer = opened("rssr")

@@ -15,7 +15,7 @@ from spatial_pin.checks import mapping
 from spatial_pin.errors import AssemblyError, SpatialPinWarning
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
-from spatial_pin.kinematics.release import can_stand, least_motion
+from spatial_pin.kinematics.release import can_move, can_stand, least_motion
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.configuration import (
@@ -33,7 +33,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.settings import Accuracy, accuracy_of
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
-OPEN = 1e-9  # closure error that no round-off excuses
+OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
 STILL = 1e-9  # a driver that has gone no further [rad, characteristic lengths] has not gone
 LIGHT = 1e-3  # weight of the motion of drivers against open loops, where limits are looked for
 ROUND_OFF = 4.0 * EPS  # of a coordinate, by its size
@@ -71,7 +71,9 @@ def assemble(
 
     Only where the loops cannot close so, the drivers that stand are let go, all by the least
     motion: the sum of squares of how far they go, angles in rad and slides by the characteristic
-    length, is the least of the branch. `State.released` tells which have gone how far.
+    length, is the least of the branch. That is mostly a dead centre of theirs: where no driver has
+    a value at all, the guess as a whole is closed instead, so that they can move on.
+    `State.released` tells which have gone how far.
 
     Args:
         mechanism: the mechanism.
@@ -266,7 +268,9 @@ class _Search:
             q, _ = close(evaluation, q, self.first, loose)
         q, error = close(evaluation, q, self.free, self.tolerance)
         if self.let_go and error <= ACCEPTED:
-            q, error = self._least(q, self.free)
+            least, error = self._least(q, self.free)
+            if self.given or can_move(evaluation, self.free, self.let_go):
+                q = least
         q, error, problem = self._judged(q)
         violated = _violated(self.mechanism, q) if self.limits and not problem else ""
         if violated:
@@ -447,7 +451,7 @@ def _read_guess(
     q, named = _as_given(mechanism, guess)
     q = q.copy()
     for c in periodic(mechanism):
-        if ROUND_OFF * abs(q[c.q]) > ACCEPTED:
+        if ROUND_OFF * abs(q[c.q]) > OPEN:
             q[c.q] = math.atan2(math.sin(q[c.q]), math.cos(q[c.q]))
             if c.name in named:
                 named[c.name] = float(q[c.q])

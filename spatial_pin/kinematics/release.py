@@ -20,6 +20,7 @@ from spatial_pin.linalg import EPS, Array, decompose, rank
 
 STEPS = 60  # of Newton's method; a minimum takes five to ten
 FLAT = 1e-8  # curvature of the motion, of its largest or of 1, below which nothing is told by it
+SLOW = 1e-4  # speed of drivers, by that of all joints, at which they stand at a dead centre
 LEVEL = 1e-11  # slope of the motion that is round-off of closing the loops
 
 
@@ -36,6 +37,23 @@ def can_stand(
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
     rows = np.eye(len(free))[[evaluation.mechanism.coordinate_table[n].v for n in standing]]
     return rank(np.vstack([jacobian, rows[:, free]])) == rank(jacobian) + len(standing)
+
+
+def can_move(
+    evaluation: Evaluation, free: NDArray[np.bool_], drivers: Mapping[str, float]
+) -> bool:
+    """Whether drivers move all freedoms at the evaluation, or each of them can move by itself.
+
+    Args:
+        evaluation: at a closed configuration.
+        free: (nv,) the velocities that are not held.
+        drivers: by coordinate.
+    """
+    svd = decompose(evaluation.jacobian[: evaluation.constraints.n_rows, free])
+    tangents = np.zeros((len(svd.null_space), len(free)))
+    tangents[:, free] = svd.null_space
+    moved = tangents[:, [evaluation.mechanism.coordinate_table[name].v for name in drivers]]
+    return bool(decompose(moved).s.min(initial=1.0) > SLOW)
 
 
 def least_motion(

@@ -12,6 +12,7 @@ from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics import crossing
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.branch import Branch, Stopped
+from spatial_pin.kinematics.joint_limits import joint_limits_passed
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.rates import driven_coordinates
 from spatial_pin.kinematics.state import State
@@ -32,6 +33,7 @@ STOPS = {
     "branch point": "branch point",
     "singular": "singular configuration",
     "lost": "end of the branch as far as it can be followed",
+    "joint limit": "joint limit",
 }
 
 
@@ -41,10 +43,12 @@ class Stop(NamedTuple):
     Attributes:
         kind: one of STOPS.
         value: driver value [rad or m].
+        of: the coordinate whose joint limit it is.
     """
 
     kind: str
     value: float
+    of: str = ""
 
 
 class Reach(NamedTuple):
@@ -68,6 +72,7 @@ class Drive:
         mechanism: what moves.
         state: where it is.
         names: of the drivers or coordinates that move it.
+        keeps_limits: whether joint limits of the URDF are in the way, of any joint.
     """
 
     def __init__(self, state: State, names: Iterable[str]) -> None:
@@ -89,6 +94,7 @@ class Drive:
                 f"mechanism {self.mechanism.name!r} has no drivers: name coordinates to move it by"
             )
         self._accuracy = Accuracy.named("engineering")
+        self.keeps_limits = False
         self._driven = driven_coordinates(self.mechanism, self.names)
         self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
         self.place(state)
@@ -131,7 +137,35 @@ class Drive:
         if abs(value - self.value(name)) > FARTHEST * unit:
             words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
             raise ValueError(f"{name}: a move goes no further than {FARTHEST:g} {words}")
-        return self._go(self._branch(coordinate), value)
+        limit = self._joint_limit(self._followed(name, np.array([self.value(name), value])))
+        stop = self._go(self._branch(coordinate), value if limit is None else limit.value)
+        return stop or limit
+
+    def _followed(self, name: str, values: Array) -> Motion | None:
+        """Return the motion from where the mechanism stands through values of a driver."""
+        others = {c.name: float(self._regular.q[c.q]) for c in self._driven
+                  if c.name != self._coordinates[name].name}
+        try:
+            return sweep(self.mechanism, name, values, guess=self._regular, hold=others,
+                         on_limit="stop")
+        except SpatialPinError as error:
+            return getattr(error, "motion", None)
+
+    def _joint_limit(self, motion: Motion | None) -> Stop | None:
+        """Return the first joint limit that a motion passes, if they are kept.
+
+        A joint that is beyond its limit from the start may come back, but go no further.
+        """
+        if not self.keeps_limits or motion is None or not len(motion):
+            return None
+        start, stops = float(motion.swept[0]), list[Stop]()
+        for passing in joint_limits_passed(motion):
+            room = passing.limit.room(motion.q[:2])
+            if passing.where:
+                stops.append(Stop("joint limit", passing.value, passing.limit.name))
+            elif room[-1] < room[0]:
+                stops.append(Stop("joint limit", start, passing.limit.name))
+        return min(stops, key=lambda stop: abs(stop.value - start), default=None)
 
     def _branch(self, moved: Coordinate) -> Branch:
         driven = sorted(self._driven, key=lambda c: c.name != moved.name)
@@ -208,19 +242,14 @@ class Drive:
     def _way(self, name: str, end: float, rows: int) -> tuple[float, Stop | None, Array]:
         """Return how far a driver comes on the way to a value, what stops it, and the rows."""
         start = float(self._regular.q[self._coordinates[name].q])
-        others = {n: float(self._regular.q[self._coordinates[n].q]) for n in self.names}
-        others.pop(name)
-        values = np.linspace(start, end, rows)
-        try:
-            motion: Motion | None = sweep(
-                self.mechanism, name, values, guess=self._regular, hold=others, on_limit="stop"
-            )
-        except SpatialPinError as error:
-            motion = getattr(error, "motion", None)
+        motion = self._followed(name, np.linspace(start, end, rows))
         if motion is None:
             return start, Stop("lost", start), self.state.q[None]
+        limit = self._joint_limit(motion)
+        if limit is not None:
+            there = np.abs(motion.swept - start) <= abs(limit.value - start)
+            return limit.value, limit, motion.q[there]
         if len(motion) == rows:
             return end, None, motion.q
         event = motion.events[-1]
         return event.value, Stop(event.kind, event.value), motion.q
-

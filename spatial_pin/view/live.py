@@ -23,6 +23,7 @@ from spatial_pin.kinematics.modes import assembly_modes
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.view.drive import STOPS, Drive, Reach, Stop
 from spatial_pin.view.film import Film, as_motion, length_words, reading, unit_of_length
 from spatial_pin.view.html import filled, parts_of
@@ -64,7 +65,8 @@ class Dial(NamedTuple):
 
     def stop(self, stop: Stop) -> str:
         """Return what is in the way, and where."""
-        return f"{STOPS[stop.kind]}: {self.words(stop.value)}"
+        of = f" of {stop.of}" if stop.of else ""
+        return f"{STOPS[stop.kind]}{of}: {self.words(stop.value)}"
 
 
 def _dial(drive: Drive, name: str, reach: Reach) -> Dial:
@@ -139,6 +141,8 @@ class Desk:
         said = [dial.words(self.drive.value(name)) for name, dial in self.dials.items()]
         motion = replace(as_motion(self.drive.state), driver_name=self.drive.names[0])
         said += [_words(motion, name) for name in self.outputs]
+        beyond = self.drive.state.beyond_limits
+        said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
         return [*said, f"closure error {self.drive.state.closure_error:.1e}"]
 
     # ------------------------------------------------------------ what is asked for
@@ -161,6 +165,14 @@ class Desk:
         """Tell how far every slider goes."""
         found = self.reaches().items()
         return {"ranges": {name: _range(self.dials[name], reach) for name, reach in found}}
+
+    def limits(self, question: Mapping[str, Any]) -> Answer:
+        """Let joint limits be in the way, or not."""
+        keep = question.get("keep")
+        if not isinstance(keep, bool):
+            raise ValueError(f"keep: {keep!r} is not true or false")
+        self.drive.keeps_limits = keep
+        return self.ranges(question)
 
     def home(self, question: Mapping[str, Any]) -> Answer:
         """Go back to where the page began."""
@@ -277,6 +289,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],
         "modes": bool(desk.drive.mechanism.closures),
+        "limits": desk.drive.keeps_limits,
     }
     data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
     panel = files("spatial_pin.view").joinpath("live.html").read_text("utf-8")
@@ -303,8 +316,9 @@ def live(
     """Move a mechanism by hand: a page with a slider for every driver.
 
     The mechanism follows its branch and never leaves it; where branches cross it goes straight on.
-    Where a driver cannot go on (a limit, a singular configuration) the slider stops and the page
-    says so. The page needs this process: `live(mechanism).wait()` keeps it until Ctrl-C. Only this
+    Where a driver cannot go on (a limit, a singular configuration, a joint limit of any joint) the
+    slider stops and the page says so; a switch lets joints pass their limits. The page needs this
+    process: `live(mechanism).wait()` keeps it until Ctrl-C. Only this
     machine, and only the page itself, is answered.
 
     Args:
@@ -327,6 +341,7 @@ def live(
     state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(drivers))
     drive = Drive(state, names)
+    drive.keeps_limits = bool(joint_limits(mechanism))
     _check_look(look, drive)
     desk = Desk(drive, tuple(outputs))
     service = Service(desk.answer)
@@ -342,5 +357,6 @@ ANSWERS: dict[str, Callable[[Desk, Mapping[str, Any]], Answer]] = {
     "move": Desk.move,
     "ranges": Desk.ranges,
     "home": Desk.home,
+    "limits": Desk.limits,
     "mode": Desk.mode,
 }
