@@ -728,7 +728,8 @@ def both(mech, state, efforts):
         effort = joint_efforts(mech, efforts)
         a, closures = equations.accelerations(effort + equations.given)
         multipliers = equations.multipliers(closures)
-        yield a, multipliers, *equations.reactions(a, multipliers, effort), equations.determined()
+        unique = {name: each.tolist() for name, each in equations.unique().items()}
+        yield a, multipliers, *equations.reactions(a, multipliers, effort), unique
 
 
 @pytest.mark.parametrize("name", [*LIBRARY, "ladder", "press", "rack"])

@@ -1,5 +1,6 @@
 """A mechanism of a single equation loses it like any other: where the row itself vanishes."""
 
+import mechanisms as known
 import numpy as np
 import pytest
 from mechanisms import four_bar
@@ -50,3 +51,15 @@ def test_the_link_that_a_vanished_row_frees_is_not_taken_as_passive(one_distance
     flat = sp.assemble(one_distance, {"crank": 0.0}, {"crank_pin": 0.0, "rocker_pin": 0.0})
     with pytest.raises(sp.SingularError, match="lose 1 independent equation"):
         sp.solve_rates(one_distance, flat, {"crank": 1.0})
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("before", [0.0, 1e-12, 1e-9, 1e-6])
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_a_coarse_tolerance_is_none_to_be_refused_for(side, before, tolerance, tmp_path):
+    """At a dead centre, where Newton's steps only halve the way, as anywhere."""
+    mechanism = known.arm_on_a_ram(tmp_path)
+    limit = getattr(sp.limits(mechanism, "ram"), side).value
+    inside = limit + before * (1.0 if side == "lower" else -1.0)
+    state = sp.assemble(mechanism, {"ram": inside}, accuracy=sp.Accuracy(tolerance=tolerance))
+    assert state.closure_error < 1e-11

@@ -59,7 +59,8 @@ def test_forces_over_a_motion_print_the_largest(turn):
     at = [turn.swept[int(np.abs(y).argmax())] for y in (x, force)]
     assert (f"crank  {x.min():.6g} to {x.max():.6g} N·m, largest at crank = {at[0]:.6g} rad"
             in text)
-    assert f"rocker_pin *: {force.max():.6g} N at crank = {at[1]:.6g} rad, 0 N·m\n" in text
+    assert (f"rocker_pin: {force.max():.6g} N *y at crank = {at[1]:.6g} rad, 0 N·m *xz\n"
+            in text)
     assert "* one of many" in text and "on the fixed link, all together: " in text
 
 

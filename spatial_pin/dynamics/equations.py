@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
@@ -391,9 +392,9 @@ class Equations:
         n_rows = len(self.scaled)
         return self.scaled[n_rows - len(self.evaluation.constraints.couplings) :] / self.scale
 
-    def determined(self) -> dict[str, bool]:
-        """Return for every pair whether its reaction is unique."""
-        return self.pairs.determined(
+    def unique(self) -> dict[str, NDArray[np.bool_]]:
+        """Return for every pair which components (6,) of its reaction are unique."""
+        return self.pairs.unique(
             self.poses(), self._couplings(), self.spaces.left_null_space)
 
 

@@ -7,10 +7,13 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.reactions import MANY
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -99,23 +102,35 @@ class Dynamics:
         return self._borne[1]
 
     @cached_property
-    def determined(self) -> dict[str, bool]:
-        """Whether each pair's reaction is unique.
+    def unique(self) -> dict[str, NDArray[np.bool_]]:
+        """Which components of each pair's reaction are unique, force then moment (6,), world axes.
 
-        It is not where an overconstrained loop can be under stress by itself.
+        Those are not that an overconstrained loop can be under stress with by itself: all but the
+        forces in the plane and the moment about its normal, where a plane loop of hinges holds
+        its links in the plane more than once.
         """
         with self._equations() as equations:
-            return equations.determined()
+            return equations.unique()
+
+    @property
+    def determined(self) -> dict[str, bool]:
+        """Whether each pair's reaction is unique, in all its components."""
+        return {name: bool(each.all()) for name, each in self.unique.items()}
 
     def __str__(self) -> str:
-        lines = [f"{name}: force {_words(r.linear)} N, moment {_words(r.angular)} N·m"
-                 + ("" if self.determined[name] else " (one of many)")
-                 for name, r in self.reactions.items()]
+        lines = []
+        for name, r in self.reactions.items():
+            each = self.unique[name]
+            lines.append(f"{name}: force {_words(r.linear, each[:3])} N, "
+                         f"moment {_words(r.angular, each[3:])} N·m")
+        if not all(self.determined.values()):
+            lines.append(MANY)
         return "\n".join(lines)
 
 
-def _words(x: Array) -> str:
-    return "(" + ", ".join(f"{c:.6g}" for c in x) + ")"
+def _words(x: Array, unique: NDArray[np.bool_]) -> str:
+    marked = (f"{c:.6g}" + "*" * (not one) for c, one in zip(x, unique, strict=True))
+    return "(" + ", ".join(marked) + ")"
 
 
 def forward_dynamics(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance
-from spatial_pin.dynamics.reactions import Poses
+from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion, motion_needed
 from spatial_pin.kinematics.state import State, moving_in_time
@@ -35,7 +35,8 @@ class Kinetostatics(NamedTuple):
         reactions: (N, 6) by pair, force then moment, as `Dynamics.reactions` [N, N·m].
         on_ground: (N, 6) force and moment at the world's origin on the fixed link: shaking wrench.
         multipliers: (N, n_rows) of the closure rows, the shortest.
-        determined: (N,) by pair, whether its reaction is unique.
+        determined: (N,) by pair, whether its reaction is unique, in all its components.
+        unique: (N, 6) by pair, which components of its reaction are unique, world axes.
     """
 
     motion: Motion
@@ -46,6 +47,7 @@ class Kinetostatics(NamedTuple):
     on_ground: Array
     multipliers: Array
     determined: dict[str, NDArray[np.bool_]]
+    unique: dict[str, NDArray[np.bool_]]
 
     def __repr__(self) -> str:
         return (f"Kinetostatics({self.motion!r}, efforts {list(self.efforts)}, reactions "
@@ -59,19 +61,23 @@ class Kinetostatics(NamedTuple):
         parts += ["largest reactions:", *first_of(loads, "pairs"),
                   self._largest("on the fixed link, all together", self.on_ground)]
         if any(not x.all() for x in self.determined.values()):
-            parts.append("  * one of many: the loops can be under stress by themselves; the least")
+            parts.append(f"  {MANY}")
         return "\n".join(parts)
 
     def _largest(self, name: str, wrench: Array) -> str:
         """Return the largest force and moment (N, 6) of a pair, as a line."""
-        found = []
-        for sizes, unit in zip(np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).T, ("N", "N·m"),
-                               strict=True):
+        found, parts = [], wrench.reshape(-1, 2, 3)
+        for sizes, unit, mark in zip(np.linalg.norm(parts, axis=2).T, ("N", "N·m"),
+                                     self.marks(name), strict=True):
             size = tidy(sizes.max(initial=0.0), self.on_ground) if len(sizes) else "0"
             at = f" {where(self.motion, int(sizes.argmax()))}" if size != "0" else ""
-            found.append(f"{size} {unit}{at}")
-        mark = " *" * (not np.all(self.determined.get(name, True)))
-        return f"  {name}{mark}: {', '.join(found)}"
+            found.append(f"{size} {unit}{mark}{at}")
+        return f"  {name}: {', '.join(found)}"
+
+    def marks(self, name: str) -> tuple[str, str]:
+        """Return marks for a pair's force and moment, with the axes along which one is of many."""
+        unique = self.unique.get(name)
+        return ("", "") if unique is None else one_of_many(np.logical_and.reduce(unique, axis=0))
 
 
 class _Rows:
@@ -86,7 +92,7 @@ class _Rows:
         wrenches = equations.evaluation.constraints.n_wrenches
         self.poses = Poses(np.empty((n, nj, 4, 3)), np.empty((n, 6, nv)),
                            np.empty((n, wrenches, 6)))
-        self.determined = np.empty((n, len(equations.pairs.names)), dtype=bool)
+        self.unique = np.ones((n, len(equations.pairs.names), 6), dtype=bool)
 
     def fill(self, k: int, equations: Equations, actuation: Actuation) -> None:
         """Solve row k at the equations' state."""
@@ -100,8 +106,8 @@ class _Rows:
             kept[k] = now
         if equations.wrenches:
             self.given[k] = equations.pairs.summed(equations.wrenches)
-        stresses = equations.spaces.left_null_space
-        self.determined[k] = True if not len(stresses) else list(equations.determined().values())
+        if len(equations.spaces.left_null_space):
+            self.unique[k] = list(equations.unique().values())
 
 
 def kinetostatics(
@@ -150,9 +156,9 @@ def kinetostatics(
             rows.fill(k, equations, actuation)
         reactions, ground = equations.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
-        determined = dict(zip(equations.pairs.names, rows.determined.T, strict=True))
+        unique = dict(zip(equations.pairs.names, rows.unique.swapaxes(0, 1), strict=True))
     efforts: dict[str, Array] = dict(zip(actuation.names, rows.efforts.T, strict=True))
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: x * rate for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     return Kinetostatics(motion, rows.a, efforts, power, reactions, ground, rows.multipliers,
-                         determined)
+                         {name: each.all(axis=1) for name, each in unique.items()}, unique)

@@ -2,7 +2,7 @@
 
 The rows of a loop that is overconstrained bear on each other: their multipliers can be changed
 by any self-stress, a vector that the transposed Jacobian takes to zero, without moving anything.
-A pair's reaction is determined if no self-stress reaches it [Wojtyra2009].
+A component of a pair's reaction is unique if no self-stress reaches it [Wojtyra2009].
 
 Everything here works on one configuration or on many: arrays may have leading dimensions.
 """
@@ -19,6 +19,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
+MANY = "* one of many (along these axes): loops can be under stress by themselves; the least"
 UNMOVED = 1e-8  # reaction to a unit self-stress that is none
 
 
@@ -143,10 +144,10 @@ class Pairs:
         force[..., :3] -= _along(axes[..., :3, ~turns], tau[..., ~turns])
         return force
 
-    def determined(
+    def unique(
         self, poses: Poses, couplings: Array, self_stresses: Array
-    ) -> dict[str, bool]:
-        """Return for every pair whether its reaction is unique.
+    ) -> dict[str, NDArray[np.bool_]]:
+        """Return for every pair which components (6,) of its reaction are unique, world axes.
 
         Args:
             poses: where the bodies are, at one configuration.
@@ -155,7 +156,7 @@ class Pairs:
             self_stresses: (k, n_rows) orthonormal multipliers that balance among themselves.
         """
         if not len(self_stresses):
-            return dict.fromkeys(self.names, True)
+            return {name: np.ones(6, dtype=bool) for name in self.names}
         unit = np.array([1.0] * 3 + [1.0 / self.length] * 3)
         pulls = couplings * np.where(self.turns, 1.0 / self.length, 1.0)
         scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
@@ -165,9 +166,18 @@ class Pairs:
                            poses.placements[:, 3])
         joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
                   for i in range(1, self.model.njoints)]
-        closed = [_borne(poses.rows, self_stresses, pair.rows) for pair in self.closed]
-        largest = [float(np.abs(w * unit).max(initial=0.0)) / scale for w in [*joints, *closed]]
+        closed = [_moved(_borne(poses.rows, self_stresses, pair.rows),
+                         pair.point @ poses.placements[pair.bodies[1]]) for pair in self.closed]
+        largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < UNMOVED for name, size in zip(self.names, largest, strict=True)}
+
+
+def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:
+    """Return marks for force and moment that name their axes with components not unique, (6,)."""
+    axes = ["".join(axis for axis, is_one in zip("xyz", part, strict=True) if not is_one)
+            for part in (unique[:3], unique[3:])]
+    force, moment = (f" *{names}" if names else "" for names in axes)
+    return force, moment
 
 
 def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:

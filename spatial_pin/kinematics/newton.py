@@ -32,6 +32,7 @@ MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # and its rates to round-off over s squared: below this nothing is left of them.
 SINGULAR_PIVOT = 1e-7
 NEARLY = 1e-5  # singular values below this fraction of the largest are all but zero
+POLISHED = 30  # undamped steps at most: near a dead centre, each leaves a quarter of the error
 CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
 # A trial step from a configuration: long beside the square root of round-off, to which singular
 # ones are known, and short beside the way to other branches.
@@ -102,7 +103,7 @@ def _polish(
     evaluation.update(q)
     error = evaluation.closure_error
     step = np.zeros(evaluation.model.nv)
-    for _ in range(6):
+    for _ in range(POLISHED):
         if error <= EPS or not n:
             break
         svd = decompose(evaluation.jacobian[:n, free])

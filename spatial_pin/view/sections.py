@@ -273,10 +273,11 @@ def _reactions(subject: Subject) -> str | None:
     rows = []
     for name, wrench in wrenches.items():
         force, moment = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
-        unique = np.all(loads.determined.get(name, True))
-        rows.append((name + " *" * (not unique), number(force, "N"), number(moment, "N·m")))
-    note = paragraph("* one of many: the loop is overconstrained and can be under stress by "
-                     "itself; the least.") if any(" *" in row[0] for row in rows) else ""
+        marks = loads.marks(name)
+        rows.append((name, number(force, "N") + marks[0], number(moment, "N·m") + marks[1]))
+    many = any(" *" in part for row in rows for part in row[1:])
+    note = paragraph("* one of many along these axes: the loop is overconstrained and can be under "
+                     "stress by itself; the least.") if many else ""
     return section("Reactions", table(("pair", "largest force", "largest moment"), rows, 2) + note)
 
 
