@@ -693,6 +693,7 @@ def test_what_the_projected_formulation_cannot_do_is_said():
         sp.simulate(mechanism, state, 0.1, accuracy=sp.Accuracy(formulation="lagrange"))
 
 
+@pytest.mark.filterwarnings("ignore:mechanism .* no link has a mass")
 @pytest.mark.parametrize("name", ["slider-crank cut at slide", "five-bar"])
 def test_freedoms_without_inertia_keep_their_speed_or_are_refused(name, tmp_path):
     """No link has a mass: one freedom, and two."""
