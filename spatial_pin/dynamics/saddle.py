@@ -100,7 +100,7 @@ class SaddlePoint:
         """
         nv, unit, size = len(self._unit), self._unit, self._size
         if not nv:  # LAPACK asks for one equation at least
-            self.pivot = 1.0
+            self.pivot, self._lu = 1.0, self._k
             return work, gamma[:0]
         rows = scaled.take(self.rows, 0, self._jacobian, "clip")
         rows *= self._weight
