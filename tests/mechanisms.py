@@ -46,7 +46,7 @@ def joint(kind, name, parent, child, xyz=(0, 0, 0), rpy=(0, 0, 0), axis=None, li
     if axis is not None:
         text += f'<axis xyz="{words(axis)}"/>'
     if limits is not None:
-        text += f'<limit lower="{limits[0]!r}" upper="{limits[1]!r}" effort="1" velocity="1"/>'
+        text += f'<limit lower="{limits[0]!r}" upper="{limits[1]!r}" effort="1e6" velocity="1e6"/>'
     return text + "</joint>\n"
 
 

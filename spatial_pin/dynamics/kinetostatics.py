@@ -15,6 +15,12 @@ from spatial_pin.dynamics.inverse import Actuation, balance
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion, motion_needed
+from spatial_pin.kinematics.rated_limits import (
+    BeyondLimit,
+    beyond,
+    effort_limits,
+    velocities_beyond,
+)
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.kinematics.summary import effort_lines, first_of, heading, tidy, where
 from spatial_pin.linalg import Array
@@ -37,6 +43,8 @@ class Kinetostatics(NamedTuple):
         multipliers: (N, n_rows) of the closure rows, the shortest.
         determined: (N,) by pair, whether its reaction is unique, in all its components.
         unique: (N, 6) by pair, which components of its reaction are unique, world axes.
+        beyond_limits: efforts, and velocities of a motion in time, beyond the URDF's limits, each
+            with the samples, the worst of them, and how much it is.
     """
 
     motion: Motion
@@ -48,6 +56,7 @@ class Kinetostatics(NamedTuple):
     multipliers: Array
     determined: dict[str, NDArray[np.bool_]]
     unique: dict[str, NDArray[np.bool_]]
+    beyond_limits: tuple[BeyondLimit, ...] = ()
 
     def __repr__(self) -> str:
         return (f"Kinetostatics({self.motion!r}, efforts {list(self.efforts)}, reactions "
@@ -57,6 +66,7 @@ class Kinetostatics(NamedTuple):
         statics = "" if self.motion.per == "s" else " at rest, for the motion has no speed"
         parts = [heading(self.motion), f"efforts{statics}:", *first_of(
             effort_lines(self.motion, self.efforts), "efforts")]
+        parts += first_of([f"  {x.text(self.motion)}" for x in self.beyond_limits], "limits")
         loads = [self._largest(name, x) for name, x in self.reactions.items()]
         parts += ["largest reactions:", *first_of(loads, "pairs"),
                   self._largest("on the fixed link, all together", self.on_ground)]
@@ -161,4 +171,13 @@ def kinetostatics(
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: x * rate for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     return Kinetostatics(motion, rows.a, efforts, power, reactions, ground, rows.multipliers,
-                         {name: each.all(axis=1) for name, each in unique.items()}, unique)
+                         {name: each.all(axis=1) for name, each in unique.items()}, unique,
+                         _beyond_limits(motion, actuation, rows.efforts))
+
+
+def _beyond_limits(motion: Motion, actuation: Actuation, efforts: Array) -> tuple[BeyondLimit, ...]:
+    """Return the limits that efforts (N, k) of an actuation, and velocities, are beyond."""
+    total = np.zeros((motion.mechanism.model.nv, len(motion)))
+    np.add.at(total, actuation.columns, efforts.T)
+    pairs = [(limit, total[limit.v]) for limit in effort_limits(motion.mechanism)]
+    return (*beyond(pairs), *velocities_beyond(motion))

@@ -100,6 +100,7 @@ class Run:
         self.rows, self.watch = Rows(times), watch
         self.passed: list[Passing] = list(watch.at_start)
         self.events = [passing.event for passing in watch.at_start]
+        self.events += watch.rated.at_start if watch.rated else []
         self.t, self.end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
         self.steps, self.evaluations = 0, 0
@@ -309,11 +310,14 @@ class Run:
             self.events.append(Event("branch point", value, row, text))
 
     def _note_limits(self, found: Found, times: Array) -> None:
-        """Keep the joint limits passed in the last step, which has rows at `times`."""
+        """Keep the limits passed in the last step, which has rows at `times`."""
         for t, limit in found.passed:
             row = self.rows.asked + int(np.count_nonzero(times < t))
             self.passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
             self.events.append(self.passed[-1].event)
+        for t, rated in found.rated:
+            row = self.rows.asked + int(np.count_nonzero(times < t))
+            self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
 
     def motion(self) -> Simulation:
         """Return the rows so far."""

@@ -71,7 +71,9 @@ def simulate(
             and a last row there.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
             of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
-            last row; "ignore". The time is located to about 1e-12 s.
+            last row; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of
+            prescribed drivers, and those given) that pass their limits are events too, of kind
+            "velocity limit" and "effort limit", unless limits are ignored.
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:

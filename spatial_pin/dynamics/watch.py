@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin.dynamics.problem import Problem, System
+from spatial_pin.dynamics.rated import RatedLimits
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.joint_limits import (
     NOISE,
@@ -16,6 +17,7 @@ from spatial_pin.kinematics.joint_limits import (
     first_passing,
     passed_at_start,
 )
+from spatial_pin.kinematics.rated_limits import RatedLimit
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
@@ -31,11 +33,13 @@ class Found(NamedTuple):
         passed: joint limits, with the times.
         stop: when the simulation ends, if it does in this step.
         text: why.
+        rated: effort and velocity limits, with the times.
     """
 
     passed: list[tuple[float, JointLimit]]
     stop: float | None = None
     text: str = ""
+    rated: Sequence[tuple[float, RatedLimit]] = ()
 
 
 class Watch:
@@ -68,18 +72,21 @@ class Watch:
                 f"mechanism {problem.mechanism.name!r}: the state is beyond the "
                 f"{self.at_start[0].limit.words}, where the simulation is to stop: start inside "
                 "(assemble(limits=True)), or give on_joint_limit=\"report\"")
+        self.rated = None if ignored else RatedLimits(problem, state)
         self._last = stop_when(0.0, state) if stop_when is not None else 0.0
         self._end: tuple[Array, Array] = state.q, state.v
 
     def look(self, system: System, solver: Any) -> Found:
         """Return what the solver's last step has met."""
         passed = self._passed(system, solver)
+        rated = self.rated.passed(system, solver) if self.rated else []
         stop = self._crossed(system, solver)
         text = "" if stop is None else f"stopped at {stop:.12g} s"
         if passed and self.on_joint_limit == "stop" and (stop is None or passed[0][0] <= stop):
             stop, limit = passed[0]
             text = f"stopped at {stop:.12g} s by the {limit.words}"
-        return Found([p for p in passed if stop is None or p[0] <= stop], stop, text)
+        return Found([p for p in passed if stop is None or p[0] <= stop], stop, text,
+                     [p for p in rated if stop is None or p[0] <= stop])
 
     def _passed(self, system: System, solver: Any) -> list[tuple[float, JointLimit]]:
         """Return the joint limits passed in the last step, in the order of the times."""

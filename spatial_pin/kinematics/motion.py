@@ -32,10 +32,11 @@ class Event(NamedTuple):
     Attributes:
         kind: "limit", "near limit" (digits are lost), "singular", "branch point", "dead centre",
             "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed),
+            "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
             "not closed" (a traced curve, within its rows), "released" (a driver that nobody named
             and that the loops do not let stand), or "stopped" (a simulation).
         value: driver value of it [rad or m]; in a simulation the time of "stopped" and
-            "joint limit" [s].
+            of limits of the URDF [s].
         row: number of rows of the motion before it.
         text: the same as a sentence.
     """

@@ -18,6 +18,7 @@ from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.following import Record, follow, followed_in_order
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
+from spatial_pin.kinematics.rated_limits import velocity_limit_events
 from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, prescribed_at
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
@@ -124,7 +125,7 @@ def sweep(
     motion.events += _released(state, driven, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
-                      *joint_limit_events(motion)]
+                      *joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
         ends = on_limit if stop.kind == "limit" else on_crossing

@@ -30,7 +30,8 @@ NEGLIGIBLE = 1e-9  # variation, by the largest value, that is round-off and not 
 NARROW = 1e-3  # range of the abscissa, by its values, whose labels take room
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
-OF_TIME = ("joint limit", "stopped")  # events of a simulation that have a time
+# events of a simulation that have a time
+OF_TIME = ("joint limit", "velocity limit", "effort limit", "stopped")
 DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
 MOST_OUTPUTS = 3  # drawn when none are named
 STILL = 1e-9  # change [rad, or of the characteristic length] that is no motion
