@@ -205,3 +205,16 @@ def test_a_driver_far_beyond_all_turns_ends_somewhere(start):
     except sp.SpatialPinError:
         return
     assert motion.closure_error.max() < 1e-9
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_a_freedom_without_inertia_stays_where_it_is(tmp_path, setting):
+    """What its table would tell of its inertia is round-off of the heavy rod's, which is held."""
+    tree = heavy(known.turning("pin", "ground", "rod") + known.point("tip", "rod", (1, 0, 0))
+                 + known.point("hold", "ground", (1, 0, 0))
+                 + known.turning("flap_pin", "rod", "flap", (0.3, 0, 0), (0.6, 0.0, 0.8)), rod=ROD)
+    mech = known.load(tmp_path, "held", tree, "gravity = [0.0, -9.81, 0.0]\n" + known.closure(
+        "weld", "revolute", "hold", "tip"))
+    state = sp.assemble(mech, guess={"flap_pin": 0.7})
+    motion = sp.simulate(mech, state, 0.4, accuracy=sp.Accuracy(**SETTINGS[setting]))
+    assert np.abs(motion.q - state.q).max() < 1e-12

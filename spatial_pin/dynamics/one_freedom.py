@@ -11,7 +11,7 @@ from spatial_pin.dynamics.embedding import Lost, plain_coordinates
 from spatial_pin.dynamics.freedoms import FAST
 from spatial_pin.dynamics.path import Path
 from spatial_pin.dynamics.placed_rows import PlacedRows
-from spatial_pin.dynamics.problem import Problem, Row
+from spatial_pin.dynamics.problem import LIGHT, Problem, Row
 from spatial_pin.dynamics.spinning import Spins
 from spatial_pin.dynamics.table import Table
 from spatial_pin.kinematics.state import State
@@ -57,9 +57,20 @@ class OneFreedom:
                            problem.tolerance)
         self.placed = PlacedRows(problem, self.evaluation)
         self.forced = problem.forces.exist or problem.constant.any() or problem.law is not None
+        inertias = problem.mass(state.q).diagonal() * problem.scale**2
+        self._light = LIGHT * float(inertias.max(initial=0.0)) / self.unit**2
         self.evaluations, self.patience = 0, FAST
         self.is_fresh_the_same = True
         self.pivot = 1.0  # the path itself watches what it meets
+
+    @property
+    def is_light(self) -> bool:
+        """Whether its inertia at the start may be round-off of that of the heaviest joint.
+
+        Raises:
+            Lost: it is not known.
+        """
+        return not self.table.reduced(self.start)[0] > self._light
 
     def crossings_to(self, y: Array) -> list[tuple[float, float]]:
         """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
@@ -82,7 +93,7 @@ class OneFreedom:
         return plain_coordinates(state, self.spins.rows)[:1]
 
     def __call__(self, t: float, y: Array) -> Array:
-        """Return dy/dt; NaN where the branch does not go."""
+        """Return dy/dt; NaN where the branch does not go, or inertia is none but for round-off."""
         self.evaluations += 1
         rate = float(y[1])
         s, speed = self.start + self.unit * float(y[0]), self.unit * rate
@@ -91,17 +102,12 @@ class OneFreedom:
             force, power = self._forces(t, s, y) if self.forced else (0.0, 0.0)
         except Lost:
             return np.full(len(y), np.nan)
-        rates = [rate, self._accelerate(m, force - h * speed * speed - g) / self.unit]
+        if not m > self._light:
+            return np.full(len(y), np.nan)
+        rates = [rate, (force - h * speed * speed - g) / m / self.unit]
         if spinning:
             rates += self.spins.turning(spinning, speed, self._sigmas, y[self._turns].tolist())
         return np.array([*rates, power] if self.problem.works else rates)
-
-    def _accelerate(self, m: float, force: float) -> float:
-        """Return the coordinate's acceleration."""
-        if m:
-            return force / m
-        still = self.problem.accelerations(np.zeros((1, 1)), np.array([force]), self.free)
-        return float(still[0])
 
     def _forces(self, t: float, s: float, y: Array) -> tuple[float, float]:
         """Return the force of efforts and springs on the coordinate, and their lasting power."""

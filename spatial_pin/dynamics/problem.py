@@ -116,16 +116,6 @@ class Problem:
         total += float(pin.computePotentialEnergy(self.model, self.data, q))
         return total + self.forces.energy(evaluation, q)
 
-    def accelerations(self, inertia: Array, force: Array, names: Sequence[int]) -> Array:
-        """Return the accelerations (n,) of freedoms, by velocity entries, without inertia: none.
-
-        Raises:
-            SingularError: a force works on one.
-        """
-        if np.any(force):
-            raise self.no_inertia(names)
-        return np.zeros(len(inertia))
-
     def free_accelerations(self, inertia: Array, force: Array, heaviest: float) -> Array | None:
         """Return the accelerations (n,) that forces give to freedoms.
 

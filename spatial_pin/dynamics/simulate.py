@@ -157,7 +157,8 @@ def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()
     """Return the equations of motion in the independent coordinates that fit a state best.
 
     Those of one freedom are tables of a joint that moves. Where no table can be made, near
-    where such joints turn back, the loops are closed in every evaluation.
+    where such joints turn back, and where masses differ so much that its functions are round-off,
+    the loops are closed in every evaluation.
 
     Args:
         problem: what acts.
@@ -174,7 +175,10 @@ def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()
             coordinates = {c.v: c for c in problem.mechanism.coordinate_table.values()}
             for v in plain_coordinates(state, spins.rows):
                 if (OneFreedom, (v,)) not in given_up:
-                    return OneFreedom(problem, state, coordinates[v], spins)
+                    system = OneFreedom(problem, state, coordinates[v], spins)
+                    if not system.is_light:
+                        return system
+                    break
     return Freedoms(problem, state, free)
 
 

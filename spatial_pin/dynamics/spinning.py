@@ -65,8 +65,9 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
             joint = mechanism.joint_id(name)
             at, iq = problem.model.idx_vs[joint], problem.model.idx_qs[joint]
             v = slice(at, at + 3)
-            axis = velocities[0, v] / np.linalg.norm(velocities[0, v])
-            found.append(Spinning(joint, slice(iq, iq + 4), v, axis))
+            size = float(np.linalg.norm(velocities[0, v]))
+            if size > FREE * float(np.abs(velocities[0] / problem.scale).max()):  # else others turn
+                found.append(Spinning(joint, slice(iq, iq + 4), v, velocities[0, v] / size))
     found = [body for body in found if _is_symmetric(problem, body)]
     return found if _stay_free(evaluation, state.q, found) else []
 
