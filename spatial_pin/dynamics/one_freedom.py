@@ -65,12 +65,9 @@ class OneFreedom:
 
     @property
     def is_light(self) -> bool:
-        """Whether its inertia at the start may be round-off of that of the heaviest joint.
-
-        Raises:
-            Lost: it is not known.
-        """
-        return not self.table.reduced(self.start)[0] > self._light
+        """Whether its inertia at the start may be round-off of that of the heaviest joint."""
+        inertia = self.table.rows.at(self.start)[self.table.columns.reduced][0]
+        return not inertia > self._light
 
     def crossings_to(self, y: Array) -> list[tuple[float, float]]:
         """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
