@@ -750,3 +750,42 @@ def test_a_mechanism_that_cannot_be_closed_is_refused(tmp_path):
 def test_bad_numbers_are_refused(q, tmp_path):
     with pytest.raises(ValueError, match="q"):
         sp.mobility(bennett(tmp_path), np.array(q))
+
+
+def platform_on_distances(folder: Path, legs=(0, 1, 2, 3, 4, 5), wrap=str) -> sp.Mechanism:
+    """Griffis and Duffy's platform as one body, its legs as distances."""
+    tree, toml = floating("pose", "ground", "platform"), ""
+    for k in legs:
+        a, b = (*BASE[k], 0.0), (*PLATE[k], 0.0)
+        tree += point(f"a{k}", "ground", a) + point(f"b{k}", "platform", b)
+        toml += closure(f"leg{k}", "distance", f"a{k}", f"b{k}", length=LEGS[k])
+    return load(folder, "platform", wrap(tree), toml + guess(
+        pose=(*POSE.translation, *pin.log3(POSE.rotation))))
+
+
+@pytest.mark.parametrize(("legs", "dof"), [((0, 1, 2, 3, 4, 5), 1), ((0, 1, 2, 3, 4), 1),
+                                           ((0, 2, 3, 5), 2)])
+def test_a_platform_that_its_legs_carry_along_a_curve_is_no_passive_link(legs, dof, tmp_path):
+    """It moves alone, for legs are no links, but about axes that move: that is work, not idling."""
+    mobility = sp.mobility(platform_on_distances(tmp_path, legs))
+    assert (mobility.dof, mobility.passive) == (dof, ())
+
+
+def test_a_rod_on_two_distances_from_one_point_idles_about_the_line_of_its_ends(tmp_path):
+    """A body that is held at two points only turns about their line for ever."""
+    tree = floating("pose", "ground", "rod") + point("a", "ground") + point("b", "rod", (1, 0, 0))
+    tree += point("c", "rod", (0.2, 0, 0))
+    toml = closure("ball", "spherical", "a", "rod") + closure(
+        "held", "point_on_line", "a", "c", axis=(1, 0, 0))
+    passive = sp.mobility(load(tmp_path, "rod", tree, toml)).passive
+    assert [p.kind for p in passive] == ["spin"]
+    assert abs(passive[0].axis[0]) == pytest.approx(1.0)
+
+
+def test_a_nut_between_two_equal_threads_turns_and_advances(tmp_path):
+    """A body in a screw joint and a screw closure of the same lead and axis."""
+    tree = floating("thread", "ground", "nut") + point("face", "nut") + point("bolt", "ground")
+    toml = refine("thread", "screw", axis=(0, 0, 1), lead=0.2) + closure(
+        "second", "screw", "bolt", "face", lead=0.2)
+    (passive,) = sp.mobility(load(tmp_path, "nut", tree, toml)).passive
+    assert passive.kind == "screw" and "turns and advances" in str(passive)

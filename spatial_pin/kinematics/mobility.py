@@ -26,6 +26,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 SINGULAR = 1e-6
 PROBE = 0.05  # length of a finite trial motion [rad, characteristic lengths]
 MOVED = 0.3  # part of it that must be left after closing to count as motion
+FAR = 0.3  # rad, characteristic lengths, that a body idles on without opening a loop
 SMALL_PROBE = 0.005  # the same at a configuration that was reached by one
 PROBES = 6  # trial motions for each instantaneous freedom
 ALGEBRA_TOLERANCE = 1e-8
@@ -33,11 +34,11 @@ MAX_NAMES = 8
 
 
 class PassiveFreedom(NamedTuple):
-    """A freedom that moves one link only, and no driver.
+    """A freedom that moves one link only, about or along an axis of its own, and no driver.
 
     Attributes:
         link: the link that moves.
-        kind: "spin" or "slide".
+        kind: "spin", "slide", or "screw" where it advances as it turns.
         axis: (3,) world direction of its axis at the configuration.
         point: (3,) a point of that axis in the world [m].
         text: the same in words, naming the pairs on the axis.
@@ -187,7 +188,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     freedoms = nv + sum(6 - c.n_rows for c in mechanism.closures if c.type != COUPLING)
     dof = _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
     passive = [(joint, v) for joint, velocities in passive_freedoms_at(evaluation, x)
-               for v in _spins_and_slides(evaluation, joint, velocities)]
+               for v in _spins_and_slides(evaluation, joint, velocities)
+               if _goes_on(evaluation, x, joint, v)]
+    evaluation.update(x)
     if dof < nv - r:  # leave out what is instantaneous only
         scale = mechanism.velocity_scale
         passive = [(joint, v) for joint, v in passive if finite_dimension(
@@ -383,6 +386,22 @@ def _spins_and_slides(evaluation: Evaluation, joint: str, velocities: Array) -> 
     return np.vstack([slides, spins])
 
 
+def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
+    """Whether loops stay closed as a body goes on with its velocity, given by v (nv,), for long.
+
+    So does a link that idles about its axis, or along it. What carries a body along a curve of its
+    own, like a platform on its legs, is no idle motion: its axis moves.
+    """
+    mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
+    size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
+    evaluation.update(q)
+    twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
+        v * evaluation.constraints.support(i))
+    pace = float(np.linalg.norm(size * twist))
+    evaluation.update(pin.integrate(evaluation.model, q, v * (FAR / pace)))
+    return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
+
+
 def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     """Name the motion v (nv,) of the one body that it moves."""
     mechanism, model = evaluation.mechanism, evaluation.model
@@ -397,12 +416,14 @@ def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
                               f"{link} slides along {_direction(axis)} in joint {joint}")
     omega = float(np.linalg.norm(twist[3:]))
     axis = twist[3:] / omega
+    advance = abs(float(axis @ twist[:3])) / (omega * mechanism.characteristic_length)
     point = np.cross(twist[3:], twist[:3]) / omega**2
     through = _pairs_on_axis(evaluation, i, axis, point)
-    text = f"{link} spins about {_direction(axis)}"
+    kind = "spin" if advance < 1e-6 else "screw"
+    text = f"{link} {'spins' if kind == 'spin' else 'turns and advances'} about {_direction(axis)}"
     if through:
         text += f" through {' and '.join(through)}"
-    return PassiveFreedom(link, "spin", axis, point, text)
+    return PassiveFreedom(link, kind, axis, point, text)
 
 
 def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array) -> list[str]:
