@@ -128,7 +128,7 @@ def test_integrals_between_nodes_are_exact_to_degree_seven():
         derivative = degree * s ** (degree - 1) if degree else 0.0 * s
         exact = [float(Fraction(i + 1) ** (degree + 1) - Fraction(i) ** (degree + 1))
                  / (degree + 1) for i in range(5)]
-        np.testing.assert_allclose(integrals(1.0, s**degree, derivative), exact, rtol=2e-13)
+        np.testing.assert_allclose(integrals(1.0, s**degree, derivative), exact, rtol=1e-13)
 
 
 # ---------------------------------------------------------------- systems

@@ -12,6 +12,8 @@ which continues 1/L_i^3 at u_i. Between the middle nodes the error is
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 
 from spatial_pin.linalg import Array
@@ -76,18 +78,38 @@ def integrals(h: float, first: Array, second: Array) -> Array:
 
 
 def _integrals() -> Array:
-    """Return (2, 4, 3): weights of values and derivatives for the three intervals of a stencil."""
-    points, gauss = np.polynomial.legendre.leggauss(8)
+    """Return (2, 4, 3): weights of values and derivatives for the three intervals of a stencil.
+
+    Hermite's polynomials integrated in fractions: quadrature would leave each machine another last
+    bit, and large terms cancel.
+    """
+    nodes = [Fraction(x) for x in STENCIL]
     out = np.empty((2, 4, 3))
-    for k, start in enumerate(STENCIL[:3]):
-        u = start + 0.5 * (points + 1.0)
-        for i in range(4):
-            d = u - STENCIL[i]
-            others = np.delete(STENCIL, i)
-            square = np.prod([(u - x) / (STENCIL[i] - x) for x in others], axis=0) ** 2
-            out[0, i, k] = 0.5 * gauss @ (square * (1.0 - 2.0 * _S1[i] * d))
-            out[1, i, k] = 0.5 * gauss @ (square * d)
+    for i, node in enumerate(nodes):
+        square, slope = [Fraction(1)], Fraction(0)
+        for x in nodes[:i] + nodes[i + 1 :]:
+            factor = [-x / (node - x), 1 / (node - x)]
+            square, slope = _times(_times(square, factor), factor), slope + 1 / (node - x)
+        value = _times(square, [1 + 2 * slope * node, -2 * slope])
+        derivative = _times(square, [-node, Fraction(1)])
+        for k, start in enumerate(nodes[:3]):
+            out[:, i, k] = [float(_integral(p, start)) for p in (value, derivative)]
     return out
+
+
+def _times(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
+    """Return the product of two polynomials, the lowest coefficient first."""
+    product = [Fraction(0)] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            product[i + j] += x * y
+    return product
+
+
+def _integral(polynomial: list[Fraction], start: Fraction) -> Fraction:
+    """Return the integral of a polynomial over an interval of length one."""
+    return sum((c * ((start + 1) ** (k + 1) - start ** (k + 1)) / (k + 1)
+                for k, c in enumerate(polynomial)), Fraction(0))
 
 
 _INTEGRALS = _integrals()
