@@ -11,6 +11,7 @@ from tqdm import tqdm
 from spatial_pin.checks import positive_number
 from spatial_pin.dynamics.embedding import Lost, best_coordinates, plain_coordinates
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.free_fall import FreeFall, floats
 from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
 from spatial_pin.dynamics.problem import EffortLaw, Problem, System
@@ -53,7 +54,9 @@ def simulate(
     The equations of motion are solved in independent coordinates, chosen anew when others move
     faster; every evaluation closes the loops to `accuracy.tolerance`, so that nothing drifts. With
     one freedom, links that spin freely about a line of symmetry not counted, change points
-    (branches that cross) are passed straight on, with an event.
+    (branches that cross) are passed straight on, with an event. What nothing holds, all its bodies
+    hanging on floating joints, is seen from its falling centre of mass: far from the origin, and
+    at any speed, it moves as it does at the origin.
 
     Args:
         mechanism: the mechanism.
@@ -98,8 +101,16 @@ def simulate(
     warn_of_no_inertia(mechanism, efforts)
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
     _check_start(problem, state)
+    fall = FreeFall(state, accuracy.tolerance) if floats(problem) else None
+    if fall is not None:
+        state, stop_when = fall.state, fall.watched(stop_when)
+        problem = Problem(fall.mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
     watch = Watch(problem, state, stop_when, on_joint_limit)
     run = Run(problem, accuracy, FORMULATIONS[accuracy.formulation], times, watch)
+
+    def motion() -> Simulation:
+        return fall.motion(run.motion()) if fall is not None else run.motion()
+
     bar = tqdm(total=float(times[-1]), desc=f"{mechanism.name}: seconds", delay=1.0, leave=False,
                disable=None if progress else True)
     try:
@@ -109,14 +120,16 @@ def simulate(
         why = str(lost) or "the loops lose rank, or branches cross, there"
         raise SingularError(
             f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
-            f"{why}", motion=run.motion(),
+            f"{why}", motion=motion(),
         ) from None
     except (SingularError, StepLimitError) as error:
-        error.motion = run.motion()
+        error.motion = motion()
+        if fall is not None and isinstance(error, SingularError) and error.state is not None:
+            error.state = fall.back(run.t, error.state)
         raise
     finally:
         bar.close()
-    return run.motion()
+    return motion()
 
 
 def _check_formulation(accuracy: Accuracy) -> None:
