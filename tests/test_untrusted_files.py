@@ -391,3 +391,160 @@ def test_a_child_that_is_born_while_another_thread_loads_can_load():
     finally:
         stop.set()
         thread.join()
+
+
+# ---------------------------------------------------------------- texts that are too much
+
+URDF = '<robot name="bench"><link name="base"/></robot>'
+TOML = 'name = "bench"\ntree = "bench.urdf"\n'
+TOO_MUCH = {  # file: its text, what the refusal says
+    "elements": ("bench.urdf", URDF.replace("/>", f">{'<x>' * 5000}{'</x>' * 5000}</link>"),
+                 "elements within one another"),
+    "elements of a xacro": ("bench.urdf.xacro", arm("1", "<x>" * 5000 + "</x>" * 5000), "too deep"),
+    "lists": ("bench.toml", TOML + "x = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+    "tables": ("bench.toml", TOML + "x = " + "{a = " * 5000 + "1" + "}" * 5000, "too deeply"),
+    "names of a key": ("bench.toml", TOML + "a" + ".a" * 50_000 + " = 1", "key of more than 8"),
+    "names of a quoted key": ("bench.toml", TOML + '"a"' + " . 'a'" * 50_000 + " = 1", "8 names"),
+    "names of a table": ("bench.toml", TOML + "[a" + ".a" * 50_000 + "]", "key of more than 8"),
+    "names in a table": ("bench.toml", TOML + "x = {a" + ".a" * 50_000 + " = 1}", "more than 8"),
+    "letters of a key": ("bench.toml", TOML + "a" * 100_000 + " = 1", "is not a key"),
+    "digits": ("bench.toml", TOML + f"gravity = [0, 0, -{'9' * 5000}]", "line 3: gravity: .*1e308"),
+    "digits that Python reads": (
+        "bench.toml", TOML + f"gravity = [0, 0, {'9' * 4000}]", "gravity must be three finite"),
+    "digits of base 16": (
+        "bench.toml", TOML + f"gravity = [0, 0, 0x{'f' * 50_000}]", "gravity must be three finite"),
+    "digits for a text": ("bench.toml", TOML + f"title = 0x{'f' * 50_000}", "title must be text"),
+    "letters of a tree": ("bench.toml", f'name = "bench"\ntree = "{"x" * 5000}.urdf"', "too long"),
+    "a tree with no name": ("bench.toml", 'name = "bench"\ntree = "\\u0000.urdf"', "null"),
+    "letters of an include": ("bench.urdf.xacro", arm(
+        "1", f'<xacro:include filename="{"x" * 5000}"/>'), "no such file|too long"),
+    "letters of a package": ("bench.urdf.xacro", arm(
+        "1", f'<xacro:include filename="$(find {"x" * 5000})/a"/>'), "no package"),
+    "metres": ("bench.urdf", arm("1.7e308").replace(HEAD, '<robot name="a">'), "1.7e.308 m large"),
+    "metres in sum": ("bench.urdf", '<robot name="a"><link name="tip"/>' + LINKS.format(
+        x="1e308").replace("</robot>", '<joint name="on" type="fixed"><parent link="hand"/>'
+                           '<child link="tip"/><origin xyz="1e308 0 0"/></joint></robot>'),
+        r"larger than any number \(frame 'on'\); only sizes"),
+    "bytes": ("bench.urdf", None, "at most 100,000,000"),
+}
+
+
+@pytest.mark.parametrize("case", TOO_MUCH)
+def test_what_is_too_much_is_one_clear_error(write, case, capfd):
+    name, text, says = TOO_MUCH[case]
+    write(URDF, "bench.urdf")
+    path = write(text or URDF, name)
+    if text is None:
+        os.truncate(path, 10**10)  # a hole
+    with pytest.raises(sp.MechanismFileError, match=says) as refusal:
+        sp.load(path)
+    message = str(refusal.value)
+    assert f"/{name}" in message and "\n" not in message and len(message) < 1500
+    assert capfd.readouterr() == ("", "")
+
+
+def test_many_names_are_no_deep_ones(write):
+    write(URDF, "bench.urdf")
+    path = write(TOML + f'title = "{"a." * 9999}"  # {"b." * 9999}\n', "bench.toml")
+    assert sp.load(path).title == "a." * 9999
+
+
+def test_a_long_chain_and_a_wide_star_are_loaded(write):
+    for place in ("l{k}", "l0"):
+        links = "".join(f'<link name="l{k}"/>' for k in range(1500))
+        joints = "".join(
+            f'<joint name="j{k}" type="fixed"><parent link="{place.format(k=k)}"/>'
+            f'<child link="l{k + 1}"/><origin xyz="2 0 0"/></joint>' for k in range(1499))
+        mechanism = sp.load(write(f'<robot name="many">{links}{joints}</robot>', "many.urdf"))
+        assert mechanism.characteristic_length == (2 if place == "l0" else 2998)
+
+
+SPECIAL = {"a pipe": os.mkfifo if hasattr(os, "mkfifo") else None, "a folder": os.mkdir,
+           "a link to itself": lambda path: os.symlink(path, path),
+           "a device": lambda path: os.symlink("/dev/zero", path)}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
+@pytest.mark.parametrize("kind", SPECIAL)
+@pytest.mark.parametrize("role", ["source.toml", "source.urdf", "source.urdf.xacro", "tree",
+                                  "include", "yaml", "mesh"])
+def test_what_is_no_file_is_not_waited_for(write, tmp_path, kind, role):
+    name = {"tree": "part.urdf", "include": "part.xacro", "yaml": "part.yaml",
+            "mesh": "part.stl"}.get(role, role)
+    SPECIAL[kind](tmp_path / name)
+    path = {
+        "tree": lambda: write(TOML.replace("bench.urdf", name), "bench.toml"),
+        "include": lambda: write(arm("1", '<xacro:include filename="part.xacro"/>')),
+        "yaml": lambda: write(arm("${xacro.load_yaml('part.yaml')}")),
+        "mesh": lambda: write(URDF.replace("/>", f'><visual><geometry><mesh filename="{name}"/>'
+                                           "</geometry></visual></link>"), "bench.urdf"),
+    }.get(role, lambda: tmp_path / name)()
+    if role == "mesh":
+        with pytest.warns(UserWarning, match=r"part\.stl.*left out"):
+            assert not sp.load(path).visual_model.ngeoms
+    else:
+        with pytest.raises(sp.MechanismFileError, match=f"{name}|/dev/zero"):
+            sp.load(path, trusted=True)
+
+
+@pytest.mark.parametrize("source", ["x" * 5000, "x" * 5000 + ".toml", "y/" * 3000 + "a.urdf",
+                                    "a\0.toml", "a\0", "\ud800.toml", "", ".", ".."])
+def test_a_name_that_cannot_be_one_is_refused_in_words(source):
+    with pytest.raises(sp.MechanismFileError) as refusal:
+        sp.load(source)
+    assert str(refusal.value).isprintable() and len(str(refusal.value)) < 1000
+
+
+# ---------------------------------------------------------------- arguments and places
+
+
+@pytest.mark.parametrize(("options", "error", "says"), [
+    ({"trusted": 1}, TypeError, "trusted is True or False"),
+    ({"trusted": "no"}, TypeError, "trusted is True or False"),
+    ({"d": None}, TypeError, "'d' is a NoneType; a number"),
+    ({"d": [0.3]}, TypeError, "'d' is a list; a number"),
+    ({"d": 1j}, TypeError, "'d' is a complex; a number"),
+    ({"d": {}}, TypeError, "'d' is a dict; a number"),
+    ({"d": 10**400}, ValueError, "'d' is too large"),
+    ({"e": 0.3}, sp.MechanismFileError, "no parameter 'e'; there are: a, b, c, d"),
+])
+def test_a_wrong_argument_is_refused_in_words(options, error, says):
+    with pytest.raises(error, match=says):
+        sp.load("rssr", **options)
+
+
+def test_an_argument_is_a_value_and_no_expression(write):
+    path = write(arm("${len('$(arg given)')}", NAMES.split("<xacro:property")[0]))
+    assert reach(path, given="abc") == 3.0
+    with pytest.raises(sp.MechanismFileError, match="__import__"):
+        sp.load(path, given="' + __import__('os').sep + '")
+
+
+JOINT = '[joints.pin]\ntype = "revolute"\n'
+CLOSURE = '[[closures]]\nname = "ball"\ntype = "spherical"\nframes = ["a", "b"]\n'
+TOP = r"belongs at the top of the file, before the first \[table\]"
+MISPLACED = {
+    "gravity after a table": (JOINT + "gravity = [0, 0, 0]", rf"joints\.pin: gravity is.*{TOP}"),
+    "gravity in a closure": (CLOSURE + "gravity = [0, 0, 0]", rf"'ball'\): gravity is not.*{TOP}"),
+    "gravity in the guess": ("[guess]\ngravity = [0, 0, 0]", rf"guess: gravity is no joint.*{TOP}"),
+    "gravity in the drivers": ("[drivers]\ngravity = [0, 0, 0]", rf"drivers\.gravity.*{TOP}"),
+    "title in a driver": ('[drivers.motor]\njoint = "pin"\ntitle = "A"', rf"title is not.*{TOP}"),
+    "a spring's stiffness in a closure": (
+        CLOSURE + "stiffness = 3.0", r"'ball'\): stiffness.*carry neither.*\[\[springs\]\]"),
+    "a damper in a closure": (CLOSURE + "damping = 3.0", r"damping.*write \[\[springs\]\] with"),
+    "a spring's stiffness in a joint": (
+        JOINT + "stiffness = 3.0", r"stiffness is not.*belongs in \[\[springs\]\]"),
+    "frames at the top": ('frames = ["a", "b"]', r"frames is not.*\[\[closures\]\] or in \[\[spr"),
+    "a body in a spring": ('[[springs]]\nname = "s"\nframes = ["a", "b"]\nbody = "a"',
+                           r"springs\[0\]: body is not.*belongs in \[passive\.NAME\]"),
+    "the length of a ball": (CLOSURE + "length = 1.0", "length is not a key of this.*'spherical'"),
+    "a key of nothing": (CLOSURE + "lenght = 1.0", "lenght is not a key of this table; there are"),
+}
+
+
+@pytest.mark.parametrize("case", MISPLACED)
+def test_a_key_that_has_its_place_elsewhere_is_told_where(write, case):
+    write(URDF, "bench.urdf")
+    text, says = MISPLACED[case]
+    with pytest.raises(sp.MechanismFileError, match=says):
+        sp.load(write(TOML + text + "\n", "bench.toml"))

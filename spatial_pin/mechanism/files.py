@@ -39,6 +39,20 @@ from spatial_pin.mechanism.xacro_files import expand
 
 _REQUIRED: Any = object()
 BETWEEN = "length_between"
+TOP = "at the top of the file, before the first [table]"
+BELONGS = {  # where in a file each key has its place
+    TOP: ("name", "title", "source", "tree", "gravity", "joints", "closures", "drivers", "springs",
+          "passive", "guess"),
+    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES),
+    "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
+                        "equations", "axis", "axis2", "lead"),
+    "in [drivers.NAME]": ("joint",),
+    "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
+                       "free_angle"),
+    "in [passive.NAME]": ("body", "axis"),
+}
+SPRING = ("stiffness", "damping", "free_length", "free_angle")
+LONGEST = 80  # letters of a value in a message
 
 
 def library_folder() -> Path:
@@ -181,12 +195,17 @@ def _build(
         parameters=dict(parameters), path=path, urdf=tree.urdf, slip_speeds=tree.slip_speeds,
         **parts,
     )
+    mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
     check_mechanism(mechanism, str(path))
     _check_guess(mechanism, str(path))
     return mechanism
 
 
 def _check_guess(mechanism: Mechanism, where: str) -> None:
+    for key in mechanism.guess:
+        if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
+            raise MechanismFileError(
+                f"{where}: guess: {key} is no joint, coordinate or driver; it belongs {TOP}")
     try:
         joint_values(mechanism, mechanism.guess)
     except (SpatialPinError, ValueError) as error:
@@ -296,13 +315,24 @@ def _is_finite(value: int | float) -> bool:
         return False
 
 
+def _said(value: Any) -> str:
+    """Return a value of the file for a message."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write numbers of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
 class _Table:
     """A TOML table that is read key by key; every complaint names file, table and key."""
 
-    def __init__(self, content: Any, where: str) -> None:
+    def __init__(self, content: Any, where: str, place: str = TOP) -> None:
         if not isinstance(content, dict):
-            raise MechanismFileError(f"{where}: must be a table of key = value lines")
-        self.content, self.where = content, where
+            key = where.rpartition(".")[2]
+            hint = f"; {key} belongs {TOP}" if place != TOP and key in BELONGS[TOP] else ""
+            raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
+        self.content, self.where, self.place = content, where, place
         self.known: list[str] = []
 
     def __contains__(self, key: str) -> bool:
@@ -325,21 +355,21 @@ class _Table:
     def text(self, key: str, default: Any = _REQUIRED) -> str:
         value = self.get(key, default)
         if not isinstance(value, str) or (default is _REQUIRED and not value):
-            self.fail(key, f"must be text, not {value!r}")
+            self.fail(key, f"must be text, not {_said(value)}")
         return value
 
     def choice(self, key: str, valid: tuple[str, ...]) -> str:
         value = self.text(key)
         if value not in valid:
-            self.fail(key, f"is {value!r}; {suggestion(value, valid)}")
+            self.fail(key, f"is {_said(value)}; {suggestion(value, valid)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
         value = self.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(key, f"must be a number, not {value!r}")
+            self.fail(key, f"must be a number, not {_said(value)}")
         if not _is_finite(value) or value < least:
-            self.fail(key, f"is {str(value)[:24]}; it must be finite" +
+            self.fail(key, f"is {_said(value)}; it must be finite" +
                       (f" and at least {least:g}" if least > -math.inf else ""))
         return float(value)
 
@@ -360,13 +390,13 @@ class _Table:
             for x in value
         )
         if not numbers:
-            self.fail(key, f"must be three finite numbers, not {value!r}")
+            self.fail(key, f"must be three finite numbers, not {_said(value)}")
         return np.array(value, dtype=float)
 
     def axis(self, key: str) -> Array:
         """A direction; written with a few digits it is normalised, else refused."""
         value = self.vector(key)
-        norm = float(np.linalg.norm(value))
+        norm = math.hypot(*value)  # of numbers of any size
         if abs(norm - 1.0) > 1e-3:
             self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
         return value / norm
@@ -375,7 +405,7 @@ class _Table:
         value = self.get(key)
         if not (isinstance(value, list) and len(value) == 2
                 and all(isinstance(x, str) for x in value)):
-            self.fail(key, f"must be a list of two names, not {value!r}")
+            self.fail(key, f"must be a list of two names, not {_said(value)}")
         return value[0], value[1]
 
     def places(self, key: str, count: int) -> tuple[int, ...]:
@@ -385,7 +415,7 @@ class _Table:
             isinstance(x, int) and not isinstance(x, bool) and 0 <= x < count for x in value)
         if not valid or sorted(set(value)) != value:
             self.fail(key, f"must be a list of some of the numbers 0 to {count - 1}, ascending, "
-                           f"not {value!r}")
+                           f"not {_said(value)}")
         return tuple(value)
 
     def closed_text(self, key: str) -> str:
@@ -399,13 +429,15 @@ class _Table:
 
     def tables(self, key: str) -> dict[str, _Table]:
         inner = self.table(key)
-        return {k: _Table(v, f"{inner.where}.{k}") for k, v in inner.content.items()}
+        place = f"in [{key}.NAME]"
+        return {k: _Table(v, f"{inner.where}.{k}", place) for k, v in inner.content.items()}
 
     def array(self, key: str) -> list[_Table]:
         value = self.get(key, [])
         if not isinstance(value, list):
             self.fail(key, f"must be written as [[{key}]]")
-        return [_Table(v, f"{self.where}: {key}[{i}]") for i, v in enumerate(value)]
+        place = f"in [[{key}]]"
+        return [_Table(v, f"{self.where}: {key}[{i}]", place) for i, v in enumerate(value)]
 
     def values(self) -> dict[str, Any]:
         return dict(self.content)
@@ -414,4 +446,18 @@ class _Table:
         """Refuse keys that nothing has asked for."""
         for key in self.content:
             if key not in self.known:
-                self.fail(key, f"is not a key of this table; {suggestion(key, self.known)}")
+                self.fail(_said(key)[1:-1], self.misplaced(key))
+
+    def misplaced(self, key: str) -> str:
+        """Return why a key is none of this table, and where it belongs."""
+        places = [place for place, keys in BELONGS.items() if key in keys]
+        if self.place in places:
+            kind = self.content.get("type")
+            return (f"is not a key of this table of type {_said(kind)}; "
+                    f"{suggestion(key, self.known)}")
+        if self.place == "in [[closures]]" and key in SPRING:
+            return ("is not a key of this table: closures carry neither springs nor dampers; write "
+                    "[[springs]] with name, frames (the same two) and stiffness or damping")
+        if places:
+            return f"is not a key of this table; it belongs {' or '.join(places)}"
+        return f"is not a key of this table; {suggestion(key, self.known)}"

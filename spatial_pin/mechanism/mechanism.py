@@ -348,13 +348,17 @@ class Mechanism:
             joints.append(joints[parent] * placement)
         points = np.array([joints[f.parentJoint].act(f.placement.translation)
                            for f in self.model.frames])
-        unit = 2.0 ** math.frexp(float(np.abs(points).max(initial=0.0)))[1]  # changes no digit
-        points /= unit
-        span = unit * max(float(np.max(np.linalg.norm(points - p, axis=1))) for p in points)
+        reach = np.abs(points).max(axis=1)
+        span = float(reach.max())
+        if span <= 1.0 / SMALLEST:  # otherwise it may be infinite, or NaN
+            unit = 2.0 ** math.frexp(span)[1]  # changes no digit
+            points /= unit
+            span = unit * _diameter(points)
         if span and not SMALLEST <= span <= 1.0 / SMALLEST:
+            frame = self.model.frames[int(np.argmax(reach))].name
             raise MechanismFileError(
-                f"mechanism {self.name!r} is {span:.3g} m large; only sizes from {SMALLEST:g} to "
-                f"{1.0 / SMALLEST:g} m can be worked with")
+                f"{self.path or self.name}: the mechanism is {_large(span)} (frame {frame!r}); "
+                f"only sizes from {SMALLEST:g} to {1.0 / SMALLEST:g} m can be worked with")
         return span if span > 0.0 else 1.0
 
     @cached_property
@@ -392,6 +396,23 @@ class Mechanism:
             f"{len(self.coordinates)} coordinates, {len(self.closures)} closures, "
             f"drivers {list(self.drivers)})"
         )
+
+
+def _large(span: float) -> str:
+    return f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
+
+
+def _diameter(points: Array) -> float:
+    """Return the largest distance between two of the points (N, 3)."""
+
+    def farthest(point: Array) -> float:
+        return float(np.linalg.norm(points - point, axis=1).max())
+
+    radii = np.linalg.norm(points - (points.min(axis=0) + points.max(axis=0)) / 2, axis=1)
+    least = farthest(points[int(np.argmax(radii))])
+    # two points that are farther apart than that lie at least so far from the middle
+    outer = radii > least * (1.0 - 4.0 * np.finfo(float).eps) - radii.max()
+    return max([least, *map(farthest, points[outer])])
 
 
 class _MadeWhenAsked:

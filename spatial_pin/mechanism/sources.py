@@ -14,8 +14,10 @@ LARGEST = 100_000_000  # bytes of text: a hundred times the largest robots there
 
 
 def shown(path: Path | str) -> str:
-    """Return a path for a message, which nobody reads past its first two hundred letters."""
+    """Return a path for a message: printable, and not longer than anybody reads."""
     text = str(path)
+    if not text.isprintable():
+        text = repr(text)[1:-1]
     return text if len(text) <= 200 else f"{text[:120]}...{text[-60:]}"
 
 

@@ -109,11 +109,11 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
     for joint in robot.findall("joint"):
         check_joint(joint, f"{path}: joint {joint.get('name')!r}")
     meshes = take_meshes(robot, path)
-    text = _written(robot, path)
+    text = ET.tostring(robot, encoding="unicode")
     if meshes:
         urdf = text  # with absolute paths, so that it can be exported to another folder
         put_stand_ins(robot)
-        text = _written(robot, path)
+        text = ET.tostring(robot, encoding="unicode")
     try:
         model = pin.buildModelFromXML(text)
     except Exception as error:
@@ -131,13 +131,6 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
     order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
     shapes = Shapes(rebuilt, text, meshes, str(path))
     return Tree(rebuilt, shapes, order, inertias, mimics, urdf, slip_speeds)
-
-
-def _written(robot: ET.Element, path: Path) -> str:
-    try:
-        return ET.tostring(robot, encoding="unicode")
-    except RecursionError as error:
-        raise MechanismFileError(f"{path}: elements are nested too deeply") from error
 
 
 # ---------------------------------------------------------------- joints

@@ -60,24 +60,26 @@ def check_structure(robot: ET.Element, path: Path) -> None:
 def _check_connected(
     root: str, links: Iterable[str], parent_joint: Mapping[str, ET.Element], path: Path
 ) -> None:
+    connected = {root}
     for link in links:
-        seen = {link}
+        way: dict[str, None] = {}
         at = link
-        while at != root:
+        while at not in connected:
+            way[at] = None
             at = _end(parent_joint[at], "parent")
-            if at in seen:
-                raise MechanismFileError(f"{path}: the links {sorted(seen)} hang in a cycle")
-            seen.add(at)
+            if at in way:
+                raise MechanismFileError(f"{path}: the links {sorted(way)} hang in a cycle")
+        connected.update(way)
 
 
-def _names(elements: list[ET.Element], kind: str, path: Path) -> list[str]:
-    names: list[str] = []
+def _names(elements: list[ET.Element], kind: str, path: Path) -> dict[str, ET.Element]:
+    names: dict[str, ET.Element] = {}
     for element in elements:
         name = element.get("name", "")
         if not name or name in names:
             what = f"two {kind}s are named {name!r}" if name else f"a <{kind}> has no name"
             raise MechanismFileError(f"{path}: {what}")
-        names.append(name)
+        names[name] = element
     return names
 
 

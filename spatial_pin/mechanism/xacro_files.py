@@ -52,6 +52,7 @@ EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
+DEEPEST = 100  # elements within one another; URDF readers take 100 or 500 and then print
 REMEDY = "sp.load(..., trusted=True) reads it all the same"
 _IMPORTING = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
@@ -64,7 +65,8 @@ def expand(path: Path, parameters: Mapping[str, float], trusted: bool = False) -
 
     Raises:
         MechanismFileError: it cannot be read or expanded, or asks for what is refused.
-        ValueError: a parameter is NaN, infinite, or no number or text.
+        TypeError: a parameter is neither a number nor a text.
+        ValueError: a parameter is NaN or infinite.
     """
     check_file(path)
     if path.suffix != ".xacro":
@@ -85,19 +87,27 @@ def _checked_parameters(
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
-        if not isinstance(value, int | float | np.number | str):
-            raise ValueError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, "
-                             "or a text")
-        if isinstance(value, int | float | np.number) and not _is_number(value):
-            text = f"{value}" if isinstance(value, float | np.floating) else "too large"
-            raise ValueError(f"parameter {name!r} is {text}; a finite number is needed")
+        if not isinstance(value, str):
+            _check_number(name, value)
     return {name: _xacro_text(value) for name, value in parameters.items()}
 
 
+def _check_number(name: str, value: object) -> None:
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except OverflowError:
+        raise ValueError(f"parameter {name!r} is too large; a finite number is needed") from None
+    except (TypeError, ValueError):
+        raise TypeError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, or "
+                        "a text") from None
+    if not math.isfinite(number):
+        raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
+
+
 def _xacro_text(value: object) -> str:
-    if isinstance(value, bool | np.bool_):
+    if isinstance(value, str | bool | np.bool_):
         return str(value)
-    return repr(float(value)) if isinstance(value, int | float | np.number) else str(value)
+    return repr(float(value))  # type: ignore[arg-type]
 
 
 def xacro_arguments(path: Path, trusted: bool = False) -> dict[str, str]:
@@ -161,12 +171,19 @@ def parse_xml(text: str, path: Path) -> ET.Element:
     """Return the root element of XML text.
 
     Raises:
-        MechanismFileError: it is not well-formed; `path` is where it comes from.
+        MechanismFileError: it is not well-formed, or too deep; `path` is where it comes from.
     """
     try:
-        return ET.fromstring(text)
+        root = ET.fromstring(text)
     except (ET.ParseError, ValueError) as error:
         raise MechanismFileError(f"{shown(path)}: not well-formed XML: {error}") from error
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > DEEPEST:
+            raise MechanismFileError(
+                f"{shown(path)}: more than {DEEPEST} elements within one another; URDF has ten")
+    return root
 
 
 # ---------------------------------------------------------------- one expansion
@@ -310,7 +327,7 @@ class Expansion:
     def package(self, name: str) -> str:
         """Return the folder of a package."""
         folder = Path(self.file).parent.resolve()
-        found = next((p for p in package_folders(name, folder) if p.is_dir()), None)
+        found = next((p for p in package_folders(name, folder) if os.path.isdir(p)), None)
         if found is None:
             raise RefusedError(f"no package {name!r}: neither round this file nor below the "
                                "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH")
