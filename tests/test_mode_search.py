@@ -6,6 +6,7 @@ platform on three legs.
 
 from __future__ import annotations
 
+import json
 import pickle
 from pathlib import Path
 
@@ -33,6 +34,7 @@ from test_modes import (
 )
 
 import spatial_pin as sp
+from spatial_pin.cli import main
 
 GOUGH = {f"leg_{k}": 0.37 + 0.01 * k for k in range(1, 7)}
 DELTA = {"arm_1": 0.1, "arm_2": 0.2, "arm_3": -0.1}
@@ -246,6 +248,17 @@ def test_a_link_that_hangs_free_is_no_set_of_modes(tmp_path):
     assert len(sp.assembly_modes(mechanism, {"crank": 0.3, "swing": 0.2})) == 1
 
 
+def test_a_link_that_moves_alone_along_a_curve_is_refused(tmp_path):
+    """On a ball and on a plane it has no axis of its own to idle about, unless both are one."""
+    tree = (floating("ball", "ground", "link") + point("foot", "link", (0.3, 0.0, 0.0))
+            + point("nose", "link", (0.0, 0.2, 0.0)) + point("post", "ground", (0.1, 0.5, 0.2))
+            + point("floor", "ground", (0.0, 0.0, 0.1)))
+    toml = refine("ball", "spherical") + closure("contact", "point_on_plane", "floor", "foot")
+    rod = closure("rod", "distance", "post", "nose", length=0.45)
+    with pytest.raises(sp.ContinuumError, match=r"1 freedom, of ball\.x"):
+        sp.assembly_modes(load(tmp_path, "curve", tree, toml + rod))
+
+
 def test_drivers_that_nobody_named_stand_at_the_guess():
     mechanism = sp.load("four_bar")
     at_guess = mechanism.guess["crank_pin"]
@@ -335,3 +348,22 @@ def test_a_mode_of_which_one_copy_keeps_the_limits_is_kept():
     mechanism.model.lowerPositionLimit[slides] = 0.1
     mechanism.model.upperPositionLimit[slides] = 0.2
     assert sp.assembly_modes(mechanism, GOUGH, limits=True) == []
+
+
+# ---------------------------------------------------------------- command line
+
+
+def test_the_command_tells_modes_and_how_complete_they_are(capfd):
+    assert main(["modes", "stewart", *(f"{name}={x}" for name, x in GOUGH.items())]) == 0
+    text = capfd.readouterr().out
+    assert "8 assembly modes found" in text
+    assert "none is expected to be missing" in text
+    assert main(["modes", "rssr", "crank=0.7", "--copies", "--limits", "--json", "-"]) == 0
+    assert len(json.loads(capfd.readouterr().out)) == 2
+
+
+def test_the_command_refuses_what_can_move(tmp_path, capfd):
+    tree = turning("crank", "ground", "arm") + turning("swing", "arm", "bob", (1.0, 0.0, 0.0))
+    load(tmp_path, "pendulum", tree, driver("crank", "crank"))
+    assert main(["modes", str(tmp_path / "pendulum.toml"), "crank=0.3"]) == 1
+    assert "it stops when swing is held too" in capfd.readouterr().err

@@ -6,20 +6,18 @@ any other link its whole placement. All of it is linear in the joint placements.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from spatial_pin.kinematics.constraints import Evaluation
-from spatial_pin.kinematics.mobility import passive_freedoms_at
+from spatial_pin.kinematics.mobility import IDLE
 from spatial_pin.kinematics.newton import driven_groups
 from spatial_pin.kinematics.rods import Line
 from spatial_pin.kinematics.views import joint_jacobian
-from spatial_pin.linalg import Array, null_space, row_space
+from spatial_pin.linalg import Array, row_space
 from spatial_pin.mechanism.mechanism import Mechanism
-
-AT_REST = 1e-7  # speed of a point by that of the fastest: passive freedoms are known to 1e-8
 
 
 class Mark(NamedTuple):
@@ -52,44 +50,16 @@ def rows_of(marks: Mapping[int, Mark], n_joints: int, length: float) -> Array:
 # ---------------------------------------------------------------- passive freedoms
 
 
-def idle_motions(
-    evaluation: Evaluation, q: Array, held: Iterable[int]
-) -> list[tuple[int, Array]]:
-    """Return (joint, (k, nv) velocities) of the links that are passive at a closed q.
-
-    A passive freedom moves nothing that is held, and no end of a distance, which stands for a
-    rod.
-
-    Args:
-        evaluation: the closure equations; left at q.
-        q: (nq,) closed configuration.
-        held: places of the coordinates held in the velocity vector.
-    """
-    mechanism, at = evaluation.mechanism, list(held)
-    found: list[tuple[int, Array]] = []
-    for name, velocities in passive_freedoms_at(evaluation, q):
-        scaled = velocities / mechanism.velocity_scale
-        moved: list[Array] = [scaled[:, at]]
-        for body in _group(mechanism, mechanism.joint_id(name)):
-            moved.append(_speeds(evaluation, body, _held_points(mechanism, body), velocities))
-        speeds = np.hstack(moved)
-        speeds /= np.abs(scaled).max()
-        kept = null_space(speeds.T, AT_REST) if speeds.size else np.eye(len(velocities))
-        if len(kept):
-            found.append((mechanism.joint_id(name), kept @ velocities))
-    return found
-
-
-def resting(evaluation: Evaluation, idle: list[tuple[int, Array]]) -> dict[int, Mark]:
+def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, Mark]:
     """Return what passive freedoms leave at rest of the bodies that they move."""
     mechanism, marks = evaluation.mechanism, {}
     for joint, velocities in idle:
-        for body in _group(mechanism, joint):
+        for body in _group(mechanism, mechanism.joint_id(joint)):
             points = _points(mechanism, body)
             speeds = _speeds(evaluation, body, points, velocities)
             speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
             fastest = _fastest(evaluation, body, velocities)
-            kept = points[speeds <= AT_REST * fastest]
+            kept = points[speeds <= IDLE * fastest]
             marks[body] = Mark(kept, _steady(evaluation, body, velocities, fastest))
     return marks
 
@@ -125,7 +95,7 @@ def _fastest(evaluation: Evaluation, body: int, velocities: Array) -> float:
 def _steady(evaluation: Evaluation, body: int, velocities: Array, fastest: float) -> Array:
     """Return the directions (l, 3) in a body that its passive freedoms leave as they are."""
     spins = _twists(evaluation, body, velocities)[:, 3:]
-    axes = row_space(spins[np.abs(spins).max(axis=1) > AT_REST * fastest], AT_REST)
+    axes = row_space(spins[np.abs(spins).max(axis=1) > IDLE * fastest], IDLE)
     if not len(axes):
         return np.eye(3)
     rotation = evaluation.data.oMi[body].rotation
@@ -142,14 +112,3 @@ def _points(mechanism: Mechanism, body: int) -> Array:
         placed = map(mechanism.frame_on_joint, (*closure.frames, *closure.between))
         points += [M.translation for joint, M in placed if joint == body]
     return np.array(points)
-
-
-def _held_points(mechanism: Mechanism, body: int) -> Array:
-    """Return the points (k, 3) of a body that distances hold."""
-    points = []
-    for closure in mechanism.closures:
-        if closure.type != "distance":
-            continue
-        placed = map(mechanism.frame_on_joint, (*closure.frames, *closure.between))
-        points += [M.translation for joint, M in placed if joint == body]
-    return np.array(points).reshape(-1, 3)

@@ -30,6 +30,7 @@ FAR = 0.3  # rad, characteristic lengths, that a body idles on without opening a
 SMALL_PROBE = 0.005  # the same at a configuration that was reached by one
 PROBES = 6  # trial motions for each instantaneous freedom
 ALGEBRA_TOLERANCE = 1e-8
+IDLE = 1e-7  # speed by that of the fastest that is none: passive freedoms are known to 1e-8
 MAX_NAMES = 8
 
 
@@ -187,10 +188,8 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     couplings = len(evaluation.constraints.couplings)
     freedoms = nv + sum(6 - c.n_rows for c in mechanism.closures if c.type != COUPLING)
     dof = _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
-    passive = [(joint, v) for joint, velocities in passive_freedoms_at(evaluation, x)
-               for v in _spins_and_slides(evaluation, joint, velocities)
-               if _goes_on(evaluation, x, joint, v)]
-    evaluation.update(x)
+    passive = [(joint, v) for joint, velocities in idle_freedoms(evaluation, x)
+               for v in velocities]
     if dof < nv - r:  # leave out what is instantaneous only
         scale = mechanism.velocity_scale
         passive = [(joint, v) for joint, v in passive if finite_dimension(
@@ -354,6 +353,28 @@ def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
     groups = driven_groups(mechanism)
     own = groups[mechanism.joint_id(joint)]
     return sum(n for n, g in zip(_pairs_of_bodies(mechanism), groups, strict=True) if g == own) > 1
+
+
+def idle_freedoms(
+    evaluation: Evaluation, q: Array, held: Iterable[int] = ()
+) -> list[tuple[str, Array]]:
+    """Return (joint name, (k, nv) velocities) of the links that idle about or along own axes at q.
+
+    Args:
+        evaluation: the closure equations; left at q.
+        q: (nq,) closed configuration.
+        held: places in the velocity vector of coordinates that stand still, besides the drivers.
+    """
+    at, found = list(held), []
+    for joint, velocities in passive_freedoms_at(evaluation, q):
+        scaled = velocities / evaluation.mechanism.velocity_scale
+        still = null_space(scaled[:, at].T / np.abs(scaled).max(), IDLE) @ velocities
+        idle = [v for v in _spins_and_slides(evaluation, joint, still)
+                if _goes_on(evaluation, q, joint, v)] if len(still) else []
+        evaluation.update(q)
+        if idle:
+            found.append((joint, np.array(idle)))
+    return found
 
 
 def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.kinematics.assembly import nearest_turn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.marks import WHOLE, Mark, idle_motions, of_line, resting, rows_of
-from spatial_pin.kinematics.mobility import SINGULAR, finite_motions
+from spatial_pin.kinematics.marks import WHOLE, Mark, of_line, resting, rows_of
+from spatial_pin.kinematics.mobility import SINGULAR, finite_motions, idle_freedoms
 from spatial_pin.kinematics.mode_list import Continuum
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.rods import Rod
@@ -40,12 +40,12 @@ class Kind(NamedTuple):
 
     Attributes:
         nullity: freedoms to first order with the values held.
-        idle: (joint, (k, nv) velocities) of the links that are passive.
+        idle: (joint's name, (k, nv) velocities) of the links that are passive.
         motions: (d, nv) finite motions, scaled; of a regular configuration the passive ones.
     """
 
     nullity: int
-    idle: list[tuple[int, Array]]
+    idle: list[tuple[str, Array]]
     motions: Array
 
     @property
@@ -91,7 +91,7 @@ class Check:
     def kind(self, q: Array) -> Kind:
         """Return what a closed configuration is."""
         evaluation, n = self.evaluation, self.evaluation.constraints.n_rows
-        idle = idle_motions(evaluation, q, self.fixed)
+        idle = idle_freedoms(evaluation, q, self.fixed)
         evaluation.update(q)
         inner = null_space(evaluation.jacobian[:n, self.free], SINGULAR)
         tangents = np.zeros((len(inner), len(self.free)))
@@ -127,7 +127,7 @@ class Check:
                                   if mechanism.driven_coordinate(x.joint) == c), c.name))
         return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
 
-    def marks(self, idle: list[tuple[int, Array]], all_copies: bool) -> dict[int, Mark]:
+    def marks(self, idle: list[tuple[str, Array]], all_copies: bool) -> dict[int, Mark]:
         """Return what tells modes apart of every body.
 
         Args:

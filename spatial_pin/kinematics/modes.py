@@ -37,6 +37,7 @@ FEWEST, MOST = 64, 512  # starts closed together
 LARGEST = 1 << 21  # numbers in their Jacobians
 LOOKED_AT = 20  # closed configurations looked at for a regular one
 READINGS = 8  # starts from which the readings of a rod are sought
+MOST_MODES = 1000  # after which no more are sought: that many are told by `missing`
 MOST_REJECTED = 64  # mirror images that are known again
 
 
@@ -194,7 +195,9 @@ class _Search:
 
     def done(self, patience: int, most_starts: int) -> bool:
         """Whether further starts can be spared."""
-        if self.starts >= most_starts or (self.starts and not self.free.any()):
+        if self.starts >= most_starts or len(self.modes) >= MOST_MODES:
+            return True
+        if self.starts and not self.free.any():
             return True
         return (self.starts - self.newest >= patience
                 and min((mode.count for mode in self.modes), default=TIMES) >= TIMES)
@@ -343,8 +346,7 @@ class _Search:
             found = [x for x in found if not _violated(check.mechanism, check.state(x[0]).q)]
         if self.all_copies and not copies:
             found = self._one_of_each(found)
-        loose = {check.mechanism.model.names[i] for kind in [x[1] for x in found]
-                 for i, _ in kind.idle}
+        loose = {joint for _, kind, _ in found for joint, _ in kind.idle}
         found.sort(key=lambda x: _order(check.state(x[0]), loose))
         signs = check.signs([(q, kind) for q, kind, _ in found])
         states = [check.state(q, branch) for (q, _, _), branch in
