@@ -94,6 +94,33 @@ def stretched_four_bar(folder: Path, wrap=str) -> sp.Mechanism:
                       + known.closure("pin", "revolute", "end", "top"))
 
 
+def parallel_rods(folder: Path, lengths=(0.6, 0.4, 0.8), kind="revolute") -> sp.Mechanism:
+    """A plate on three parallel rods of different lengths: they would have to turn alike."""
+    feet, along = np.array([(0, 0, 0), (1.0, 0, 0), (0.4, 0.7, 0)]), np.array([0.8, 0.6, 0])
+    tips = feet + np.outer(lengths, along)
+    angle = float(np.arctan2(along[1], along[0]))
+    tree = known.turning("a", "ground", "rod_a") + known.turning(
+        "top", "rod_a", "plate", (lengths[0], 0, 0))
+    toml = known.driver("a", "a")
+    for name, foot, tip, length in zip("bc", feet[1:], tips[1:], lengths[1:], strict=True):
+        tree += known.turning(name, "ground", f"rod_{name}", foot)
+        tree += known.point(f"end_{name}", f"rod_{name}", (length, 0, 0))
+        tree += known.point(f"pin_{name}", "plate", tip - tips[0])
+        toml += known.closure(f"pin_{name}", kind, f"end_{name}", f"pin_{name}")
+    return known.load(folder, "parallel_rods", tree, toml + known.guess(
+        a=angle, top=-angle, b=angle, c=angle))
+
+
+def carried_truss(folder: Path) -> sp.Mechanism:
+    """A flat truss that a crank turns as a whole: shaky in every configuration."""
+    tree = (known.turning("crank", "ground", "base") + known.turning("a", "base", "bar_a")
+            + known.turning("b", "base", "bar_b", (2.5, 0, 0))
+            + known.point("tip_a", "bar_a", (1, 0, 0))
+            + known.point("tip_b", "bar_b", (-1.5, 0, 0)))
+    return known.load(folder, "carried_truss", tree, known.driver("crank", "crank")
+                      + known.closure("pin", "revolute", "tip_a", "tip_b"))
+
+
 def tensegrity(folder: Path, wrap=str, radius=0.4, height=0.7) -> sp.Mechanism:
     """A prism of three struts and three cables at the twist at which it is shaky [Connelly].
 
@@ -129,4 +156,8 @@ STRUCTURES = {
     "stretched four-bar": stretched_four_bar,
     "stretched four-bar, tilted": lambda folder: stretched_four_bar(folder, known.tilted),
     "tensegrity": tensegrity,
+    "parallel rods": parallel_rods,
+    "parallel rods, nearly alike": lambda folder: parallel_rods(folder, (0.6, 0.6, 0.601)),
+    "parallel rods with balls": lambda folder: parallel_rods(folder, kind="spherical"),
+    "a truss that is carried": carried_truss,
 }

@@ -12,6 +12,7 @@ import mechanisms as known
 import numpy as np
 import pytest
 from masses import heavy
+from test_dynamics import ladder, leaning
 
 import spatial_pin as sp
 
@@ -173,6 +174,36 @@ def two_states(mechanism) -> list[sp.State]:
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_a_mechanism_of_the_library(name):
     in_both_orders(lambda: sp.load(name), two_states)
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+@pytest.mark.parametrize("make", [known.rscr, known.press_closure, known.leaning_pointer,
+                                  known.swash_plate, known.arm_on_a_ram, known.rack_and_gears])
+def test_other_pairs(make, tmp_path):
+    """Screws and couplings among them, which count turns."""
+    in_both_orders(lambda: make(tmp_path), two_states)
+
+
+@pytest.mark.parametrize("n", [45, 80])
+def test_many_loops(n, tmp_path):
+    """To round-off, for the choice of rows stays as it was; what is refused is the same."""
+    mechanism = ladder(tmp_path, n)
+    states = [leaning(mechanism, angle, 1.3)[0] for angle in (0.7, 0.2, np.pi / 2)]
+
+    def asked(load, k):
+        state = carried(load, states[k].q, states[k].angles)
+        return said(lambda: sp.forward_dynamics(load, state).a)
+
+    want = [asked(fresh(mechanism), k) for k in range(3)]
+    assert want[2][0] == "SingularError"
+    for order in ((0, 1, 2, 0), (2, 1, 0, 2)):
+        used = fresh(mechanism)
+        for k in order:
+            got = asked(used, k)
+            if k == 2:
+                assert got == want[k]
+            else:
+                assert got == pytest.approx(want[k], abs=1e-13 * np.abs(want[k]).max())
 
 
 @pytest.mark.parametrize("wrap", [str, known.tilted], ids=["level", "tilted"])

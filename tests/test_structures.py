@@ -27,7 +27,8 @@ RATES = {
     "influence": lambda m, s: sp.influence(m, s),
     "sweep": lambda m, s: sp.sweep(m, some_driver(m), s.coordinate(some_driver(m)).value
                                    + np.linspace(0.0, 0.1, 5)),
-    "sweep of many": lambda m, s: sp.sweep(m, some_driver(m), np.linspace(0.0, 0.1, 400)),
+    "sweep of many": lambda m, s: sp.sweep(m, some_driver(m), s.coordinate(some_driver(m)).value
+                                           + np.linspace(0.0, 0.1, 400)),
     "sweep of one": lambda m, s: sp.sweep(m, some_driver(m), [s.coordinate(some_driver(m)).value]),
     "limits": lambda m, s: sp.limits(m, some_driver(m)),
     "trace": lambda m, s: sp.trace(m, some_driver(m)),
@@ -40,6 +41,7 @@ RATES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 @pytest.mark.parametrize("name", odd.STRUCTURES)
 def test_what_can_only_be_shaken_has_no_rates(name, tmp_path):
     """The driver's freedom is instantaneous only: no speed of it is one of a motion."""
@@ -58,6 +60,17 @@ def test_it_is_said_that_nothing_can_move(size, tmp_path):
     mechanism = odd.flat_truss(tmp_path, size=size)
     with pytest.raises(sp.SingularError, match="are instantaneous only"):
         sp.solve_rates(mechanism, sp.assemble(mechanism), {"a": 1.0})
+
+
+def test_what_else_can_be_wrong_is_said_as_well(tmp_path):
+    """A part that is shaky wherever it is carried; and branches that cross."""
+    carried = odd.carried_truss(tmp_path)
+    with pytest.raises(sp.SingularError, match=r"there and 1 freedom\(s\) are instantaneous only"):
+        sp.solve_rates(carried, sp.assemble(carried), {"crank": 1.0})
+    flat = known.bare_four_bar(tmp_path, 1.0, 0.3, 1.0, 0.3)
+    with pytest.raises(sp.SingularError, match="branches cross"):
+        sp.solve_rates(flat, sp.assemble(flat, {"crank": 0.0}, guess={"rocker_pin": 0.0}),
+                       {"crank": 1.0})
 
 
 @pytest.mark.parametrize("height", [0.05, 1e-2])

@@ -477,24 +477,22 @@ def _generic_rank(evaluation: Evaluation, q: Array) -> int:
     return best
 
 
-def is_rigid(evaluation: Evaluation, q: Array) -> bool:
-    """Whether no step from q, where the loops lose rank, is left when they are closed again."""
+def _ways(evaluation: Evaluation, q: Array) -> int:
+    """Return in how many independent ways steps from q go on when loops are closed again."""
     evaluation.update(q)
     n, scale = evaluation.constraints.n_rows, evaluation.mechanism.velocity_scale
     freedoms = decompose(evaluation.jacobian[:n]).null_space
     free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
+    left = []
     for _ in range(TRIALS * len(freedoms)):
         v = rng.standard_normal(len(freedoms)) @ freedoms
         start = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
         there, error = close(evaluation, start, free, 1e-13)
-        moved = pin.difference(evaluation.model, q, there) / scale
-        if error <= 1e-11 and np.linalg.norm(moved) > MOVED * STEP:
-            break
-    else:
-        evaluation.update(q)
-        return True
+        moved = pin.difference(evaluation.model, q, there) / (scale * STEP)
+        if error <= 1e-11 and np.linalg.norm(moved) > MOVED:
+            left.append(moved / np.linalg.norm(moved))
     evaluation.update(q)
-    return False
+    return int(np.count_nonzero(decompose(np.array(left)).s > MOVED)) if left else 0
 
 
 def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
@@ -506,11 +504,13 @@ def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
         lost: how many equations.
         motion: what would determine the motion elsewhere.
     """
-    if is_rigid(evaluation, q):
-        return (f"singular configuration: the loops lose {lost} independent equation(s) there and "
-                f"nothing can move: {lost} freedom(s) are instantaneous only (see sp.mobility)")
-    return (f"singular configuration: the loops lose {lost} independent equation(s) there and "
-            f"branches cross; the motion is not determined by the {motion}")
+    n, ways = evaluation.constraints.n_rows, _ways(evaluation, q)
+    freedoms = evaluation.model.nv - len(independent_rows(evaluation.jacobian[:n]))
+    text = f"singular configuration: the loops lose {lost} independent equation(s) there and "
+    if ways <= freedoms - lost:
+        nothing = "nothing can move: " * (not ways)
+        return text + f"{nothing}{lost} freedom(s) are instantaneous only (see sp.mobility)"
+    return text + f"branches cross; the motion is not determined by the {motion}"
 
 
 def driven_groups(mechanism: Mechanism) -> list[int]:
