@@ -257,7 +257,7 @@ def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
     assert 1e-3 < forces.acceleration < 0.5
 
 
-@pytest.mark.parametrize("resistance", ["damping", "armature"])
+@pytest.mark.parametrize("resistance", ["damping", "armature", "upperDryFrictionLimit"])
 def test_a_rod_whose_ball_takes_a_force_to_be_turned_is_not_lumped(resistance):
     full = sp.load("rssr")
     getattr(full.model, resistance)[full.coordinate("ball_a.x").v] = 0.1

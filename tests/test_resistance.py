@@ -271,6 +271,54 @@ def test_derivatives_with_all_that_resists(name, joints):
                 assert got == pytest.approx(want, abs=2e-5 * max(np.abs(want).max(), 1.0))
 
 
+PAIRS = {"spherical": 3, "universal": 2, "cylindrical": 2, "planar": 3, "floating": 6, "screw": 1}
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_every_pair_resists_coordinate_by_coordinate(pair, tmp_path):
+    """By Pinocchio's own algorithm with the forces put in; derivatives; energy."""
+    rng, n = np.random.default_rng(4), PAIRS[pair]
+    values = {key: rng.uniform(0.1, 0.5, n).round(3).tolist() for key in LISTED}
+    lines = "".join(f"{key} = {x}\n" for key, x in values.items())
+    lines += "lead = 0.05\n" if pair == "screw" else ""
+    tree = heavy(known.turning("base", "ground", "arm", axis=(0, 1, 0))
+                 + known.floating("joint", "arm", "tip", (0.3, 0, 0.1)),
+                 arm=(1.0, (0.1, 0, 0), (0.01, 0.02, 0.02)),
+                 tip=(0.7, (0.1, 0.02, 0.03), (0.01, 0.015, 0.02)))
+    mech = known.load(tmp_path, pair, tree, f'[joints.joint]\ntype = "{pair}"\n{lines}')
+    nv, model, data = mech.model.nv, mech.model, mech.model.createData()
+    q = pin.integrate(model, mech.neutral, rng.uniform(-0.5, 0.5, nv))
+    v = rng.uniform(-1.0, 1.0, nv)
+    tau, own = np.zeros(nv), v[1:]
+    tau[1:] = -(values["damping"] * own
+                + values["friction"] * np.tanh(own / values["slip_speed"]))
+    state = sp.State(mech, q, v, closure_error=0.0)
+    assert forward_dynamics(mech, state).a == pytest.approx(pin.aba(model, data, q, v, tau),
+                                                            rel=1e-10, abs=1e-10)
+    found, h = dynamics_derivatives(mech, state), 1e-6
+
+    def a(q, v):
+        return forward_dynamics(mech, sp.State(mech, q, v, closure_error=0.0)).a
+
+    for k, d in enumerate(h * np.eye(nv)):
+        by_v = (a(q, v + d) - a(q, v - d)) / (2 * h)
+        by_q = (a(pin.integrate(model, q, d), v) - a(pin.integrate(model, q, -d), v)) / (2 * h)
+        assert found.a_by_v[:, k] == pytest.approx(by_v, abs=1e-7)
+        assert found.a_by_q[:, k] == pytest.approx(by_q, abs=1e-7)
+    ends = [simulate(mech, state, 0.5, f) for f in FORMULATIONS]
+    assert max(m.energy_drift for m in ends) < 1e-9
+    assert ends[0].q[-1] == pytest.approx(ends[1].q[-1], abs=1e-8)
+
+
+def test_drives_work_against_what_resists():
+    mech = hard("four_bar", {})
+    start = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.3}), {"crank": 2.0})
+    motion = sp.simulate(mech, start, 0.5, drives={"crank": sp.laws.constant_speed(0.3, 2.0)})
+    assert motion.energy_drift < 1e-9 and motion.work[-1] != 0.0
+    needed = kinetostatics(mech, motion).efforts["crank"]
+    assert motion.efforts["crank"] == pytest.approx(needed, rel=1e-8)
+
+
 # ---------------------------------------------------------------- stiff motions
 
 

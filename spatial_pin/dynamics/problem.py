@@ -67,7 +67,7 @@ class Problem:
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
-        by_drivers: whether efforts act at drivers only, and springs as the file says.
+        by_drivers: whether efforts act at drivers only, springs and friction as the file says.
         works: whether anything but gravity does work.
     """
 
@@ -89,7 +89,8 @@ class Problem:
                        for n, law in mapping(drives, "drives").items()]
         at_drivers = {mechanism.driven_coordinate(d.joint).v for d in mechanism.drivers.values()}
         acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
-        self.by_drivers = self.law is None and not laws and acted <= at_drivers
+        self.by_drivers = (self.law is None and not laws and slip_speed is None
+                           and acted <= at_drivers)
         self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
 
     def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:

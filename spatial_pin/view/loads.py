@@ -22,7 +22,8 @@ def loads(shown: Motion | State, motion: Motion) -> Kinetostatics:
     """
     if isinstance(shown, Simulation) and not shown.by_drivers:
         raise SpatialPinError(
-            f"mechanism {motion.mechanism.name!r}: efforts elsewhere than at its drivers, or laws "
-            "of springs, acted in this simulation: use `kinetostatics` with `actuated` and `laws`"
+            f"mechanism {motion.mechanism.name!r}: efforts elsewhere than at its drivers, laws "
+            "of springs, or a slip speed of its own acted in this simulation: use `kinetostatics` "
+            "with `actuated`, `laws` and `slip_speed`"
         )
     return kinetostatics(motion.mechanism, motion)
