@@ -77,12 +77,12 @@ def test_a_damped_pendulum_swings_as_the_small_oscillation_says(formulation, tmp
     mech = pendulum(tmp_path, tag='<dynamics damping="0.13"/>')
     inertia = 0.02 + 1.5 * 0.4**2
     delta, w0 = 0.13 / (2 * inertia), np.sqrt(1.5 * G * 0.4 / inertia)
-    w, start = np.sqrt(w0**2 - delta**2), 1e-4
+    w, start = np.sqrt(w0**2 - delta**2), 1e-3
     motion = simulate(mech, sp.assemble(mech, {"pin": start}), 3.0, formulation)
     t = motion.time
     small = start * np.exp(-delta * t) * (np.cos(w * t) + delta / w * np.sin(w * t))
     assert motion.coordinate("pin")[0] == pytest.approx(small, abs=2 * start**3)
-    assert motion.energy_drift < 1e-6  # energies of 1e-8 J beside one of 6 J
+    assert motion.energy_drift < 1e-7  # energies of 1e-6 J beside one of 6 J
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
