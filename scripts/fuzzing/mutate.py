@@ -24,7 +24,7 @@ import pinocchio as pin
 
 import spatial_pin as sp
 
-LONGEST = 10  # load and assemble [s]
+LONGEST = 10  # load and assemble [s of the processor]
 NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 QUOTED = re.compile(r'"([^"\n]*)"')
 NUMBERS = ("0", "-1", "1e308", "-1e308", "1e-308", "5e-324", "1e400", "nan", "inf", "-inf", "1e20",
@@ -169,8 +169,8 @@ class Damage:
 
     def ended(self):
         """What loading and assembling do, within a time."""
-        signal.signal(signal.SIGALRM, _too_long)
-        signal.alarm(LONGEST)
+        signal.signal(signal.SIGPROF, _too_long)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", RuntimeWarning)
@@ -183,7 +183,7 @@ class Damage:
             return {"end": "crashed", "text": f"{type(error).__name__}: {error}"[:300]
                     + f" at {_where(error)}"}
         finally:
-            signal.alarm(0)
+            signal.setitimer(signal.ITIMER_PROF, 0)
 
     def loaded(self):
         """Load the mechanism; where it is another one, close it and let it move."""

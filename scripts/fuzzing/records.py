@@ -24,7 +24,7 @@ from fuzzing.case import Case, Skip, Wrong
 from fuzzing.generate import make
 
 CHECKS = kinematic_checks.CHECKS | force_checks.CHECKS
-LONGEST = 60  # a check, with our own computations [s]
+LONGEST = 60  # a check, with our own computations [s of the processor]
 BAD = ("wrong", "crashed", "hung")
 GOES_ON = ("right", "skipped")
 
@@ -57,8 +57,8 @@ def _with_needs(names):
 
 def _ended(case, check):
     case.doubtful, began = False, time.perf_counter()
-    signal.signal(signal.SIGALRM, _too_long)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    signal.signal(signal.SIGPROF, _too_long)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -76,7 +76,7 @@ def _ended(case, check):
     except Exception as error:
         record = {"end": "crashed", "text": f"{type(error).__name__}: {error} at {_where(error)}"}
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     return record | {"doubtful": record["end"] == "refused" and bool(case.doubtful),
                      "seconds": round(time.perf_counter() - began, 3)}
 
