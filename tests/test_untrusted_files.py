@@ -201,6 +201,8 @@ GROWING = {
     "properties of each other": (
         '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>'
         '<x y="${a}"/>'),
+    "a parameter with a quote too few": (
+        f"<xacro:macro name='a' params='b:={'x' * 60}&apos;'/><xacro:a/>"),
     "a file that includes itself": '<xacro:include filename="arm.urdf.xacro"/>',
     "elements within elements": "<x>" * 5000 + "</x>" * 5000,
     "a list that holds itself": (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,8 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.resistance import Resistance
+from spatial_pin.mechanism.sources import read_text
+from spatial_pin.mechanism.toml_files import parse_toml
 from spatial_pin.mechanism.urdf import PAIR_OF_URDF_TYPE
 from spatial_pin.outputs import writable_path, write_text
 
@@ -38,7 +39,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     content: dict[str, Any] = {}
     sources = {source.resolve()} if source is not None else set()
     if source is not None and source.suffix == ".toml":
-        content = tomllib.loads(source.read_text(encoding="utf-8"))
+        content = parse_toml(read_text(source), source)
         sources.add((source.parent / content["tree"]).resolve())
     elif mechanism.path is None:  # made by another mechanism, not by a file
         content = content_of(mechanism)
@@ -57,7 +58,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
 
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
-    """Return what a mechanism file says of a mechanism, as `tomllib` would read it."""
+    """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
     elements = {joint.get("name", ""): joint
                 for joint in ET.fromstring(mechanism.urdf).findall("joint")}
     content: dict[str, Any] = {

@@ -199,7 +199,7 @@ def _shifted(a: Any, b: Any, budget: Budget) -> Any:
 def _modulo(a: Any, b: Any, budget: Budget) -> Any:
     if isinstance(a, str):
         measure(b, budget)
-        if re.search(r"%(\([^)]*\))?[^a-zA-Z%]*(\*|\d{4})", a):
+        if re.search(r"%(\([^()%]*\))?[^a-zA-Z%]*(\*|\d{4})", a):
             raise RefusedError("a format wider than 999, or of a width *, is not offered here")
         budget.spend(sum(int(width) for width in re.findall(r"\d{1,3}", a)) // SHARE)
     return a % b

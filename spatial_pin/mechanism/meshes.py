@@ -252,7 +252,7 @@ def _is_ply(head: bytes, size: int) -> bool:
 
 
 def _is_obj(head: bytes, size: int) -> bool:
-    return re.search(rb"^\s*v\s", head, re.M) is not None or size > len(head)
+    return re.search(rb"^[ \t]*v[ \t]", head, re.M) is not None or size > len(head)
 
 
 FORMATS: dict[str, Callable[[bytes, int], bool]] = {

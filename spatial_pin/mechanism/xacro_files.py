@@ -214,6 +214,12 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
     return tuple(parts)
 
 
+# xacro's own pattern of a macro's parameter, but without its exponential number of ways to match
+_PARAMETER = re.compile(
+    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
+    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
+
+
 class Expansion:
     """One run of xacro over a file and what it includes."""
 
@@ -475,7 +481,7 @@ def _own_xacro(expansion: Expansion) -> ModuleType:
         "eval_text": expansion.eval_text, "parse": expansion.parse,
         "get_include_files": expansion.include_files, "replace_node": expansion.replace_node,
         "resolve_macro": expansion.macro, "load_yaml": expansion.load_yaml,
-        "eval_extension": None, "safe_eval": None,
+        "re_macro_arg": _PARAMETER, "eval_extension": None, "safe_eval": None,
         "_global_symbols": {**GLOBALS, **_functions(expansion, module)},
     }
     missing = [name for name in parts if not hasattr(module, name)]
