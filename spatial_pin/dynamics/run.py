@@ -279,12 +279,16 @@ class Run:
 
     def _give_up(self, system: System) -> GivenUp:
         """Return what has failed at the present time, the system included."""
-        if self.t != self._failed_at:
+        if not self._is_now(self._failed_at):
             self._failed_at = self.t
             self._given_up.clear()
-        if system.is_fresh_the_same or self._begun_at == self.t:
+        if system.is_fresh_the_same or self._is_now(self._begun_at):
             self._given_up.add(_kind(system))
         return self._given_up
+
+    def _is_now(self, t: float) -> bool:
+        """Whether hardly anything has happened since then, by the longest step so far."""
+        return self.t - t <= NEAR**2 * self._largest[1]
 
     def _take(self, system: System, solver: Any) -> bool:
         """Keep rows and events of the last step; return whether it is to be the last."""
