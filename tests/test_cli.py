@@ -248,7 +248,7 @@ def test_export_overwrites_no_source_and_writes_no_half(fail, tmp_path, target):
     (("check", "gone.urdf"), "gone.urdf: no such file"),
     (("info", "rssr", "--set", "dd=1"), "did you mean 'd'?"),
     (("assemble", "rssr", "crankk=1"), "did you mean 'crank'?"),
-    (("assemble", "rssr", "ball_a.x=1"), "spherical"),
+    (("limits", "rssr", "ball_a.x"), "spherical"),
     (("assemble", "rssr", "--set", "d=5"), "closure 'ball_b' stays open by"),
     (("assemble", "rssr", "--guess", "rocker_pim=1"), "did you mean 'rocker_pin'?"),
     (("check", "rssr", "--set", "d=5"), "closure 'ball_b' stays open by"),

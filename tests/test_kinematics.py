@@ -658,9 +658,16 @@ def test_unknown_names_come_with_a_suggestion(folder):
         assert near in str(caught.value)
 
 
-def test_a_component_of_a_rotation_vector_cannot_be_driven():
+def test_a_component_of_a_rotation_vector_drives_as_the_crank_does():
+    mechanism = sp.load("rssr")
+    by_crank = sp.sweep(mechanism, "crank", np.linspace(0.5, 0.6, 7), speed=1.0)
+    value, rate, acceleration = by_crank.coordinate("ball_a.x")
+    motion = sp.sweep(mechanism, "ball_a.x", value, rate, acceleration, guess=by_crank.state(0))
+    assert motion.q == pytest.approx(by_crank.q, abs=1e-8)  # the idle spin is integrated
+    assert motion.v == pytest.approx(by_crank.v, abs=1e-7)
+    assert motion.a == pytest.approx(by_crank.a, abs=1e-6)
     with pytest.raises(sp.MechanismFileError, match="chain of revolute joints"):
-        sp.sweep(sp.load("rssr"), "ball_a.x", [0.0, 0.1])
+        sp.limits(mechanism, "ball_a.x")
 
 
 # ---------------------------------------------------------------- rates

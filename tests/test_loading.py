@@ -819,8 +819,8 @@ REFUSED = {
     "driver of itself": bad('joint = "pin"', 'joint = "motor"', r"drivers\.motor", "'motor'"),
     "driver of a ball": bad('joint = "pin"', 'joint = "ball"', r"drivers\.motor", "'ball'",
                             "spherical"),
-    "driver of a component of a ball": bad('joint = "pin"', 'joint = "ball.x"', r"drivers\.motor",
-                                           "'ball.x'", "spherical"),
+    "driver of a whole ball": bad('joint = "pin"', 'joint = "ball"', r"drivers\.motor",
+                                  "'ball'", "several coordinates"),
     "driver without a table": bad('[drivers.motor]\njoint = "pin"', '[drivers]\nmotor = "pin"',
                                   r"drivers\.motor", "table"),
     "two drivers of one coordinate": bad(

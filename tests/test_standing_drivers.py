@@ -345,3 +345,24 @@ def test_a_gear_that_counts_more_turns_than_digits_is_named(turns):
     for given in (({"crank": turns},), ({}, {"crank": turns})):
         with pytest.raises(sp.AssemblyError, match=r"(left|right)_pin = .* round-off"):
             sp.assemble(mechanism, *given)
+
+
+# ---------------------------------------------------------------- the command line
+
+
+@pytest.mark.filterwarnings("default::spatial_pin.SpatialPinWarning")
+def test_the_command_line_says_who_was_released(capsys):
+    from spatial_pin.cli import main
+
+    assert main(["assemble", "delta", "arm_1=3"]) == 0
+    said = capsys.readouterr().out
+    for arm in (2, 3):
+        assert f"released: driver arm_{arm} went +0.304141578 rad" in said
+    assert main(["assemble", "delta", "arm_1=3", "--no-release"]) == 1
+    assert "let them go with release=True" in " ".join(capsys.readouterr().err.split())
+    assert main(["assemble", "delta", "arm_1=3", "--free", "arm_2"]) == 0
+    assert "released" not in capsys.readouterr().out
+    assert main(["assemble", "stewart", "leg_1=0.5"]) == 0
+    told = capsys.readouterr()
+    assert "beyond limits: slide_1 is 0.0289" in told.out
+    assert "slide_1: 0.5 m is not in" in told.err

@@ -87,7 +87,8 @@ class Problem:
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
         self.drives = [(mechanism.driven_coordinate(n), _law(n, law))
                        for n, law in mapping(drives, "drives").items()]
-        at_drivers = {mechanism.driven_coordinate(d.joint).v for d in mechanism.drivers.values()}
+        at_drivers = {c.v for c in (mechanism.coordinate(d.joint)
+                                    for d in mechanism.drivers.values()) if c.q >= 0}
         acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
         self.by_drivers = (self.law is None and not laws and slip_speed is None
                            and acted <= at_drivers)

@@ -64,7 +64,7 @@ class ByDriver(dict[str, Array]):
 
 def driver_names(mechanism: Mechanism) -> dict[str, str]:
     """Return the names of drivers by the coordinates that they drive."""
-    return {mechanism.driven_coordinate(d.joint).name: d.name for d in mechanism.drivers.values()}
+    return {mechanism.coordinate(d.joint).name: d.name for d in mechanism.drivers.values()}
 
 
 @dataclass(eq=False, repr=False)

@@ -20,6 +20,7 @@ from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.configuration import (
     blur,
+    coordinate_value,
     finite_array,
     finite_number,
     joint_values,
@@ -119,7 +120,7 @@ def assembled(
     accuracy = accuracy_of(accuracy)
     held: dict[str, float] = {}
     for name, value in mapping(drivers, "drivers").items():
-        coordinate = mechanism.driven_coordinate(name).name
+        coordinate = mechanism.prescribed_coordinate(name).name
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
@@ -127,7 +128,8 @@ def assembled(
     beginning = mechanism.start(held) if guess is None else None
     start = _read_guess(mechanism, guess if beginning is None else beginning)
     standing = said if beginning is None else {
-        name: float(start.q[mechanism.coordinate_table[name].q]) for name in said}
+        name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
+        for name in said}
     named = {name: value for name, value in start.named.items() if name not in held}
     with evaluation_of(mechanism, guess.angles if isinstance(guess, State) else 0.0) as evaluation:
         search = _Search(evaluation, held, standing, named, limits, accuracy)
@@ -156,10 +158,10 @@ def standing_drivers(
         UnknownNameError: a name does not exist.
         ValueError: `free` names what is no driver, or is held.
     """
-    drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
+    drivers = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
     loose = set()
     for name in (free,) if isinstance(free, str) else free:
-        coordinate = mechanism.driven_coordinate(name)
+        coordinate = mechanism.prescribed_coordinate(name)
         if coordinate not in drivers:
             raise ValueError(f"free: {name!r} is no driver of mechanism {mechanism.name!r}; only "
                              f"drivers stand: {', '.join(mechanism.drivers) or 'there is none'}")
@@ -167,7 +169,7 @@ def standing_drivers(
             raise ValueError(f"free: {name!r} is given a value too")
         loose.add(coordinate.name)
     start = _read_guess(mechanism, guess)
-    values = {c.name: float(start.q[c.q]) for c in drivers}
+    values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
     standing = [name for name in values if name not in held and name not in loose]
     spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.named)
     silent = [name for name in values if name not in spoken]
@@ -225,7 +227,9 @@ class _Search:
         self.named = {name: value for name, value in named.items() if name not in self.held}
         self.let_go = let_go or {}
         self.limits, self.tolerance = limits, accuracy.tolerance
-        self.free = self._free(self.held)
+        table = self.mechanism.coordinate_table
+        self.pinned = {name: x for name, x in self.held.items() if table[name].q < 0}
+        self.free = self._free(name for name in self.held if name not in self.pinned)
         self.first = self.free & self._free(self.named)
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
@@ -254,22 +258,25 @@ class _Search:
 
     def _can_stand(self, q: Array) -> bool:
         """Whether the loops near q leave the drivers that stand independent, if they close."""
-        free = self._free(self.given)
+        table = self.mechanism.coordinate_table
+        pinned = {name: x for name, x in self.given.items() if table[name].q < 0}
+        free = self._free(name for name in self.given if name not in pinned)
         if _size(self.mechanism, q)[0] * ROUND_OFF >= 1.0:
             return True
-        _, error = close(self.evaluation, q, free, self.tolerance)
-        return not error <= ACCEPTED or can_stand(self.evaluation, free, self.standing)
+        _, error = close(self.evaluation, q, free, self.tolerance, pinned=pinned)
+        return not error <= ACCEPTED or can_stand(self.evaluation, free, self.standing, pinned)
 
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
         evaluation = self.evaluation
         loose = max(self.tolerance, 1e-9)
         if self.first.any() and not np.array_equal(self.first, self.free):
-            q, _ = close(evaluation, q, self.first, loose)
-        q, error = close(evaluation, q, self.free, self.tolerance)
+            q, _ = close(evaluation, q, self.first, loose, pinned=self.pinned)
+        q, error = close(evaluation, q, self.free, self.tolerance, pinned=self.pinned)
         if self.let_go and error <= ACCEPTED:
             least, error = self._least(q, self.free)
-            if self.given or can_move(evaluation, self.free, self.let_go):
+            if self.given or can_move(evaluation, self.free, self.let_go,
+                                         self.pinned):
                 q = least
         q, error, problem = self._judged(q)
         violated = _violated(self.mechanism, q) if self.limits and not problem else ""
@@ -290,7 +297,7 @@ class _Search:
             self.best = (distance, q)
 
     def _closed(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
-        return close(self.evaluation, q, free, self.tolerance)
+        return close(self.evaluation, q, free, self.tolerance, pinned=self.pinned)
 
     def _judged(self, q: Array) -> tuple[Array, float, str]:
         """Return q with its whole turns, its closure error, and the closure at fault or nothing."""
@@ -315,14 +322,19 @@ class _Search:
 
         Those that need not go at all stand exactly.
         """
-        q, error = close(self.evaluation, q, free, self.tolerance)
-        q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance)
+        q, error = self._closed(q, free)
+        q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
+                                self.pinned)
         kept = {name: self.let_go[name] for name in self.let_go
                 if name not in _gone(self.mechanism, q, self.let_go)}
         if not kept:
             return q, error
+        table = self.mechanism.coordinate_table
+        entries = [name for name in kept if table[name].q >= 0]
+        pinned = {name: x for name, x in kept.items() if table[name].q < 0}
         there, open_by = close(self.evaluation, with_values(self.mechanism, q, kept),
-                               free & self._free(kept), self.tolerance)
+                               free & self._free(entries), self.tolerance,
+                               pinned=self.pinned | pinned)
         moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
         near = bool(np.abs(moved).max(initial=0.0) < NEAR)
         return (there, open_by) if open_by <= ACCEPTED and near else (q, error)
@@ -399,7 +411,7 @@ def _gone(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str
     """Return how far coordinates are from values, those that are there left out [rad, m]."""
     table, gone = mechanism.coordinate_table, {}
     for name, value in said.items():
-        by = float(q[table[name].q]) - value
+        by = coordinate_value(mechanism, table[name], q) - value
         if abs(by) > STILL * mechanism.velocity_scale[table[name].v]:
             gone[name] = by
     return gone
@@ -590,7 +602,7 @@ def _within_limits(
                                  model.upperPositionLimit[c.q])
             low[c.v] = model.lowerPositionLimit[c.q] - start[c.q] - 1e-12
             high[c.v] = model.upperPositionLimit[c.q] - start[c.q] + 1e-12
-    gone = [mechanism.coordinate_table[name] for name in let_go]
+    gone = [mechanism.driven_coordinate(name) for name in let_go]
     pull = LIGHT * np.eye(model.nv)[[c.v for c in gone]][:, free] / scale[free]
     wanted = np.array(list(let_go.values()), dtype=float)
 

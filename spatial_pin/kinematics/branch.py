@@ -16,7 +16,7 @@ from spatial_pin.kinematics.rates import prescribed_at
 from spatial_pin.kinematics.spin import Spin
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import blur
+from spatial_pin.mechanism.configuration import blur, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.settings import Accuracy
 
@@ -33,6 +33,8 @@ STRETCH = 64.0  # rad, characteristic lengths, that joints move between new esti
 SPUN = 0.02  # likewise in one step where bodies spin: it leaves up to about 1e-6 rad
 MOST_STRETCHES = 1e4  # a value farther away is not followed to in one row
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
+BENT_HALVINGS = 48  # the same where it cannot be: a component of a ball or floating joint drives
+UNBOUND = 300.0  # speed of a joint by the driver's at which the driver has come to its limit
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
 NEARER = 0.75  # part of the way to where the pivots would vanish that one step may go
 ROOMY = math.inf, math.inf  # down and up to where the pivots would vanish, before that is known
@@ -62,10 +64,11 @@ class Branch:
         self.evaluation = evaluation or Evaluation(constraints_of(state.mechanism))
         self.evaluation.turns[:] = state.angles
         self.driven = driven
-        self.held = [(c.q, float(state.q[c.q])) for c in driven[1:]]
+        self.values = {c.name: coordinate_value(state.mechanism, c, state.q) for c in driven}
+        self.held = [(c.q, self.values[c.name]) for c in driven[1:]]
         self.at = driven[0].q
         self.q = state.q.copy()
-        self.s = float(state.q[self.at])
+        self.s = self.values[driven[0].name]
         self.system = SquareSystem(self.evaluation, driven, state.q)
         self.system.check_regular(state.q)
         self.scale = self.system.scale
@@ -124,7 +127,7 @@ class Branch:
         Raises:
             SingularError: the driver does not determine the motion there.
         """
-        self.q, self.s = q, float(q[self.at])
+        self.q, self.s = q, coordinate_value(self.mechanism, self.driven[0], q)
         self.evaluation.update(q)
         if anew or not self.system.factor():
             self.system.select(q)
@@ -145,6 +148,10 @@ class Branch:
 
     def hold(self, q: Array, value: float | Array) -> None:
         """Write the prescribed values into a configuration (nq,), or some (nq, m)."""
+        if self.system.is_bent:
+            here = {**self.values, self.driven[0].name: float(value)}
+            q[:] = with_values(self.mechanism, q, here)
+            return
         q[self.at] = value
         for index, fixed in self.held:
             q[index] = fixed
@@ -161,7 +168,7 @@ class Branch:
         """Return the Taylor step (nv,) for a change h of the driver."""
         order = self.accuracy.order
         step = h * self.t
-        if order == 0:
+        if order == 0 and not self.system.is_bent:
             step[:] = 0.0
             step[self.driven[0].v] = h
         if order >= 2:
@@ -325,16 +332,27 @@ class Branch:
             return
         self.reselect()
         h = target - self.s
-        size, smallest = 0.5 * h, abs(h) * 0.5**HALVINGS
+        halvings = BENT_HALVINGS if self.system.is_bent else HALVINGS
+        size, smallest = 0.5 * h, abs(h) * 0.5**halvings
         while self.s != target:
             goal = target if abs(target - self.s) <= abs(size) * (1 + 1e-12) else self.s + size
             if goal != self.s and self.step(goal):
                 size *= 2.0
             elif goal != self.s and abs(size) > smallest:
                 size *= 0.5
+            elif self.system.is_bent:
+                raise Stopped(self._end())
             else:
                 self._march(target)
                 return
+
+    def _end(self) -> Arrival:
+        """Return where the branch ends, to the smallest step, if arc length is of no use.
+
+        A driver has come to its limit where joints move without bound by it.
+        """
+        pace = float(np.abs(self.t / self.scale).max()) * self.scale[self.driven[0].v]
+        return Arrival("limit" if pace > UNBOUND else "lost", self.q, self.s)
 
     def _march(self, target: float) -> None:
         """Go on by arc length, which finds the limit or passes the hard stretch."""

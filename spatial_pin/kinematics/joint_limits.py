@@ -142,7 +142,7 @@ def _sense(motion: Motion) -> Array:
     """Return, for every step (N - 1,), whether rows go with their rates (1) or against them."""
     if motion.driver is None or motion.time is not None:
         return np.ones(len(motion) - 1)
-    v = motion.v[:, motion.mechanism.coordinate(motion.driver_name).v]
+    v = motion.coordinate(motion.driver_name).rate
     with_it = np.diff(motion.driver) * (v[:-1] + v[1:]) >= 0.0
     return np.where(with_it, 1.0, -1.0)
 
@@ -171,6 +171,9 @@ def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
         time = float(motion.time[k] + x * h) if motion.time is not None else float(k + x)
         return Passing(limit, time, k + 1, f"at {time:.6g} s")
     c = motion.mechanism.coordinate(motion.driver_name)
+    if c.q < 0:
+        return _at_driver(motion, limit, k, float(np.interp(x, (0.0, 1.0),
+                                                            motion.driver[k : k + 2])), 6)
     driver, _ = _hermite(motion.q[k : k + 2, c.q], rates[:, c.v], seconds[:, c.v], h)
     return _at_driver(motion, limit, k, float(driver(x)), 6)
 

@@ -164,7 +164,7 @@ def _system(
     Where the guess is just a dead centre of the driver, a point a little further on is taken.
     """
     state = assembled(mechanism, {}, guess)
-    driven = prescribed_at(state, [driver])
+    driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver])]
     try:
         return _square(mechanism, driven, state), state
     except SingularError as error:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import ACCEPTED, assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms
+from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms, scaled_row
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, decompose, independent_rows, null_space, rank, row_space
@@ -340,7 +340,7 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     evaluation.update(q)
     drive = np.zeros((len(mechanism.drivers), len(scale)))
     for row, driver in zip(drive, mechanism.drivers.values(), strict=True):
-        row[mechanism.driven_coordinate(driver.joint).v] = 1.0
+        row[:] = scaled_row(mechanism, mechanism.coordinate(driver.joint), q)
     tangents = null_space(np.vstack([evaluation.jacobian[:n], drive]), SINGULAR) * scale
     if not len(tangents):
         return []

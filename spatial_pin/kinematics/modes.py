@@ -115,6 +115,8 @@ def _held(
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
     standing = standing_drivers(mechanism, held, mechanism.start(held), free)
+    for name in standing:
+        mechanism.driven_coordinate(name)  # refuses components of balls and floating joints
     if standing:
         try:
             state = assembled(mechanism, held, free=free)

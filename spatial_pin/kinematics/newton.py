@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +25,14 @@ from spatial_pin.linalg import (
     rows_factored,
     rows_solved,
 )
-from spatial_pin.mechanism.configuration import coordinate_bias, coordinate_row
+from spatial_pin.mechanism.configuration import (
+    coordinate_bias,
+    coordinate_row,
+    with_values,
+)
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 
+NOTHING: Mapping[str, float] = MappingProxyType({})
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
 # and its rates to round-off over s squared: below this nothing is left of them.
@@ -53,28 +59,31 @@ def close(
     free: NDArray[np.bool_],
     tolerance: float,
     iterations: int = 60,
+    pinned: Mapping[str, float] = NOTHING,
 ) -> tuple[Array, float]:
     """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
 
     Levenberg-Marquardt on the configuration manifold with damping proportional to the residual
     (quadratic near a solution even when rows are redundant [YamashitaFukushima2001]), then
-    undamped minimum-norm steps down to round-off.
+    undamped minimum-norm steps down to round-off. Coordinates that are `pinned` have their values
+    exactly: components of balls and floating joints, which no velocity belongs to.
 
     Returns:
         The configuration and its closure error, small or not; `evaluation` is left there.
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale[free]
-    n = evaluation.constraints.n_rows
     step = np.zeros(model.nv)
     damping = 1e-2
+    q = with_values(evaluation.mechanism, q, pinned) if pinned else q
     evaluation.update(q)
     error = float(np.linalg.norm(evaluation.residual))
     for _ in range(iterations):
         if error <= tolerance:
             break
-        svd = decompose(evaluation.jacobian[:n, free])
+        rows, residual = pinned_rows(evaluation, free, pinned)
+        svd = decompose(rows)
         r = svd.rank
-        weights = svd.u[:, :r].T @ evaluation.residual
+        weights = svd.u[:, :r].T @ residual
         improved = False
         for _ in range(12):
             s = svd.s[:r]
@@ -82,6 +91,7 @@ def close(
             x *= min(1.0, MAX_STEP / max(float(np.abs(x).max(initial=0.0)), 1e-300))
             step[free] = scale * x
             trial = pin.integrate(model, q, step)
+            trial = with_values(evaluation.mechanism, trial, pinned) if pinned else trial
             evaluation.update(trial)
             trial_error = float(np.linalg.norm(evaluation.residual))
             if trial_error < error:
@@ -92,11 +102,35 @@ def close(
             damping = max(damping * 8.0, 1e-6)
         if not improved:
             break
-    return _polish(evaluation, q, free, scale)
+    return _polish(evaluation, q, free, scale, pinned)
+
+
+def pinned_rows(
+    evaluation: Evaluation, free: NDArray[np.bool_], pinned: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Return the closure rows over the `free` velocities, scaled, and their residual.
+
+    Those of pinned coordinates, which stand where they should, come after them.
+    """
+    n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
+    rows = evaluation.jacobian[:n, free]
+    if not pinned:
+        return rows, evaluation.residual
+    more = [scaled_row(mechanism, mechanism.coordinate_table[name], evaluation.q)[free]
+            for name in pinned]
+    return np.vstack([rows, *more]), np.append(evaluation.residual, np.zeros(len(more)))
+
+
+def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
+    """Return the derivative (nv,) of a coordinate by its size with respect to scaled velocities."""
+    size = mechanism.velocity_scale
+    row: Array = coordinate_row(mechanism, coordinate, q) * size / size[coordinate.v]
+    return row
 
 
 def _polish(
-    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], scale: Array
+    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], scale: Array,
+    pinned: Mapping[str, float],
 ) -> tuple[Array, float]:
     """Undamped minimum-norm Newton steps while they make the closure error smaller."""
     n = evaluation.constraints.n_rows
@@ -106,9 +140,10 @@ def _polish(
     for _ in range(POLISHED):
         if error <= EPS or not n:
             break
-        svd = decompose(evaluation.jacobian[:n, free])
-        step[free] = -scale * svd.minimum_norm(evaluation.residual)
+        rows, residual = pinned_rows(evaluation, free, pinned)
+        step[free] = -scale * decompose(rows).minimum_norm(residual)
         trial = pin.integrate(evaluation.model, q, step)
+        trial = with_values(evaluation.mechanism, trial, pinned) if pinned else trial
         evaluation.update(trial)
         if not evaluation.closure_error < 0.5 * error:
             if evaluation.closure_error < error:
@@ -147,6 +182,7 @@ class SquareSystem:
         for row, coordinate in zip(self._drive, self.driven, strict=True):
             row[coordinate.v] = 1.0
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
+        self.is_bent = any(c.q < 0 for c in self.driven)
         self._bent = [(k, c) for k, c in enumerate(self.driven)
                       if c.q < 0 and not isinstance(c, VelocityEntry)]
         self.matrix = np.zeros((nv, nv))
@@ -159,8 +195,7 @@ class SquareSystem:
         """Turn the rows of driven coordinates whose rates are no entries of the velocity."""
         evaluation = self.evaluation
         for k, c in self._bent:
-            row = coordinate_row(evaluation.mechanism, c, evaluation.q)
-            self._drive[k] = row * self.scale / self._drive_scale[k]
+            self._drive[k] = scaled_row(evaluation.mechanism, c, evaluation.q)
 
     def select(self, q: Array) -> None:
         """Choose the independent rows at q.
@@ -363,7 +398,7 @@ class SquareSystem:
         for k, c in self._bent:
             drive = drive.copy()
             drive[k] -= coordinate_bias(self.evaluation.mechanism, c, q, v)
-        return self.rates_of(self.evaluation.bias(q, v), drive)
+        return self._answer(self.evaluation.bias(q, v), drive)
 
     def rates_of(self, bias: Array, drive: Array) -> Array:
         """Return the joint rates (nv,), of any order, that answer a bias and prescribed rates.
@@ -371,7 +406,15 @@ class SquareSystem:
         Args:
             bias: (n_rows + n_passive,) derivative of the rows at zero joint rates of that order.
             drive: (n_drivers,) derivatives of the driven coordinates.
+
+        Raises:
+            MechanismFileError: a driven coordinate is a component of a ball or a floating joint.
         """
+        for _, c in self._bent:
+            self.evaluation.mechanism.driven_coordinate(c.name)  # refuses it
+        return self._answer(bias, drive)
+
+    def _answer(self, bias: Array, drive: Array) -> Array:
         n = self.evaluation.constraints.n_rows
         rhs = np.zeros(len(self.matrix))
         np.negative(bias[:n] if self._whole else bias[self.rows], out=rhs[self._closure])
@@ -519,7 +562,7 @@ def driven_groups(mechanism: Mechanism) -> list[int]:
     The two halves of a driven telescopic leg are one body as long as the driver stands still.
     """
     model = mechanism.model
-    driven = {mechanism.driven_coordinate(d.joint).name for d in mechanism.drivers.values()}
+    driven = {mechanism.prescribed_coordinate(d.joint).name for d in mechanism.drivers.values()}
     groups = list(range(model.njoints))
     for i in range(1, model.njoints):
         names = [c.name for c in mechanism.coordinate_table.values() if c.joint == model.names[i]]

@@ -11,7 +11,7 @@ import numpy as np
 from spatial_pin.checks import mapping
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
-from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
+from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem, scaled_row
 from spatial_pin.kinematics.prescribed import (
     check_one_meaning,
     rate_coordinates,
@@ -20,7 +20,6 @@ from spatial_pin.kinematics.prescribed import (
 )
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import EPS, Array, decompose, independent_rows, rank
-from spatial_pin.mechanism.configuration import coordinate_row
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 
@@ -34,7 +33,7 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
     """
     wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
-    drivers = [mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()]
+    drivers = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
     chosen = drivers if all(c in drivers for c in wanted) else wanted
     return list(dict.fromkeys(chosen))
 
@@ -47,7 +46,7 @@ def prescribed_at(state: State, names: Iterable[str]) -> list[Coordinate]:
     that is no driver all drivers stand or none does, for nobody says which.
     """
     mechanism, names = state.mechanism, list(names)
-    wanted = list(dict.fromkeys(mechanism.driven_coordinate(name) for name in names))
+    wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
     usual = driven_coordinates(mechanism, names)
     usual = [*wanted, *(c for c in usual if c not in wanted)]
     try:
@@ -62,27 +61,28 @@ def _with_standing(state: State, wanted: list[Coordinate]) -> list[Coordinate]:
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     others = [c for c in drivers if c not in wanted]
-    evaluation, unit = Evaluation(constraints_of(mechanism)), np.eye(mechanism.model.nv)
+    evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
     n = evaluation.constraints.n_rows
     rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
                       evaluation.jacobian[n:]])
-    held = np.vstack([rows, unit[[c.v for c in wanted]]])
+    own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
+    held = np.vstack([rows, *own])
     svd = decompose(held)
     if svd.rank < len(held):
         return []
     first = np.zeros(len(held))
     first[len(rows)] = 1.0
+    moved, spare = np.array(more).reshape(-1, mechanism.model.nv), svd.null_space
     v = svd.minimum_norm(first)
-    moved, spare = [c.v for c in others], svd.null_space
-    v = v - spare.T @ decompose(spare[:, moved].T).minimum_norm(v[moved])
-    paces = np.abs(v[moved]).round(9)  # equal ones in the order of the file
+    v = v - spare.T @ decompose((spare @ moved.T).T).minimum_norm(moved @ v)
+    paces = np.abs(moved @ v).round(9)  # equal ones in the order of the file
     chosen = list(wanted)
     for k in np.argsort(paces, kind="stable"):
-        more = np.vstack([held, unit[others[k].v]])
-        if rank(more) == len(more):
-            held, chosen = more, [*chosen, others[k]]
+        wider = np.vstack([held, more[k]])
+        if rank(wider) == len(wider):
+            held, chosen = wider, [*chosen, others[k]]
     whole = set(wanted) <= set(drivers) or len(chosen) == len(wanted) + len(others)
     return chosen if whole else []
 
@@ -154,10 +154,8 @@ def _are_independent(state: State, driven: list[Coordinate]) -> bool:
     with evaluation_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         closed = evaluation.jacobian[: evaluation.constraints.n_rows]
-        rows = [coordinate_row(state.mechanism, c, state.q) * state.mechanism.velocity_scale
-                for c in driven]
-        sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-        return rank(np.vstack([closed, rows / sizes])) == rank(closed) + len(driven)
+        rows = [scaled_row(state.mechanism, c, state.q) for c in driven]
+        return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
 
 
 @contextmanager

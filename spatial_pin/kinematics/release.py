@@ -8,15 +8,16 @@ dead centre of the drivers let go, where first derivatives vanish.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.kinematics.constraints import Evaluation
-from spatial_pin.kinematics.newton import MAX_STEP, close
+from spatial_pin.kinematics.newton import MAX_STEP, close, pinned_rows, scaled_row
 from spatial_pin.linalg import EPS, Array, decompose, rank
+from spatial_pin.mechanism.configuration import coordinate_bias, coordinate_value
 
 STEPS = 60  # of Newton's method; a minimum takes five to ten
 FLAT = 1e-8  # curvature of the motion, of its largest or of 1, below which nothing is told by it
@@ -25,7 +26,8 @@ LEVEL = 1e-11  # slope of the motion that is round-off of closing the loops
 
 
 def can_stand(
-    evaluation: Evaluation, free: NDArray[np.bool_], standing: Mapping[str, float]
+    evaluation: Evaluation, free: NDArray[np.bool_], standing: Mapping[str, float],
+    pinned: Mapping[str, float],
 ) -> bool:
     """Whether drivers are independent of each other and of the loops at the evaluation.
 
@@ -33,14 +35,24 @@ def can_stand(
         evaluation: at a closed configuration.
         free: (nv,) the velocities that are not held anyway.
         standing: the drivers that are to stand, by coordinate.
+        pinned: coordinates that are held, of those that are no entries of the configuration.
     """
-    jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
-    rows = np.eye(len(free))[[evaluation.mechanism.coordinate_table[n].v for n in standing]]
-    return rank(np.vstack([jacobian, rows[:, free]])) == rank(jacobian) + len(standing)
+    jacobian = pinned_rows(evaluation, free, pinned)[0]
+    rows = _rows(evaluation, standing)[:, free]
+    return rank(np.vstack([jacobian, rows])) == rank(jacobian) + len(standing)
+
+
+def _rows(evaluation: Evaluation, names: Iterable[str]) -> Array:
+    """Return the derivatives (k, nv) of coordinates at the evaluation, all scaled."""
+    mechanism = evaluation.mechanism
+    rows = [scaled_row(mechanism, mechanism.coordinate_table[name], evaluation.q)
+            for name in names]
+    return np.array(rows).reshape(-1, evaluation.model.nv)
 
 
 def can_move(
-    evaluation: Evaluation, free: NDArray[np.bool_], drivers: Mapping[str, float]
+    evaluation: Evaluation, free: NDArray[np.bool_], drivers: Mapping[str, float],
+    pinned: Mapping[str, float],
 ) -> bool:
     """Whether drivers move all freedoms at the evaluation, or each of them can move by itself.
 
@@ -48,17 +60,16 @@ def can_move(
         evaluation: at a closed configuration.
         free: (nv,) the velocities that are not held.
         drivers: by coordinate.
+        pinned: as for `can_stand`.
     """
-    svd = decompose(evaluation.jacobian[: evaluation.constraints.n_rows, free])
-    tangents = np.zeros((len(svd.null_space), len(free)))
-    tangents[:, free] = svd.null_space
-    moved = tangents[:, [evaluation.mechanism.coordinate_table[name].v for name in drivers]]
+    null_space = decompose(pinned_rows(evaluation, free, pinned)[0]).null_space
+    moved = null_space @ _rows(evaluation, drivers)[:, free].T
     return bool(decompose(moved).s.min(initial=1.0) > SLOW)
 
 
 def least_motion(
     evaluation: Evaluation, q: Array, free: NDArray[np.bool_], wanted: Mapping[str, float],
-    tolerance: float,
+    tolerance: float, pinned: Mapping[str, float],
 ) -> tuple[Array, float]:
     """Move a closed configuration until coordinates are as near to wanted values as loops allow.
 
@@ -68,11 +79,12 @@ def least_motion(
         free: (nv,) the velocities that may move.
         wanted: values by coordinate [rad, m].
         tolerance: to which loops are closed.
+        pinned: as for `can_stand`.
 
     Returns:
         The configuration and its closure error.
     """
-    goal = _Goal(evaluation, free, wanted)
+    goal = _Goal(evaluation, free, wanted, pinned)
     evaluation.update(q)
     error, motion = evaluation.closure_error, goal.motion(q)
     slope, step = goal.newton(q)
@@ -81,7 +93,7 @@ def least_motion(
             break
         for _ in range(30):
             there, open_by = close(evaluation, pin.integrate(evaluation.model, q, step), free,
-                                   tolerance)
+                                   tolerance, pinned=pinned)
             less = goal.motion(there)
             if open_by <= max(error, 1e3 * tolerance) and less <= motion * (1.0 + 8.0 * EPS):
                 break
@@ -100,20 +112,21 @@ class _Goal:
     """How far coordinates are from wanted values, and its derivatives on closed configurations."""
 
     def __init__(
-        self, evaluation: Evaluation, free: NDArray[np.bool_], wanted: Mapping[str, float]
+        self, evaluation: Evaluation, free: NDArray[np.bool_], wanted: Mapping[str, float],
+        pinned: Mapping[str, float],
     ) -> None:
-        mechanism = evaluation.mechanism
-        self.evaluation, self.free = evaluation, free
-        self.scale = mechanism.velocity_scale
-        places = [mechanism.coordinate_table[name] for name in wanted]
-        self._q = np.array([c.q for c in places], dtype=np.intp)
-        self._v = np.array([c.v for c in places], dtype=np.intp)
-        self._values = np.array(list(wanted.values()), dtype=float)
+        table = evaluation.mechanism.coordinate_table
+        self.evaluation, self.free, self.wanted, self.pinned = evaluation, free, wanted, pinned
+        self.scale = evaluation.mechanism.velocity_scale
+        self._sizes = np.array([self.scale[table[name].v] for name in wanted])
+        self._bent = [(k, table[name]) for k, name in enumerate(wanted) if table[name].q < 0]
 
     def _gaps(self, q: Array) -> Array:
         """Return (k,) how far each coordinate is from where it should be, scaled."""
-        gaps: Array = (q[self._q] - self._values) / self.scale[self._v]
-        return gaps
+        mechanism = self.evaluation.mechanism
+        gaps = [coordinate_value(mechanism, mechanism.coordinate_table[name], q) - value
+                for name, value in self.wanted.items()]
+        return np.array(gaps) / self._sizes
 
     def motion(self, q: Array) -> float:
         """Return the sum of squares of the gaps."""
@@ -123,20 +136,19 @@ class _Goal:
     def newton(self, q: Array) -> tuple[float, Array]:
         """Return the slope of half the motion along closed configurations, and Newton's step (nv,).
 
-        With multipliers m, J^T m = gaps, the second derivative along the tangents t is that of
-        the coordinates themselves less m times that of the loops: t_v^2 - m bias(t).
+        With multipliers m, J^T m = D^T gaps, D the derivative of the coordinates, the second
+        derivative along a tangent t is (D t)^2 + gaps bias_D(t) - m bias(t).
         """
-        evaluation, n = self.evaluation, self.evaluation.constraints.n_rows
-        evaluation.update(q)
-        svd = decompose(evaluation.jacobian[:n, self.free])
-        tangents = np.zeros((len(svd.null_space), len(self.free)))
+        self.evaluation.update(q)
+        gaps, rows = self._gaps(q), _rows(self.evaluation, self.wanted)[:, self.free]
+        closed = pinned_rows(self.evaluation, self.free, self.pinned)[0]
+        svd = decompose(closed)
+        multipliers = svd.minimum_norm_transposed(gaps @ rows) if len(closed) else np.empty(0)
+        moved = svd.null_space @ rows.T
+        slopes = moved @ gaps
+        tangents = np.zeros((len(moved), len(self.free)))
         tangents[:, self.free] = svd.null_space
-        force = np.zeros(len(self.free))
-        force[self._v] = self._gaps(q)
-        slopes = tangents @ force
-        multipliers = (svd.minimum_norm_transposed(force[self.free]) if n else np.empty(0))
-        moved = tangents[:, self._v]
-        curvature = moved @ moved.T - self._bending(q, tangents, multipliers)
+        curvature = moved @ moved.T + self._bending(q, tangents, gaps, multipliers)
         values, vectors = np.linalg.eigh(curvature)
         along = vectors.T @ slopes
         flat = np.abs(values) <= FLAT * max(1.0, float(np.abs(values).max(initial=0.0)))
@@ -145,18 +157,22 @@ class _Goal:
         step *= min(1.0, MAX_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
         return float(np.abs(slopes).max(initial=0.0)), step * self.scale
 
-    def _bending(self, q: Array, tangents: Array, multipliers: Array) -> Array:
-        """Return (d, d) the multipliers times the second derivatives of the loops, by polarity."""
+    def _bending(self, q: Array, tangents: Array, gaps: Array, multipliers: Array) -> Array:
+        """Return (d, d) what second derivatives of coordinates and loops add, by polarity."""
         d, n = len(tangents), self.evaluation.constraints.n_rows
-        bend = np.zeros((d, d))
+        mechanism = self.evaluation.mechanism
+        pinned = [mechanism.coordinate_table[name] for name in self.pinned]
 
         def along(t: Array) -> float:
-            return float(multipliers @ self.evaluation.bias(q, self.scale * t)[:n])
+            v = self.scale * t
+            bent = sum(gaps[k] * coordinate_bias(mechanism, c, q, v) / self.scale[c.v]
+                       for k, c in self._bent)
+            held = sum(m * coordinate_bias(mechanism, c, q, v) / self.scale[c.v]
+                       for m, c in zip(multipliers[n:], pinned, strict=True))
+            loops = float(multipliers[:n] @ self.evaluation.bias(q, v)[:n]) if n else 0.0
+            return float(bent - held - loops)
 
-        if not n:
-            return bend
-        for i in range(d):
-            bend[i, i] = along(tangents[i])
+        bend = np.diag([along(t) for t in tangents]) if d else np.zeros((0, 0))
         for i in range(d):
             for j in range(i):
                 both = along(tangents[i] + tangents[j])

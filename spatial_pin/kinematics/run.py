@@ -61,6 +61,7 @@ def is_possible(branch: Branch) -> bool:
     return (
         isinstance(branch.evaluation.constraints.c_abx, np.ndarray)
         and not len(branch.system.passive)
+        and not branch.system.is_bent
         and accuracy.corrections is None
         and accuracy.order == 3
     )

@@ -90,7 +90,7 @@ class Solver:
         self.batch = Batch(evaluation.constraints)
         self.tolerance = Accuracy.named("engineering").tolerance
         self.n = evaluation.constraints.n_rows
-        driven = driven_coordinates(mechanism, mechanism.drivers)
+        driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         self.free[[c.v for c in driven]] = False
         jacobian = evaluation.jacobian[: self.n, self.free]

@@ -97,7 +97,7 @@ def sweep(
     accels = _rows(acceleration, values, "acceleration")
     if speed is None and np.any(accels):
         raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
-    coordinate = mechanism.driven_coordinate(driver)
+    coordinate = mechanism.prescribed_coordinate(driver)
     hold = mapping(hold, "hold")
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
     state = assembled(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
@@ -140,7 +140,7 @@ def _released(state: State, driven: Sequence[Coordinate], value: float) -> list[
     A coordinate that moves the only freedoms there are moves the drivers: that is no event.
     """
     mechanism, texts = state.mechanism, []
-    drivers = {d.name: mechanism.driven_coordinate(d.joint) for d in mechanism.drivers.values()}
+    drivers = {d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
     moving = {name for name, c in drivers.items() if c not in driven}
     if len(moving) == len(drivers):
         return []

@@ -77,7 +77,7 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
             numbers = np.atleast_1d(finite_array(value, shape, f"{key!r}"))
             values.update({c.name: float(x) for c, x in zip(coordinates, numbers, strict=True)})
         elif key in mechanism.coordinate_table or key in mechanism.drivers:
-            name = mechanism.driven_coordinate(key).name
+            name = mechanism.prescribed_coordinate(key).name
             values[name] = finite_number(value, f"{key!r}")
         else:
             raise UnknownNameError("joint, coordinate or driver", key,
@@ -137,6 +137,14 @@ def coordinate_rates(
     phi = (continued_rotation_vectors if continued else rotation_vectors)(quaternions)
     rate, acceleration = rotation_vector_rates(phi, v[:, w], a[:, w])
     return CoordinateRates(phi[:, k], rate[:, k], acceleration[:, k])
+
+
+def coordinate_value(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> float:
+    """Return a coordinate at q (nq,) [rad or m]; of a rotation vector of length up to pi."""
+    place = mechanism.place_of(coordinate)
+    if place >= 0:
+        return float(q[place])
+    return float(joint_vector(mechanism, q, coordinate.joint)[coordinate.place])
 
 
 def coordinate_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:

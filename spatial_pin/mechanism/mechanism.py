@@ -230,12 +230,12 @@ class Mechanism:
             f"mechanism {self.name!r}: ",
         )
 
-    def driven_coordinate(self, name: str) -> Coordinate:
-        """Return the coordinate of that name, which can be prescribed.
+    def prescribed_coordinate(self, name: str) -> Coordinate:
+        """Return the coordinate of that name, a component of a ball or a floating joint too.
 
         Raises:
             UnknownNameError: there is none.
-            MechanismFileError: it is a component of a rotation vector.
+            MechanismFileError: it is a joint of several coordinates.
         """
         components = [c.name for c in self.coordinate_table.values() if c.joint == name]
         if len(components) > 1 and name not in self.drivers:
@@ -243,12 +243,21 @@ class Mechanism:
                 f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
                 f"coordinates: {', '.join(components)}"
             )
-        coordinate = self.coordinate(name)
+        return self.coordinate(name)
+
+    def driven_coordinate(self, name: str) -> Coordinate:
+        """Return the coordinate of that name, which is an entry of the configuration.
+
+        Raises:
+            UnknownNameError: there is none.
+            MechanismFileError: it is a component of a spherical or floating joint.
+        """
+        coordinate = self.prescribed_coordinate(name)
         if coordinate.q < 0:
             raise MechanismFileError(
                 f"mechanism {self.name!r}: {coordinate.name!r} is a component of a "
-                f"{self.pair_of(coordinate.joint)} joint: solve_rates takes its speed, but it "
-                "cannot be held or driven; model the joint as a chain of revolute joints for that"
+                f"{self.pair_of(coordinate.joint)} joint: assemble, sweep and solve_rates take it "
+                "by itself, but nothing else does; model the joint as a chain of revolute joints"
             )
         return coordinate
 
@@ -477,7 +486,7 @@ def _check_drivers(mechanism: Mechanism, where: str) -> None:
                 f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
                 f"there are: {', '.join(table)}"
             )
-        _named(mechanism.driven_coordinate, driver.joint, f"{here}.joint: ")
+        _named(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
         if driver.name in table and driver.name != driver.joint:
             raise MechanismFileError(
                 f"{here}: has the name of another coordinate than its own, {driver.joint!r}"

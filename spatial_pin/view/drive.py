@@ -95,7 +95,8 @@ class Drive:
             )
         self._accuracy = Accuracy.named("engineering")
         self.keeps_limits = False
-        self._driven = driven_coordinates(self.mechanism, self.names)
+        self._driven = [self.mechanism.driven_coordinate(c.name)
+                        for c in driven_coordinates(self.mechanism, self.names)]
         self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
         self.place(state)
 
