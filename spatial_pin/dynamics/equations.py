@@ -72,7 +72,9 @@ class Equations:
         self.native: NativeDynamics | None = None
         self.asked = False
         self._dense: SaddlePoint | None = None
-        self._trial: pin.Data | None = None
+        heavy = {k: i for k, i in enumerate(self.model.inertias) if k and i.mass > 0.0}
+        self._heavy = np.array(list(heavy), dtype=int)
+        self._levers = np.array([[*i.lever, 1.0] for i in heavy.values()]).reshape(-1, 4)
         self._rest = np.zeros(self.model.nv)
         self._make_rows()
 
@@ -163,35 +165,37 @@ class Equations:
         """Return the shortest multipliers (n_rows,) whose generalised force is `closures`."""
         return self.spaces.minimum_norm_transposed(self.scale * closures)
 
-    def passive_among(self, freedoms: Array) -> int:
-        """Return how many of the freedoms (k, nv), which leave actuators at rest, are passive."""
-        return len(self._passive(freedoms))
+    def of_one_link(self, freedoms: Array) -> list[tuple[str, Array]]:
+        """Return (joint, (k, nv)) the motions that move one link only, of freedoms (n, nv), scaled.
 
-    def idle_among(self, freedoms: Array) -> Array:
-        """Return the idle rotations (k, nv), scaled, among freedoms that leave actuators at rest.
+        The freedoms leave actuators at rest.
+        """
+        found = passive_freedoms(self.evaluation, freedoms * self.scale)
+        return [(joint, motions / self.scale) for joint, motions in found]
+
+    def idle_among(self, found: list[tuple[str, Array]]) -> Array:
+        """Return the idle rotations (k, nv) among motions of one link, from `of_one_link`.
 
         They turn a link of a loop and move no centre of mass.
         """
-        found = [np.zeros((0, len(self.scale)))]
-        for joint, motions in passive_freedoms(self.evaluation, freedoms * self.scale):
+        idle = [np.zeros((0, len(self.scale)))]
+        for joint, motions in found:
             if is_in_loop(self.mechanism, joint):
-                scaled = motions / self.scale
-                svd = decompose(np.array([self._shift(motion) for motion in motions]).T)
-                moved = svd.s > ON_AXIS * np.abs(scaled).max()
-                found.append(svd.vt[np.count_nonzero(moved) :] @ scaled)
-        return np.vstack(found)
+                svd = decompose(self._shifts(motions))
+                moved = svd.s > ON_AXIS * np.abs(motions).max()
+                idle.append(svd.vt[np.count_nonzero(moved) :] @ motions)
+        return np.vstack(idle)
 
-    def _shift(self, v: Array) -> Array:
-        """Return how the centres of mass move at joint velocities v (nv,), (3 bodies,) [1/s].
+    def _shifts(self, motions: Array) -> Array:
+        """Return how motions (k, nv), scaled, move the centres of mass, (3 bodies, k).
 
         Per characteristic length; nothing for bodies without mass.
         """
-        if self._trial is None:
-            self._trial = self.model.createData()
-        pin.forwardKinematics(self.model, self._trial, self.state.q, v)
-        moved = [(twist.linear + np.cross(twist.angular, inertia.lever)) * (inertia.mass > 0.0)
-                 for twist, inertia in zip(self._trial.v, self.model.inertias, strict=True)]
-        return np.concatenate(moved) / self.mechanism.characteristic_length
+        supports = self.evaluation.constraints.supports
+        twists = (self._columns * supports[self._heavy][:, None]) @ (motions * self.scale).T
+        centres = (self._levers[:, None] @ self.evaluation.placements[self._heavy])[:, 0]
+        moved = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
+        return moved.reshape(-1, len(motions)) / self.mechanism.characteristic_length
 
     def round_off(self, a: Array) -> float:
         """Return what round-off leaves of scaled forces at accelerations a (nv,) [N·m]."""
@@ -203,14 +207,10 @@ class Equations:
         rates += float(np.abs(state.v / scale).max(initial=0.0)) ** 2
         return ROUNDING * (weight + heaviest * rates)
 
-    def active_among(self, freedoms: Array) -> Array:
-        """Return the freedoms (k, nv) that are left when passive ones are taken away."""
-        return decompose(self._passive(freedoms) @ freedoms.T).null_space @ freedoms
-
-    def _passive(self, freedoms: Array) -> Array:
-        found = passive_freedoms(self.evaluation, freedoms * self.scale)
-        return np.vstack([np.zeros((0, len(self.scale))),
-                          *(motion / self.scale for _, motion in found)])
+    def active_among(self, freedoms: Array, found: list[tuple[str, Array]]) -> Array:
+        """Return the freedoms (k, nv) that are left without those of one link."""
+        passive = np.vstack([np.zeros((0, len(self.scale))), *(motions for _, motions in found)])
+        return decompose(passive @ freedoms.T).null_space @ freedoms
 
     # ------------------------------------------------------------ forces
 

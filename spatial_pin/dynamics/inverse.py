@@ -135,9 +135,9 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     """
     equations.check_rank(equations.spaces.rank)
     a = equations.state.a
-    spare = _unactuated(equations, actuation)
-    if len(spare):
-        idle = equations.idle_among(spare)
+    spare, found = _unactuated(equations, actuation)
+    if found:
+        idle = equations.idle_among(found)
         if len(idle):
             a = _spun(equations, idle, a)
         _refuse_load(equations, spare, idle, a)
@@ -148,22 +148,27 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 
-def _unactuated(equations: Equations, actuation: Actuation) -> Array:
-    """Return the freedoms (k, nv), scaled, that no actuator moves; each moves one link only."""
+def _unactuated(
+    equations: Equations, actuation: Actuation
+) -> tuple[Array, list[tuple[str, Array]]]:
+    """Return the freedoms (k, nv), scaled, that no actuator moves, and those of each one link.
+
+    Raises:
+        SpatialPinError: some move more than one link.
+    """
     freedoms = equations.spaces.null_space
     pull = freedoms[:, actuation.columns]
     size = np.abs(pull).max(axis=0, initial=0.0)
     spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-    missing = len(spare)
+    found = equations.of_one_link(spare) if len(spare) else []
+    missing = len(spare) - sum(len(motions) for _, motions in found)
     if missing:
-        missing -= equations.passive_among(spare)
-    if missing:
-        names = equations.moving(equations.active_among(spare))
+        names = equations.moving(equations.active_among(spare, found))
         raise SpatialPinError(
             f"mechanism {equations.mechanism.name!r}: {missing} freedom(s) have no actuator; "
             f"actuate as many more of: {', '.join(names)}"
         )
-    return spare
+    return spare, found
 
 
 def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> None:

@@ -350,9 +350,12 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
 
 def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
     """Whether the body of a joint, with what drivers hold to it, carries more than one pair."""
-    groups = driven_groups(mechanism)
-    own = groups[mechanism.joint_id(joint)]
-    return sum(n for n, g in zip(_pairs_of_bodies(mechanism), groups, strict=True) if g == own) > 1
+    if "in loops" not in mechanism.memo:
+        groups = np.array(driven_groups(mechanism))
+        pairs = np.bincount(groups, _pairs_of_bodies(mechanism))
+        mechanism.memo["in loops"] = (pairs[groups] > 1).tolist()
+    found: bool = mechanism.memo["in loops"][mechanism.joint_id(joint)]
+    return found
 
 
 def idle_freedoms(
