@@ -160,7 +160,7 @@ def test_what_knows_only_entries_of_the_configuration_says_so(folder):
                 lambda: sp.inverse_dynamics(mechanism, state),
                 lambda: sp.live(mechanism, open_browser=False),
                 lambda: sp.assembly_modes(mechanism)):
-        with pytest.raises(sp.MechanismFileError, match=r"'ball\.x' is a component of a spherical"):
+        with pytest.raises(sp.SpatialPinError, match=r"'ball\.x' is a component of a spherical"):
             ask()
 
 
@@ -168,5 +168,5 @@ def test_a_whole_ball_is_no_driver(folder):
     mechanism = mechanisms.five_bar(folder)
     with pytest.raises(sp.UnknownNameError):
         sp.sweep(mechanism, "ball.x", [0.0, 1.0])
-    with pytest.raises(sp.MechanismFileError, match="several coordinates"):
+    with pytest.raises(sp.SpatialPinError, match="several coordinates"):
         sp.sweep(swung(folder), "ball", [0.0, 1.0])

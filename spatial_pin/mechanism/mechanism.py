@@ -12,7 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import ClosureTypeError, MechanismFileError, UnknownNameError
+from spatial_pin.errors import (
+    ClosureTypeError,
+    MechanismFileError,
+    SpatialPinError,
+    UnknownNameError,
+)
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
@@ -235,11 +240,11 @@ class Mechanism:
 
         Raises:
             UnknownNameError: there is none.
-            MechanismFileError: it is a joint of several coordinates.
+            SpatialPinError: it is a joint of several coordinates.
         """
         components = [c.name for c in self.coordinate_table.values() if c.joint == name]
         if len(components) > 1 and name not in self.drivers:
-            raise MechanismFileError(
+            raise SpatialPinError(
                 f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
                 f"coordinates: {', '.join(components)}"
             )
@@ -250,11 +255,11 @@ class Mechanism:
 
         Raises:
             UnknownNameError: there is none.
-            MechanismFileError: it is a component of a spherical or floating joint.
+            SpatialPinError: it is a component of a spherical or floating joint.
         """
         coordinate = self.prescribed_coordinate(name)
         if coordinate.q < 0:
-            raise MechanismFileError(
+            raise SpatialPinError(
                 f"mechanism {self.name!r}: {coordinate.name!r} is a component of a "
                 f"{self.pair_of(coordinate.joint)} joint: assemble, sweep and solve_rates take it "
                 "by itself, but nothing else does; model the joint as a chain of revolute joints"
@@ -509,7 +514,7 @@ def _check_unique(names: Iterable[str], where: str) -> None:
 def _named(lookup: Any, name: str, where: str) -> Any:
     try:
         return lookup(name)
-    except (UnknownNameError, MechanismFileError) as error:
+    except SpatialPinError as error:
         raise MechanismFileError(f"{where}{error}") from error
 
 
