@@ -488,6 +488,7 @@ print(viewer.url, flush=True)
 
 INTERRUPTED = PROGRAM + """
 import os, signal, sys, threading, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where begun in the background
 
 def waits():
     frame = sys._current_frames()[threading.main_thread().ident]

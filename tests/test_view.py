@@ -390,8 +390,9 @@ def test_viewer_is_a_context_manager():
 
 
 def test_ctrl_c_ends_the_wait_cleanly():
-    program = "from spatial_pin.view import Viewer; v = Viewer('page'); print(v.url, flush=True);"
-    program += "v.wait(); print(v)"
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    program += "from spatial_pin.view import Viewer; v = Viewer('page'); print(v.url, flush=True);"
+    program += "v.wait(); print(v)"  # programs begun in the background ignore Ctrl-C by default
     command = [sys.executable, "-W", "error", "-c", program]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
         url = process.stdout.readline().strip()
