@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -235,19 +236,28 @@ class Factors:
             known: (n, n) how far the entries of the matrix may be off.
             rounding: of an entry of the factors, by the size of what is added to it.
         """
-        n = len(known)
-        if not n:
+        if not len(known):
             return np.zeros_like(x)
-        left, right = np.abs(np.tril(self._lu, -1)) + np.eye(n), np.abs(np.triu(self._lu))
-        grown = left @ right
-        for i in range(n - 1, -1, -1):  # back into the order of the matrix
-            p = self._order[i]
-            grown[[i, p]] = grown[[p, i]]
-        return self.spread((known + rounding * grown) @ np.abs(x))
+        return self.spread((known + rounding * self._grown) @ np.abs(x))
 
     def spread(self, off: Array) -> Array:
         """Return bounds on the errors of a solution for errors (n,) or (n, k) of its right side."""
-        return np.abs(self.solve(np.eye(len(off)))) @ off
+        return self._inverse @ off
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Sizes (n, n) of the entries of the inverse."""
+        return np.abs(self.solve(np.eye(len(self._lu))))
+
+    @cached_property
+    def _grown(self) -> Array:
+        """Sizes (n, n) of all that is added to the entries of the matrix, in its own order."""
+        lu = np.abs(self._lu)
+        grown = np.tril(lu, -1) @ np.triu(lu) + np.triu(lu)
+        for i, p in reversed(list(enumerate(self._order.tolist()))):
+            if i != p:
+                grown[[i, p]] = grown[[p, i]]
+        return grown
 
 
 def determinant_sign_of(a: Array) -> int:
