@@ -96,6 +96,18 @@ class SingularError(SpatialPinError):
         self.motion = motion
 
 
+class EnergyError(SpatialPinError):
+    """A simulation would go on with energy that came from nowhere.
+
+    Attributes:
+        motion: what was reached before it.
+    """
+
+    def __init__(self, message: str, *, motion: Motion | None = None) -> None:
+        super().__init__(message)
+        self.motion = motion
+
+
 class StepLimitError(SpatialPinError):
     """A simulation has taken as many steps as it may.
 

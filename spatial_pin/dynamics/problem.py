@@ -14,7 +14,7 @@ from spatial_pin.dynamics.embedding import Lost
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.saddle import Blurred
-from spatial_pin.dynamics.simulation import Projection
+from spatial_pin.dynamics.simulation import Energies, Projection
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
@@ -69,6 +69,7 @@ class Problem:
         drives: prescribed coordinates with their laws.
         by_drivers: whether efforts act at drivers only, springs and friction as the file says.
         works: whether anything but gravity does work.
+        is_steady: whether no function of the user's acts, which may jump: energy is well-behaved.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Problem:
         acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
         self.by_drivers = (self.law is None and not laws and slip_speed is None
                            and acted <= at_drivers)
+        self.is_steady = self.law is None and not laws and not self.drives
         self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
 
     def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:
@@ -114,9 +116,13 @@ class Problem:
 
     def energy(self, q: Array, v: Array, evaluation: Evaluation) -> float:
         """Return kinetic, potential and spring energy [J]."""
-        total = self.kinetic(q, v)
-        total += float(pin.computePotentialEnergy(self.model, self.data, q))
-        return total + self.forces.energy(evaluation, q)
+        return self.energies(q, v, evaluation, 0.0).total
+
+    def energies(self, q: Array, v: Array, evaluation: Evaluation, work: float) -> Energies:
+        """Return the energies at a place, the evaluation standing at q, after so much work [J]."""
+        kinetic = self.kinetic(q, v)
+        total = kinetic + float(pin.computePotentialEnergy(self.model, self.data, q))
+        return Energies(kinetic, total + self.forces.energy(evaluation, q), work)
 
     def free_accelerations(self, inertia: Array, force: Array, heaviest: float) -> Array | None:
         """Return the accelerations (n,) that forces give to freedoms.
@@ -213,6 +219,10 @@ class System(Protocol):
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """Evaluation of the loops; where the last `state` is."""
 
     @property
     def projection(self) -> Projection | None:

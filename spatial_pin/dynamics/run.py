@@ -9,12 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.dynamics.balance import Balance
 from spatial_pin.dynamics.problem import Problem, Row, System
-from spatial_pin.dynamics.simulation import ByDriver, Projection, Simulation, energy_drift
+from spatial_pin.dynamics.simulation import (
+    ByDriver,
+    Energies,
+    Projection,
+    Simulation,
+    energy_drift,
+)
 from spatial_pin.dynamics.steppers import AUTOMATIC, FIXED, STEPPERS
 from spatial_pin.dynamics.timescale import natural_units
 from spatial_pin.dynamics.watch import Found, Watch
 from spatial_pin.errors import (
+    EnergyError,
     SingularError,
     SpatialPinError,
     SpatialPinWarning,
@@ -72,6 +80,10 @@ class Rows:
             self._times += times.tolist()
             self._work += [system.problem.work(y) for y in unknowns]
 
+    def cut(self, n: int) -> None:
+        """Keep the first n rows only."""
+        del self._times[n:], self._rows[n:], self._work[n:]
+
     def filled(self) -> tuple[Array, list[Row], Array]:
         """Return the rows that are worked out: times (N,), rows, and work done until each (N,)."""
         return np.array(self._times), self._rows, np.array(self._work)
@@ -98,6 +110,7 @@ class Run:
     ) -> None:
         self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
         self.rows, self.watch = Rows(times), watch
+        self._start = Energies(0.0, 0.0, 0.0)
         self.passed: list[Passing] = list(watch.at_start)
         self.events = [passing.event for passing in watch.at_start]
         self.events += watch.rated.at_start if watch.rated else []
@@ -119,6 +132,8 @@ class Run:
         """Integrate from coordinates to coordinates until the end; yields the time reached."""
         system = self._begin(state)
         self.y = system.unknowns(state.v, 0.0)
+        self._start = self._energies(system, 0.0, self.y)
+        self._balance = Balance(self.problem, self.accuracy, self._start)
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
         if not len(self.y):  # nothing is free, nor does anything work: laws alone say where it is
@@ -163,6 +178,8 @@ class Run:
                 continue
             if held and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
+            if system.projection is not None:
+                self._refuse_to_lose_energy(solver.t, self._energies(system, solver.t, solver.y))
             self._refuse_to_creep(system, solver)
             self._note_integrator(system, solver)
             self.t, self.y = solver.t, solver.y
@@ -170,6 +187,39 @@ class Run:
             self._refuse_to_go_on_for_ever(solver)
             if solver.status == "running" and system.is_worn(self.t, solver.y):
                 break
+
+    def _energies(self, system: System, t: float, y: Array) -> Energies:
+        """Return the energies at unknowns y."""
+        state = system.state(t, y)
+        return self.problem.energies(state.q, state.v, system.evaluation, self.problem.work(y))
+
+    def _refuse_to_lose_energy(self, t: float, now: Energies) -> None:
+        """Refuse a step, or a row, that energy is lost or won by.
+
+        Raises:
+            EnergyError: it is.
+        """
+        if self._balance.keeps(now):
+            return
+        raise EnergyError(
+            f"mechanism {self.problem.mechanism.name!r}: at {t:.9g} s there are "
+            f"{now.total - now.work:.6g} J, the work done taken off, where {self._start.total:.6g} "
+            "J were at the start: energy came from nowhere or was lost; take a smaller "
+            "time_tolerance or step, or formulation='independent'")
+
+    def refuse_rows(self) -> None:
+        """Refuse rows of another energy than at the start, and leave them out.
+
+        Raises:
+            EnergyError: there are some.
+        """
+        for k, (t, row, work) in enumerate(zip(*self.rows.filled(), strict=True)):
+            kinetic = self.problem.kinetic(row.q, row.v)
+            try:
+                self._refuse_to_lose_energy(float(t), Energies(kinetic, row.energy, float(work)))
+            except EnergyError:
+                self.rows.cut(k)
+                raise
 
     def _refuse_to_go_on_for_ever(self, solver: Any) -> None:
         """Refuse more steps than are allowed; how many fixed ones there are was known before.
@@ -336,7 +386,8 @@ class Run:
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
             closure_error=error, driver_speed=np.empty(0), events=self.events,
             angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
-            energy_drift=energy_drift(problem.mechanism, q, v, energy, work),
+            energy_drift=energy_drift(
+                problem.mechanism, q, v, energy, work, self._start),
             efforts=ByDriver(problem.mechanism, dict(
                 zip(names, efforts.reshape(n, len(names)).T, strict=True))),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,

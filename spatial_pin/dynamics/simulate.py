@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from spatial_pin.checks import positive_number
+from spatial_pin.dynamics.balance import LOST
 from spatial_pin.dynamics.embedding import Lost, best_coordinates, plain_coordinates
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.free_fall import FreeFall, floats
@@ -20,7 +21,7 @@ from spatial_pin.dynamics.run import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation import Projection, Simulation, driver_names
 from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
-from spatial_pin.errors import SingularError, SpatialPinError, StepLimitError
+from spatial_pin.errors import EnergyError, SingularError, SpatialPinError, StepLimitError
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
@@ -85,6 +86,7 @@ def simulate(
     Raises:
         SingularError: the motion is not determined at some configuration; `.motion` holds what
             came before.
+        EnergyError: a step would go on with energy that came from nowhere; so does it.
         StepLimitError: it would take more steps than `accuracy.most_steps`; so does it.
         SpatialPinError: the state does not fit the laws, or is beyond a joint limit at which the
             simulation is to stop, or the integrator gives up.
@@ -116,20 +118,23 @@ def simulate(
     try:
         for t in run.follow(state):
             bar.update(t - bar.n)
+        moved = motion()
+        if moved.energy_drift > LOST:
+            run.refuse_rows()
     except Lost as lost:
         why = str(lost) or "the loops lose rank, or branches cross, there"
         raise SingularError(
             f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
             f"{why}", motion=motion(),
         ) from None
-    except (SingularError, StepLimitError) as error:
+    except (EnergyError, SingularError, StepLimitError) as error:
         error.motion = motion()
         if fall is not None and isinstance(error, SingularError) and error.state is not None:
             error.state = fall.back(run.t, error.state)
         raise
     finally:
         bar.close()
-    return motion()
+    return moved
 
 
 def _check_formulation(accuracy: Accuracy) -> None:

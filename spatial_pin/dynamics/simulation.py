@@ -112,11 +112,34 @@ class Simulation(Motion):
                           *first_of(efforts, "efforts")])
 
 
-def energy_drift(mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array) -> float:
-    """Return the largest energy that came from nowhere, by what the motion exchanges."""
+class Energies(NamedTuple):
+    """Energies at a moment.
+
+    Attributes:
+        kinetic: of that [J].
+        total: kinetic, potential and of springs [J].
+        work: done since the start [J].
+    """
+
+    kinetic: float
+    total: float
+    work: float
+
+
+def energy_drift(
+    mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array,
+    start: Energies | None = None,
+) -> float:
+    """Return the largest energy that came from nowhere, by what the motion exchanges.
+
+    Since the first row, or the start if that is given.
+    """
+    kinetic = np.array(list(map(KineticEnergy(mechanism.model), q, v)))
+    if start is not None:
+        kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
+            kinetic, energy, work), strict=True))
     if not len(energy):
         return 0.0
-    kinetic = np.array(list(map(KineticEnergy(mechanism.model), q, v)))
     size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)))
     drift = float(np.abs(energy - work - energy[0]).max())
     return drift / size if size > 0.0 else 0.0
