@@ -127,14 +127,18 @@ class Check:
                                   if mechanism.driven_coordinate(x.joint) == c), c.name))
         return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
 
-    def marks(self, idle: list[tuple[str, Array]], all_copies: bool) -> dict[int, Mark]:
+    def marks(
+        self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
+    ) -> dict[int, Mark]:
         """Return what tells modes apart of every body.
 
         Args:
-            idle: the passive freedoms.
+            q: (nq,) a closed configuration.
+            idle: its passive freedoms.
             all_copies: rods that are turned about their lines are told apart too.
         """
         marks = dict.fromkeys(range(1, self.mechanism.model.njoints), WHOLE)
+        self.evaluation.update(q)
         marks |= resting(self.evaluation, idle)
         if not all_copies:
             marks |= {i: of_line(line) for rod in self.rods for i, line in rod.lines.items()}

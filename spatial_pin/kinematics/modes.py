@@ -24,6 +24,7 @@ from spatial_pin.kinematics.rods import Core, Rod, core_of, rods_of
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, null_space, null_vectors
 from spatial_pin.mechanism.configuration import finite_number, needed, with_values
+from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.settings import Accuracy, accuracy_of
@@ -314,7 +315,7 @@ class _Search:
                 continue
             kind = self.check.kind(whole)
             if self.marks is None or not kind.is_singular:
-                self.marks = self.check.marks(kind.idle, self.all_copies)
+                self.marks = self.check.marks(whole, kind.idle, self.all_copies)
                 jacobian = self._jacobian(x[:, None])[0]
                 self.usual = len(null_space(jacobian, SINGULAR)) - kind.nullity + kind.passive
             looked_at += 1
@@ -343,7 +344,7 @@ class _Search:
         """Return the modes found as States, sorted."""
         check = self.check
         found = [(q, mode.kind, mode.count) for mode in self.modes
-                 for q in (self._readings(mode) if self.all_copies else [mode.q])]
+                 for q in (self._readings(mode, copies, limits) if self.all_copies else [mode.q])]
         if limits:
             found = [x for x in found if not _violated(check.mechanism, check.state(x[0]).q)]
         if self.all_copies and not copies:
@@ -359,32 +360,43 @@ class _Search:
             missing=missing_by([mode.count for mode in self.modes]) if self.free.any() else 0.0,
             continua=() if self.continuum is None else (self.continuum,))
 
-    def _readings(self, mode: _Mode) -> list[Array]:
-        """Return a mode with every rod of the core's in each of its readings."""
-        model, check = self.check.mechanism.model, self.check
-        assert self.marks is not None
-        rng = np.random.default_rng(6)
-        choices: list[list[tuple[slice, Array]]] = []
+    def _readings(self, mode: _Mode, copies: bool, limits: bool) -> list[Array]:
+        """Return a mode with the core's rods in their readings: all, or those within limits."""
+        choices = []
         for rod in mode.rods:
-            marks = {i: self.marks[i] for i in rod.lines}
-            found: list[tuple[Array, Array]] = []
-            for k in range(READINGS):
-                start = mode.q if not k else check.shaken((rod,), mode.q, rng)
-                q = check.place_rods((rod,), start)
-                if q is None:
-                    continue
-                signature = check.signature(marks, q)
-                if all(np.abs(signature - other).max() >= SAME for _, other in found):
-                    found.append((q, signature))
-            i = min(rod.lines)
-            own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
-            choices.append([(own, q[own]) for q, _ in found])
+            own = self._readings_of(rod, mode.q)
+            if limits:
+                own = [x for x in own if not x[2]]
+            choices.append([x[:2] for x in own][: None if copies else 1])
         readings = []
         for choice in product(*choices):
             q = mode.q.copy()
-            for own, values in choice:
-                q[own] = values
+            for at, values in choice:
+                q[at] = values
             readings.append(q)
+        return readings
+
+    def _readings_of(self, rod: Rod, q: Array) -> list[tuple[slice, Array, bool]]:
+        """Return the readings of a rod's first joint, and whether one is beyond joint limits."""
+        check, model, i = self.check, self.check.mechanism.model, min(rod.lines)
+        assert self.marks is not None
+        marks = {k: self.marks[k] for k in rod.lines}
+        own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+        names = {c.name for c in check.mechanism.coordinate_table.values()
+                 if c.joint in {model.names[k] for k in rod.lines}}
+        rng = np.random.default_rng(6)
+        signatures: list[Array] = []
+        readings = []
+        for k in range(READINGS):
+            start = q if not k else check.shaken((rod,), q, rng)
+            found = check.place_rods((rod,), start)
+            if found is None:
+                continue
+            signature = check.signature(marks, found)
+            if all(np.abs(signature - other).max() >= SAME for other in signatures):
+                signatures.append(signature)
+                beyond = beyond_limits(check.mechanism, check.state(found).q)
+                readings.append((own, found[own], not names.isdisjoint(beyond)))
         return readings
 
     def _one_of_each(self, found: list[tuple[Array, Kind, int]]) -> list[tuple[Array, Kind, int]]:
@@ -392,7 +404,7 @@ class _Search:
         check, kept = self.check, list[tuple[Array, Kind, int]]()
         signatures: list[Array] = []
         for q, kind, count in found:
-            marks = check.marks(kind.idle, all_copies=False)
+            marks = check.marks(q, kind.idle, all_copies=False)
             signature = check.signature(marks, q)
             for k, other in enumerate(signatures):
                 if other.shape == signature.shape and np.abs(other - signature).max() < SAME:
