@@ -161,6 +161,21 @@ def test_legs_are_distances_whatever_their_pairs(ends, size, tmp_path):
     assert any(np.allclose(pose, M.homogeneous, atol=1e-9 * size) for pose in poses[1])
 
 
+def test_a_platform_far_from_the_origin_has_as_many_modes(tmp_path):
+    counts = []
+    for k, away in enumerate((0.0, 200.0)):
+        tree, toml = floating("pose", "ground", "platform"), ""
+        M = pin.SE3(pin.rpy.rpyToMatrix(0.4, -1.1, 0.3), away * np.array([1.0, -0.6, 0.8]))
+        pose = pin.SE3(pin.rpy.rpyToMatrix(0.2, -0.4, 0.3), np.array([0.3, 0.2, 0.7]))
+        for leg, (a, b) in enumerate(zip(DIETMAIER_BASE, DIETMAIER_PLATFORM, strict=True)):
+            a, b = np.array(a, float), 0.8 * np.array(b, float)
+            tree += point(f"a{leg}", "ground", M.act(a)) + point(f"b{leg}", "platform", b)
+            toml += closure(f"leg{leg}", "distance", f"a{leg}", f"b{leg}",
+                            length=float(np.linalg.norm(pose.act(b) - a)))
+        counts.append(len(sp.assembly_modes(load(tmp_path, f"platform{k}", tree, toml))))
+    assert counts[0] == counts[1] > 0
+
+
 @pytest.mark.slow
 def test_dietmaiers_platform_has_forty_poses_on_legs_too(tmp_path):
     mechanism = gough(tmp_path, DIETMAIER_BASE, DIETMAIER_PLATFORM)

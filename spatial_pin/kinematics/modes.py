@@ -31,6 +31,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 
 TIMES = 20  # starts that the rarest mode must have had before no more are sought
 BLURRED = 1e-3  # a singular mode is known to a root of round-off only, down to the fourth
+BEYOND = 0.25  # part of the range of closed slides that starts go beyond it
 SLIDES = 1.5  # starts slide by up to so many characteristic lengths either way
 ITERATIONS = 120
 TOLERANCE = 1e-12  # length of the residual of a start that has closed
@@ -175,6 +176,10 @@ class _Search:
         self.free[[table[name].v for name in self.held]] = False
         self.most = int(np.clip(LARGEST // max(1, constraints.n_rows * model.nv), 1, MOST))
         self.size = min(FEWEST, self.most)
+        self.slides = [at for c in table.values() if c.unit == "m" and c.name not in self.held
+                       and (at := core.mechanism.place_of(c)) >= 0]
+        self.low = np.full(len(self.slides), np.inf)
+        self.high = -self.low
         self.modes: list[_Mode] = []
         self.rejected: list[Array] = []
         self.continuum: Continuum | None = None
@@ -210,14 +215,29 @@ class _Search:
         m = min(self.size, most_starts - self.starts) if self.free.any() else 1
         self.size = min(2 * self.size, self.most)
         starts = _random_starts(self.core.mechanism, self.held, rng, m)
+        if self.slides and np.isfinite(self.low).all():
+            starts[self.slides, 1::2] = self._slides_near(rng, m // 2)
         q, error = close_many(self.batch, starts, self.free, TOLERANCE, ITERATIONS)
         closed = np.flatnonzero(error <= SAME * SAME)
+        ends = q[self.slides][:, closed]
+        self.low = np.minimum(self.low, ends.min(axis=1, initial=np.inf))
+        self.high = np.maximum(self.high, ends.max(axis=1, initial=-np.inf))
         at = self.starts
         self.starts += m
         if self.marks is None:
             self._learn(q[:, closed])
         if self.marks is not None:
             self._sort(q[:, closed], self._signatures(q[:, closed]), at + closed)
+
+    def _slides_near(self, rng: np.random.Generator, m: int) -> Array:
+        """Return slides (n, m) in the range of closed configurations, and a part of it beyond.
+
+        Every other start has them: a mechanism may be small against its distance from the origin.
+        """
+        low, high = self.low, self.high
+        beyond = BEYOND * (high - low)
+        return rng.uniform((low - beyond)[:, None], (high + beyond)[:, None],
+                           (len(self.slides), m))
 
     # ------------------------------------------------------------ sorting
 
