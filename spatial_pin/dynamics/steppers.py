@@ -33,6 +33,7 @@ STABLE = {"DOP853": 6.1, "RK45": 3.25, "RK4": 2.78}  # steps by the fastest deca
 LONG = 15  # steps at that bound, by a few beyond it, that tell a stiff motion [HairerWanner1996]
 FEW = 2  # the same of a fixed step, which is soon far away
 SHORT = 6  # steps well within it that tell that it is none
+SELDOM = 5  # steps from one look at a motion that is not stiff so far to the next
 SLOW = 1.0  # step, by the fastest decay, at which an explicit method would do
 DIFFERENCE = 1e-7  # step of the differences for implicit methods, by the units of unknowns
 HUGE = 1e100  # rate that stands for none, where loops cannot be closed
@@ -106,7 +107,13 @@ class Stiffness:
     def __init__(self, bound: float, units: Array, patience: int = LONG) -> None:
         self._bound, self._units, self._patience = bound, units, patience
         self.found = False
-        self._long = self._short = 0
+        self._long = self._short = self._steps = 0
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the next step should be looked at: each, once one was too long."""
+        self._steps += 1
+        return self._long > 0 or self._steps % SELDOM == 0
 
     def look(self, step: float, rates: Array, places: Array) -> None:
         """Take note of a step, and of differences (n,) of rates and places of two stages."""
@@ -285,7 +292,8 @@ class Watched:
         if self._now not in self.used:
             self.used.append(self._now)
         if self._now == self._name:
-            self._look()
+            if self._stiffness.is_due:
+                self._look()
         else:
             self._easy = self._easy + 1 if self._is_easy() else 0
 
