@@ -16,11 +16,12 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.simulation import Simulation, energy_drift
+from spatial_pin.dynamics.simulation import Energies, Simulation, energy_drift
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -71,6 +72,7 @@ class FreeFall:
         self._gravity = model.gravity.linear.copy()
         mass = float(self._data.mass[0])
         self._energy = mass * float(0.5 * self._speed @ self._speed - self._gravity @ self._start)
+        self._kinetic = KineticEnergy(model)(state.q, state.v)
         weightless = model.copy()
         weightless.gravity = pin.Motion.Zero()
         self.mechanism = replace(state.mechanism, model=weightless)
@@ -107,13 +109,15 @@ class FreeFall:
         """Return a function of time and State for the States that are seen from here."""
         return None if function is None else lambda t, state: function(t, self.back(t, state))
 
-    def motion(self, seen: Simulation) -> Simulation:
-        """Return a motion as it is seen from the world."""
+    def motion(self, seen: Simulation, start: Energies) -> Simulation:
+        """Return a motion, with the energies it started with, as it is seen from the world."""
         assert seen.time is not None
         rows = [self._seen(*row, 1.0) for row in zip(
             seen.time.tolist(), seen.q, seen.v, seen.a, strict=True)]
         q, v, a = (np.array(x) for x in zip(*rows, strict=True)) if rows else (
             seen.q, seen.v, seen.a)
         energy = seen.energy + self._energy
-        return replace(seen, mechanism=self._whole, q=q, v=v, a=a, energy=energy,
-                       energy_drift=energy_drift(self._whole, q, v, energy, seen.work))
+        start = Energies(self._kinetic, start.total + self._energy, start.work)
+        return replace(
+            seen, mechanism=self._whole, q=q, v=v, a=a, energy=energy,
+            energy_drift=energy_drift(self._whole, q, v, energy, seen.work, start))

@@ -102,6 +102,7 @@ class Run:
     Attributes:
         t: time reached [s].
         y: unknowns there.
+        start: energies at the start.
     """
 
     def __init__(
@@ -110,7 +111,7 @@ class Run:
     ) -> None:
         self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
         self.rows, self.watch = Rows(times), watch
-        self._start = Energies(0.0, 0.0, 0.0)
+        self.start = Energies(0.0, 0.0, 0.0)
         self.passed: list[Passing] = list(watch.at_start)
         self.events = [passing.event for passing in watch.at_start]
         self.events += watch.rated.at_start if watch.rated else []
@@ -132,8 +133,8 @@ class Run:
         """Integrate from coordinates to coordinates until the end; yields the time reached."""
         system = self._begin(state)
         self.y = system.unknowns(state.v, 0.0)
-        self._start = self._energies(system, 0.0, self.y)
-        self._balance = Balance(self.problem, self.accuracy, self._start)
+        self.start = self._energies(system, 0.0, self.y)
+        self._balance = Balance(self.problem, self.accuracy, self.start)
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
         if not len(self.y):  # nothing is free, nor does anything work: laws alone say where it is
@@ -203,7 +204,7 @@ class Run:
             return
         raise EnergyError(
             f"mechanism {self.problem.mechanism.name!r}: at {t:.9g} s there are "
-            f"{now.total - now.work:.6g} J, the work done taken off, where {self._start.total:.6g} "
+            f"{now.total - now.work:.6g} J, the work done taken off, where {self.start.total:.6g} "
             "J were at the start: energy came from nowhere or was lost; take a smaller "
             "time_tolerance or step, or formulation='independent'")
 
@@ -387,7 +388,7 @@ class Run:
             closure_error=error, driver_speed=np.empty(0), events=self.events,
             angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
             energy_drift=energy_drift(
-                problem.mechanism, q, v, energy, work, self._start),
+                problem.mechanism, q, v, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(
                 zip(names, efforts.reshape(n, len(names)).T, strict=True))),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
