@@ -11,6 +11,7 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.mechanism import expressions
+from spatial_pin.mechanism.lazy import cached_property
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 LINKS = ('<link name="base"/><link name="hand"/><joint name="slide" type="fixed">'
@@ -550,3 +551,25 @@ def test_a_key_that_has_its_place_elsewhere_is_told_where(write, case):
     text, says = MISPLACED[case]
     with pytest.raises(sp.MechanismFileError, match=says):
         sp.load(write(TOML + text + "\n", "bench.toml"))
+
+
+def test_what_a_mechanism_works_out_when_asked_holds_no_lock():
+    """While one thread works it out, a child, or another thread, can too."""
+
+    class Part:
+        @cached_property
+        def size(self) -> int:
+            if threading.current_thread() is not threading.main_thread():
+                begun.set()
+                assert go_on.wait(60)
+            return 7
+
+    assert isinstance(vars(sp.Mechanism)["characteristic_length"], type(vars(Part)["size"]))
+    begun, go_on = threading.Event(), threading.Event()
+    thread = threading.Thread(target=lambda: Part().size)
+    thread.start()
+    assert begun.wait(60)
+    part = Part()
+    assert part.size == 7 and vars(part) == {"size": 7}
+    go_on.set()
+    thread.join()

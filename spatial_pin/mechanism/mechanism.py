@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from spatial_pin.errors import (
     UnknownNameError,
 )
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.lazy import cached_property
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 from spatial_pin.mechanism.rows import Row
 from spatial_pin.mechanism.xacro_files import dimensions
