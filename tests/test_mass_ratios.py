@@ -3,6 +3,9 @@
 Truth is Lagrange's equation of chains of points on massless rods, in 60 digits or more.
 """
 
+import importlib.util
+from pathlib import Path
+
 import mpmath
 import numpy as np
 import pytest
@@ -10,6 +13,11 @@ from mpmath import mpf
 
 import spatial_pin as sp
 from spatial_pin.accuracy.models import inertial, joint, made
+
+SCRIPT = Path(__file__).parents[1] / "scripts" / "extremes.py"
+SPEC = importlib.util.spec_from_file_location("extremes", SCRIPT)
+extremes = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(extremes)
 
 G = 9.81
 FORMULATIONS = ("independent", "projected")
@@ -102,3 +110,17 @@ def test_what_round_off_leaves_uncertain_is_told_or_refused(end):
         assert "is lost in round-off beside bodies so much heavier" in str(error) and end > 1e13
     else:
         assert off(found.a, truth(mech, *numbers)) <= found.error < 1.0
+
+
+@pytest.mark.parametrize("masses, size, angle, speed", [
+    ((0.0155, 0.166, 3.67e-10), 2.36, 2.44, 1.65), ((3.6e6, 6.5e-17, 6.2e15), 7.5, 5.95, 3.0),
+    ((1.67e-15, 1.54e-5, 1.33e-12), 1.85e-3, 3.91, 6.38), ((0.046, 2849.0, 2e-3), 0.05, 2.1, -4.0),
+])
+def test_what_is_told_of_a_loop_bounds_its_error(masses, size, angle, speed):
+    """Pivots tell how much grows in units of each freedom; light ones have large units."""
+    mech = extremes.plane_four_bar(masses, size)
+    state = sp.solve_rates(mech, sp.assemble(mech, {"crank": angle}), {"crank": speed})
+    found = sp.forward_dynamics(mech, state)
+    with mpmath.workdps(60):
+        want, _ = extremes.exact_four_bar(list(map(mpf, masses)), size, angle, speed, 0.0)
+        assert off(found.a, want) <= found.error < 1e-6

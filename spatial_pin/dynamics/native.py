@@ -12,6 +12,7 @@ position and velocity; anywhere else the answer is left to `equations`, which kn
 
 from __future__ import annotations
 
+import math
 from operator import truediv
 
 import numpy as np
@@ -29,7 +30,7 @@ ROWS = 90  # up to which Pinocchio's dense factors are the faster ones
 PROXIMAL = 1e-12  # proximal term, by the largest pivot
 STEPS = 4  # proximal steps at most; each takes off what the one before left, times the term
 TOO_MANY = 1e-8  # pivots below this, by the largest, are of rows too many
-DOUBTFUL = 1e-8  # estimated error above which it is not believed
+DOUBTFUL = 1e-7  # estimated error, a bound on it, above which it is not believed
 OPEN = 1e-10  # how far open loops may be, by the mechanism's size, and by its speed
 
 
@@ -97,6 +98,7 @@ class NativeDynamics:
         self._inertias = self.data.M.diagonal()
         self._size = mechanism.characteristic_length
         self._by_scale = 1.0 / mechanism.velocity_scale
+        self._squares = (mechanism.velocity_scale**2).tolist()
         self._open = self._errors()
         self.settings = pin.ProximalSettings(0.0, PROXIMAL * self._largest(mechanism), STEPS)
         self._rounding = ROUNDING + EPS * self._distance(mechanism)
@@ -142,7 +144,8 @@ class NativeDynamics:
         """Whether the pivots are those of as many independent rows, on a mass matrix that is one.
 
         The inertia of a freedom, by what is left of it when those behind it move freely, and the
-        largest pivot of the rows, by the smallest, are how much round-off grows. Comparisons are
+        largest pivot of the rows, by the smallest, are how much round-off grows; light freedoms
+        have the round-off of the heavy ones' units besides. Comparisons are
         such that NaN fails them.
         """
         pivots = self._factors.D.tolist()
@@ -155,7 +158,8 @@ class NativeDynamics:
             return False
         inertias = self._inertias.tolist()
         grown = max(map(truediv, inertias, masses)) * largest / min(sound)
-        self.error = self._rounding * grown
+        own = [x * y for x, y in zip(inertias, self._squares, strict=True)]
+        self.error = self._rounding * grown * math.sqrt(max(own) / min(own))
         return self.error < DOUBTFUL
 
     def _is_closed(self, v: Array) -> bool:

@@ -68,7 +68,8 @@ class SaddlePoint:
         unit = own_units(mass.diagonal() * scale * scale)
         self._size = np.abs(scaled[rows] * unit).max(axis=1, initial=1e-300)
         self._weight = unit / self._size[:, None]
-        self._scale, self._unit = scale, scale * unit
+        self._scale, self._unit, self._own = scale, scale * unit, unit
+        self._moved = np.zeros(nv)
         self._square = np.outer(self._unit, self._unit)
         self._jacobian, self._k = np.zeros((len(rows), nv)), np.zeros((n, n), order="F")
         self._mass, self._zero = self._k[:nv, :nv], self._k[nv:, nv:]
@@ -78,12 +79,15 @@ class SaddlePoint:
     def error(self) -> float:
         """Estimated round-off of accelerations, by their size.
 
-        From the pivots and, for exchanges of rows may hide how small they are, from the condition.
+        From the pivots and, for exchanges of rows may hide how small they are, from the condition;
+        in the own units of freedoms, of which light ones have larger ones.
         """
         if not self.pivot or not len(self._lu):
             return round_off(self.pivot)
         rcond, _ = lapack.dgecon(self._lu, self._norm)
-        return max(round_off(self.pivot), len(self._lu) * EPS / max(rcond, EPS))
+        told = max(round_off(self.pivot), len(self._lu) * EPS / max(rcond, EPS))
+        size = float((self._own * self._moved).max(initial=0.0))
+        return told * float(self._own.max()) * float(self._moved.max()) / size if size else told
 
     def solve(
         self, mass: Array, scaled: Array, work: Array, gamma: Array
@@ -113,7 +117,7 @@ class SaddlePoint:
         lu, _, x, info = lapack.dgesv(self._k, rhs, overwrite_a=True)
         sizes = [abs(d) for d in lu.diagonal().tolist()]
         self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
-        self._lu = lu
+        self._lu, self._moved = lu, np.abs(x[:nv])
         return (unit * x[:nv].T).T, (x[nv:].T / -size).T
 
     def forces(self, multipliers: Array) -> Array:
