@@ -58,7 +58,7 @@ def read_text(path: Path) -> str:
     """
     check_file(path)
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return path.read_text(encoding="utf-8").removeprefix("\ufeff")  # the mark of its order
     except UnicodeDecodeError as error:
         raise MechanismFileError(f"{shown(path)}: not UTF-8 text: {error}") from error
     except OSError as error:

@@ -10,6 +10,7 @@ meet, nothing is left behind, and whoever else uses xacro in the process has it 
 from __future__ import annotations
 
 import glob
+import importlib
 import importlib.util
 import math
 import os
@@ -472,6 +473,7 @@ def _environment(name: str) -> str:
 def _own_xacro(expansion: Expansion) -> ModuleType:
     """Return a new copy of the module xacro, whose dangerous parts are those of `expansion`."""
     with _IMPORTING:
+        importlib.import_module("xml.dom.expatbuilder")  # minidom would, outside of the lock
         spec = importlib.util.find_spec("xacro")
         if spec is None or spec.loader is None:
             raise MechanismFileError(f"{expansion.path}: the package xacro is not installed")
