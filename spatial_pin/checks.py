@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+import os
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 if TYPE_CHECKING:
     from spatial_pin.linalg import Array
 
+Row = TypeVar("Row")
+Function = TypeVar("Function", bound=Callable[..., Any])
+LARGEST = 2**63  # of whole numbers: what NumPy counts with
+NO_NUMBERS = "USmMcV"  # kinds of arrays: texts, dates, complex numbers, records
 UNIT_TOLERANCE = 1e-9  # how far the length of a unit vector may be from 1
 
 
@@ -21,9 +28,12 @@ def as_array(values: Any, what: str) -> Array:
         ValueError: they are no numbers, or integers too large for one.
     """
     try:
-        return np.asarray(values, dtype=np.float64)
+        array = np.asarray(values)
+        if array.dtype.kind not in NO_NUMBERS:
+            return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{what} must be finite numbers, not {_beginning(values)}") from None
+        pass
+    raise ValueError(f"{what} must be finite numbers, not {_beginning(values)}")
 
 
 def _beginning(values: Any) -> str:
@@ -31,6 +41,135 @@ def _beginning(values: Any) -> str:
         return str(values)[:60]
     except ValueError:  # Python does not write integers of thousands of digits
         return "integers of thousands of digits"
+
+
+# ---------------------------------------------------------------- what annotations ask
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim == 0 and value.dtype.kind in "iuf"
+    if isinstance(value, int):
+        return not isinstance(value, bool) and math.isfinite(_as_float(value))
+    return isinstance(value, float | np.integer | np.floating)
+
+
+def _is_whole(value: Any) -> bool:
+    return _is_number(value) and abs(_as_float(value)) < LARGEST and float(value) == int(value)
+
+
+def _as_float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _is_several(value: Any) -> bool:
+    return hasattr(value, "__iter__") and not isinstance(value, str | bytes | Mapping) and not (
+        isinstance(value, np.ndarray) and value.ndim == 0)
+
+
+# what an annotation says, whether a value is that, and how it is asked for
+KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "None": (lambda x: x is None, "None"),
+    "str": (lambda x: isinstance(x, str), "a name"),
+    "bool": (lambda x: isinstance(x, bool | np.bool_), "True or False"),
+    "int": (_is_whole, "a whole number"),
+    "float": (_is_number, "a number"),
+    "complex": (lambda x: _is_number(x) or isinstance(x, complex | np.complexfloating),
+                "a complex number"),
+    "Mapping": (lambda x: isinstance(x, Mapping), "a mapping as {'name': value}"),
+    "Iterable": (_is_several, "a list"),
+    "Sequence": (lambda x: _is_several(x) and hasattr(x, "__len__"), "a list"),
+    "tuple": (lambda x: isinstance(x, tuple | list | np.ndarray), "a tuple"),
+    "Array": (lambda x: isinstance(x, list | tuple | range | np.ndarray), "an array of numbers"),
+    "Callable": (callable, "a function"),
+    "EffortLaw": (callable, "a function of (time, state)"),
+    "External": (lambda x: isinstance(x, Mapping) or callable(x),
+                 "a mapping of forces by frame, or a function of the state that returns one"),
+    "SlipSpeed": (lambda x: isinstance(x, Mapping) or _is_number(x),
+                  "a speed, or a mapping of speeds by joint"),
+    "Executor": (lambda x: hasattr(x, "submit"), "an executor of concurrent.futures"),
+    "Measurement": (lambda x: hasattr(x, "cheapest"),
+                    "what spatial_pin.tradeoff(mechanism, task) returns"),
+    "Path": (lambda x: isinstance(x, os.PathLike), "a path"),
+    "Output": (lambda x: hasattr(x, "values") and hasattr(x, "label"), "an Output"),
+}
+OWN_WORDS = ("motion_or_state",)  # arguments that functions refuse in words of their own
+MADE_BY = {
+    "Mechanism": "sp.load(name or file) makes one",
+    "State": "sp.assemble(mechanism, {driver: value}) makes one",
+    "Motion": "sp.sweep(mechanism, driver, values) or sp.simulate(mechanism, state, duration) "
+              "makes one",
+    "Look": "sp.Look(...) makes one",
+    "Accuracy": "give it as spatial_pin.Accuracy, for example Accuracy.named('engineering')",
+}
+
+
+def _is_a(value: Any, kind: str) -> bool:
+    """Whether a value is of a class of the library, which are all above this module."""
+    return any(c.__name__ == kind and c.__module__.startswith("spatial_pin.")
+               for c in type(value).__mro__)
+
+
+def _parts(annotation: str) -> list[str]:
+    """Return the kinds that an annotation names: "Mapping[str, float] | None" names two."""
+    bare = annotation
+    while (inner := re.sub(r"\[[^\[\]]*\]", "", bare)) != bare:
+        bare = inner
+    return [part.strip() for part in bare.split("|")]
+
+
+def _check(where: str, kinds: list[str], value: Any) -> None:
+    for kind in kinds:
+        if _is_a(value, kind) if kind in MADE_BY else KINDS[kind][0](value):
+            return
+    own = [kind for kind in kinds if kind in MADE_BY]
+    if own and set(kinds) <= {*own, "None"}:
+        a = "an" if own[0][0] in "AEIO" else "a"
+        said = f"{_beginning(value)[:40]!r} of type " if isinstance(value, str) else ""
+        raise TypeError(f"{where}: {a} {' or '.join(own)} is needed, not {said}"
+                        f"{type(value).__name__}: {MADE_BY[own[0]]}")
+    asked = [f"a {kind}" if kind in MADE_BY else KINDS[kind][1] for kind in kinds]
+    asked = list(dict.fromkeys(asked))
+    words = ", ".join(asked[:-1]) + " or " * (len(asked) > 1) + asked[-1]
+    error = ValueError if {"float", "int"} & set(kinds) else TypeError
+    raise error(f"{where} must be {words}, not {_told(value)}")
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, str | bytes | bool | int | float | complex | type(None)):
+        return _beginning(repr(value))
+    return f"{_beginning(value)!r} of type {type(value).__name__}"
+
+
+def checked(function: Function) -> Function:
+    """Return a public function that refuses arguments of another kind than it is annotated with.
+
+    Kinds that `KINDS` and `MADE_BY` do not know are left to the function, as are values.
+
+    Raises:
+        TypeError: an argument is of another kind.
+        ValueError: a number was asked for.
+    """
+    parts = {k: _parts(text) for k, text in function.__annotations__.items() if k != "return"}
+    kinds = {k: x for k, x in parts.items()
+             if k not in OWN_WORDS and all(y in KINDS or y in MADE_BY for y in x)}
+    code = function.__code__
+    names = code.co_varnames[: code.co_argcount]
+
+    @functools.wraps(function)
+    def asked(*args: Any, **given: Any) -> Any:
+        for name, value in (*zip(names, args, strict=False), *given.items()):
+            if name in kinds:
+                _check(f"{function.__name__}: {name}", kinds[name], value)
+        return function(*args, **given)
+
+    return cast(Function, asked)
+
+
+# ---------------------------------------------------------------- values
 
 
 def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
@@ -80,6 +219,35 @@ def mapping(value: Any, what: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise TypeError(f"{what} must be a mapping as {{'name': value}}, not {_beginning(value)}")
     return value
+
+
+def names_of(values: Any, what: str) -> list[str]:
+    """Return the names in `values`: one, or several.
+
+    Raises:
+        TypeError: there is something else among them.
+    """
+    found = [values] if isinstance(values, str) else list(values)
+    for name in found:
+        if not isinstance(name, str):
+            raise TypeError(f"{what} must be names, not {_told(name)}")
+    return found
+
+
+def rows_of(table: Any, make: Callable[..., Row], what: str) -> list[Row]:
+    """Return the rows of a table, each as what `make` makes of its entries.
+
+    Raises:
+        TypeError: a row has other entries than it needs.
+    """
+    found = []
+    for i, row in enumerate(table, start=1):
+        try:
+            found.append(make(*row))
+        except TypeError:
+            fields = ", ".join(getattr(make, "_fields", ()))
+            raise TypeError(f"{what} {i} is {_told(row)}; it is made of ({fields})") from None
+    return found
 
 
 def whole_number(value: Any, what: str) -> int:

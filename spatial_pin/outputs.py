@@ -20,23 +20,29 @@ if TYPE_CHECKING:
 LONGEST_SUFFIX = 16  # of a name that tells a writer the format
 
 
-def writable_path(path: object, what: str = "path") -> Path:
-    """Return a path that a file is to be written to.
+def named_path(path: object) -> Path:
+    """Return a path that can name a file.
 
     Raises:
         TypeError: it is no path.
         ValueError: it is empty, a folder, or has a character that no name can have.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"{what} must be the name of a file to write, not {path!r:.60}")
-    text = os.fspath(path)
+    text = os.fspath(path) if isinstance(path, str | os.PathLike) else path
     if not isinstance(text, str):
-        raise TypeError(f"{what} must be the name of a file to write as text, not {path!r:.60}")
-    if not text or "\0" in text:
-        raise ValueError(f"{what} is {text!r:.60}; the name of a file to write is needed")
+        raise TypeError(f"path must be the name of a file, not {repr(path)[:60]} of type "
+                        f"{type(path).__name__}")
+    if not text or not _is_name(text):
+        raise ValueError(f"path is {text!r:.60}, which is no name of a file")
     if os.path.isdir(text):
-        raise ValueError(f"{what} {text}: this is a folder; give the name of a file")
+        raise ValueError(f"{text}: this is a folder; give the name of a file")
     return Path(text)
+
+
+def _is_name(text: str) -> bool:
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:  # half a character
+        return False
 
 
 @contextlib.contextmanager
@@ -135,7 +141,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         ValueError: no figure has this suffix.
         OSError: it cannot be written.
     """
-    path = writable_path(path)
+    path = named_path(path)
     suffix = figure_suffix(path)
     with replacing(path) as target:
         figure.savefig(target, format=suffix)

@@ -154,7 +154,7 @@ def accuracy_of(given: Accuracy | None) -> Accuracy:
 
 
 def _check_name(what: str, name: str, known: tuple[str, ...]) -> None:
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
 
 

@@ -14,6 +14,7 @@ from spatial_pin.accuracy.reduction_model import Model
 from spatial_pin.accuracy.reduction_report import Omission, omissions
 from spatial_pin.accuracy.reduction_states import carried_over
 from spatial_pin.accuracy.verification import Verification, verification
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -77,7 +78,7 @@ class Reduced(Mechanism):
         Raises:
             SpatialPinError: a joint that moves it is left out.
         """
-        joint = self.unplaced.get(name)
+        joint = self.unplaced.get(name) if isinstance(name, str) else None
         if joint is not None:
             on = self.full.frame_on_joint(name)[0]
             link = next((x for x in self.full.links if self.full.frame_on_joint(x)[0] == on), name)
@@ -106,6 +107,7 @@ class Reduced(Mechanism):
         found = carried_over(self, there)
         return found.q if found.closure_error <= OPEN else None
 
+    @checked
     def state(self, full: State) -> State:
         """Return a state of the full mechanism as one of this.
 
@@ -121,6 +123,7 @@ class Reduced(Mechanism):
                 "that state: what was welded, or the branch, is another there")
         return found
 
+    @checked
     def verify(
         self, driver: str | None = None, values: Any = None, *, speed: float = 1.0,
         acceleration: float = 0.5, guess: Mapping[str, Any] | None = None,
@@ -165,6 +168,7 @@ class _Locks(NamedTuple):
     joints: frozenset[int]
 
 
+@checked
 def reduce(
     mechanism: Mechanism,
     outputs: str | Iterable[str],

@@ -21,13 +21,13 @@ from spatial_pin.accuracy.reference import (
     SweepReference,
 )
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
-from spatial_pin.checks import positive_number, whole_number
+from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.outputs import writable_path, write_text
+from spatial_pin.outputs import named_path, write_text
 from spatial_pin.settings import Accuracy, accuracy_of
 
 if TYPE_CHECKING:
@@ -120,6 +120,7 @@ class Tradeoff:
         """
         return float(np.maximum(row.error, max(self.reference_error, ROUND_OFF)))
 
+    @checked
     def cheapest(self, error: float) -> Measured:
         """Return the fastest row with at most this `error`.
 
@@ -164,7 +165,7 @@ class Tradeoff:
     def to_json(self, path: str | Path) -> Path:
         """Write `as_dict`; returns the path."""
         text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
-        return write_text(writable_path(path), text)
+        return write_text(named_path(path), text)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw error over time per step, both logarithmic, with the Pareto front.
@@ -180,6 +181,7 @@ class Tradeoff:
         return plot(self, path)
 
 
+@checked
 def tradeoff(
     mechanism: Mechanism,
     task: Mapping[str, Any] | str | Motion | None = None,

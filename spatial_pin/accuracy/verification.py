@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from spatial_pin.accuracy.reduction_influence import Asked
+from spatial_pin.checks import as_array
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assembled
@@ -81,8 +82,10 @@ def verification(
 ) -> Verification:
     """Compare the outputs `asked` of two mechanisms; see `Reduced.verify`."""
     names = [driver] if driver is not None else _drivers(reduced, full)
-    if values is not None and not np.size(values):
+    if values is not None and not np.size(values := np.atleast_1d(as_array(values, "values"))):
         raise ValueError("values is empty; one driver value at least is compared")
+    if np.ndim(values) > 1:
+        raise ValueError(f"values has shape {np.shape(values)}; (N,) is needed")
     differences: list[Difference] = []
     remarks: list[str] = []
     rows, seconds = 0, np.zeros(2)

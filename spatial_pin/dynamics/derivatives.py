@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.checks import checked
 from spatial_pin.dynamics.force_derivatives import Outside, Pull, Slopes, Springs, spring_slopes
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
@@ -97,6 +98,7 @@ class _Terms(NamedTuple):
     mass: MassMatrix
 
 
+@checked
 def dynamics_derivatives(
     mechanism: Mechanism,
     state: State,

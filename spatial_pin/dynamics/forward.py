@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.checks import checked
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.reactions import MANY
@@ -133,6 +134,7 @@ def _words(x: Array, unique: NDArray[np.bool_]) -> str:
     return "(" + ", ".join(marked) + ")"
 
 
+@checked
 def forward_dynamics(
     mechanism: Mechanism,
     state: State,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_number
+from spatial_pin.checks import checked, finite_number, names_of
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
@@ -38,7 +38,7 @@ class Actuation:
         if actuated is None:
             self.names = list(mechanism.drivers)
         else:
-            self.names = [actuated] if isinstance(actuated, str) else list(actuated)
+            self.names = names_of(actuated, "actuated")
         given = actuated if isinstance(actuated, Mapping) else {}
         weights = np.array([finite_number(given.get(n, 1.0), f"weight of {n!r}")
                             for n in self.names])
@@ -78,6 +78,7 @@ class Efforts(Dynamics):
         return "\n".join([*lines, super().__str__()])
 
 
+@checked
 def inverse_dynamics(
     mechanism: Mechanism,
     state: State,

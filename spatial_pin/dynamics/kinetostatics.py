@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.checks import checked, mapping
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance
@@ -120,6 +121,7 @@ class _Rows:
             self.unique[k] = list(equations.unique().values())
 
 
+@checked
 def kinetostatics(
     mechanism: Mechanism,
     motion: Motion,
@@ -161,8 +163,8 @@ def kinetostatics(
         rows = _Rows(equations, len(motion), len(actuation.names))
         for k in range(len(motion)):
             state = moving_in_time(mechanism, motion.state(k))
-            equations.update(state, external(state) if callable(external) else external, laws,
-                             slip_speed)
+            given = external(state) if callable(external) else external
+            equations.update(state, mapping(given, "external"), laws, slip_speed)
             rows.fill(k, equations, actuation)
         reactions, ground = equations.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from spatial_pin.checks import positive_number
+from spatial_pin.checks import checked, positive_number
 from spatial_pin.dynamics.balance import LOST
 from spatial_pin.dynamics.embedding import Lost, best_coordinates, plain_coordinates
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
@@ -35,6 +35,7 @@ __all__ = ["Projection", "Simulation", "simulate"]
 ROWS = 1000  # rows of a simulation whose times are not given, less one
 
 
+@checked
 def simulate(
     mechanism: Mechanism,
     state: State,

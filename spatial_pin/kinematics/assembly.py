@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.checks import mapping
+from spatial_pin.checks import checked, mapping
 from spatial_pin.errors import AssemblyError, SpatialPinWarning
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
@@ -52,6 +52,7 @@ class _Guess(NamedTuple):
     named: dict[str, float]
 
 
+@checked
 def assemble(
     mechanism: Mechanism,
     drivers: Mapping[str, float] | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.branch import Branch, Stopped
 from spatial_pin.kinematics.motion import Event, Motion, motion_needed
@@ -14,6 +15,7 @@ STILL = 1e-9  # rate of an output, by the fastest joint's, that is none
 ROUND_OFF = 1e-12  # rate in one row, by the largest, that is none
 
 
+@checked
 def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
     """Return the dead centres of outputs over a sweep, located to about 1e-12 of the driver.
 

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assembled
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -34,6 +35,7 @@ class Grashof(NamedTuple):
         return f"Grashof type: {self.type} ({lengths})"
 
 
+@checked
 def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
     """Classify a mechanism that is one plane loop of four revolute pairs [Grashof1883].
 
@@ -44,7 +46,7 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
     Raises:
         SpatialPinError: it is not a plane four-bar.
     """
-    state = state or assembled(mechanism)
+    state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
     names, centres = _four_bar(mechanism, state)
     lengths = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
     # centres[k] to centres[k + 1] is link k; the last one is the fixed link

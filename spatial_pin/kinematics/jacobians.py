@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import checked
 from spatial_pin.kinematics.constraints import Constraints, Evaluation, evaluation_of
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.state import WORLD_AXES, State, of_mechanism
@@ -17,6 +18,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 
 
+@checked
 def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
     """Return the derivative (rows, nv) of all closure rows with respect to joint velocities.
 
@@ -37,6 +39,7 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
         return rows / mechanism.velocity_scale
 
 
+@checked
 def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
     """Return the closed-loop Jacobian (6, n_drivers) of a link, frame or joint.
 
@@ -56,6 +59,7 @@ def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
         return own @ system.driver_rates()
 
 
+@checked
 def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
     """Return the time derivative (6, n_drivers) of `jacobian` as the state moves with its v.
 
@@ -156,6 +160,7 @@ class Influence(NamedTuple):
     second: Array
 
 
+@checked
 def influence(mechanism: Mechanism, state: State) -> Influence:
     """Return the influence coefficients of a closed state with respect to all drivers.
 

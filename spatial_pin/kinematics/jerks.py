@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_number
+from spatial_pin.checks import checked, finite_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.constraints import TWIST_MATRIX, Evaluation
 from spatial_pin.kinematics.rates import square_system
@@ -35,6 +35,7 @@ class Jerks:
         self.state, self.j = state, j
         self._bodies = bodies  # (njoints, 6) second derivatives of the twists, joint axes
 
+    @checked
     def coordinate(self, name: str) -> float:
         """Return the third derivative of a joint coordinate [rad/s³ or m/s³].
 
@@ -50,6 +51,7 @@ class Jerks:
             )
         return float(self.j[c.v])
 
+    @checked
     def frame(self, name: str) -> pin.Motion:
         """Return the jerk of a link, frame or joint, world axes.
 
@@ -60,6 +62,7 @@ class Jerks:
         joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
         return self._at(joint, placement.translation)
 
+    @checked
     def com(self, name: str) -> Array:
         """Return the jerk of a link's own centre of mass, world axes (3,) [m/s³].
 
@@ -79,6 +82,7 @@ class Jerks:
         return pin.Motion(np.append(point, 1.0) @ rows, data.oMi[joint].rotation @ angular)
 
 
+@checked
 def solve_jerks(
     mechanism: Mechanism, state: State, jerks: Mapping[str, float] | None = None
 ) -> Jerks:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.checks import checked, positive_number
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Arrival, march, turning_point
 from spatial_pin.kinematics.assembly import assembled
@@ -32,6 +33,7 @@ SAME = 1e-6  # difference of crossings seen from either side that are one [rad o
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
 
 
+@checked
 def limits(
     mechanism: Mechanism,
     driver: str,
@@ -93,6 +95,7 @@ def _bound(
     return Bound(start + sense * MOST_TURNS * span, "not followed further")
 
 
+@checked
 def trace(
     mechanism: Mechanism,
     driver: str,
@@ -120,8 +123,7 @@ def trace(
         AssemblyError: the guess does not close.
         SingularError: branches cross and none goes straight on; `.motion` holds what came before.
     """
-    if not (np.isfinite(step) and step > 0.0):
-        raise ValueError(f"step is {step}; it must be positive")
+    step = positive_number(step, "step")
     system, state = _system(mechanism, driver, guess)
     curve = Curve(system, Accuracy.named("engineering").tolerance)
     first = curve.settle(state.q, _direction(system) / system.scale)

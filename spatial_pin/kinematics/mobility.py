@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import ACCEPTED, assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
@@ -152,6 +153,7 @@ class Mobility:
         return notes
 
 
+@checked
 def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     """Count the freedoms of a mechanism at a closed configuration, and name them.
 

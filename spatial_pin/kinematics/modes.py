@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from spatial_pin.checks import mapping, positive_number
+from spatial_pin.checks import checked, mapping, positive_number
 from spatial_pin.errors import AssemblyError, ContinuumError
 from spatial_pin.kinematics.assembly import _read_guess, _violated, assembled, standing_drivers
 from spatial_pin.kinematics.batch import Batch
@@ -43,6 +43,7 @@ MOST_MODES = 1000  # after which no more are sought: that many are told by `miss
 MOST_REJECTED = 64  # mirror images that are known again
 
 
+@checked
 def assembly_modes(
     mechanism: Mechanism,
     drivers: Mapping[str, float] | None = None,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -13,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.jerks import Jerks, solve_jerks
 from spatial_pin.kinematics.rates import rate_error
@@ -23,7 +26,7 @@ from spatial_pin.kinematics.views import accelerations, placements, twists
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.outputs import is_special, replacing, writable_path, write_bytes
+from spatial_pin.outputs import is_special, named_path, replacing, write_bytes
 
 
 class Event(NamedTuple):
@@ -82,6 +85,9 @@ class Output(NamedTuple):
 
 
 ACROSS = 0.12  # distance from a crossing [rad, characteristic lengths] up to which it is continued
+SAVED = frozenset((  # arrays of a file
+    "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
+    "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))
 COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FRAME_UNITS = {  # unit and order of the derivative
     "position": ("m", 0), "velocity": ("m", 1), "acceleration": ("m", 2),
@@ -157,6 +163,7 @@ class Motion:
                 f"mechanism {self.mechanism.name!r}: no driver was swept in this motion")
         return self.driver
 
+    @checked
     def coordinate(self, name: str) -> CoordinateRates:
         """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
 
@@ -165,8 +172,21 @@ class Motion:
         """
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
+    @checked
     def state(self, row: int) -> State:
-        """Return one row as a State; its `rate_error` is known where a driver was swept."""
+        """Return one row as a State; its `rate_error` is known where a driver was swept.
+
+        Args:
+            row: negative from the end.
+
+        Raises:
+            SpatialPinError: there is no such row.
+        """
+        row, n = int(row), len(self)
+        if not -n <= row < n:
+            raise SpatialPinError(
+                f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1" if n else
+                f"there is no row {row}: the motion has none")
         lost = (partial(rate_error, self.driver_name, not self._is_continued(row))
                 if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
@@ -211,6 +231,7 @@ class Motion:
         x = x + b.placements[:, joint, 3]
         return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)
 
+    @checked
     def frame(self, name: str) -> FrameMotion:
         """Return the motion of the origin of a link, frame or joint.
 
@@ -219,6 +240,7 @@ class Motion:
         """
         return self._at(*self.mechanism.frame_on_joint(self.mechanism.placed(name)))
 
+    @checked
     def com(self, name: str) -> FrameMotion:
         """Return the motion of a link's own centre of mass.
 
@@ -230,6 +252,7 @@ class Motion:
         joint, placement = self.mechanism.frame_on_joint(self.mechanism.placed(name))
         return self._at(joint, placement * offset)
 
+    @checked
     def output(self, spec: str) -> Output:
         """Return a quantity by its name.
 
@@ -318,19 +341,21 @@ class Motion:
         table["closure error [-]"] = self.closure_error
         return table
 
+    @checked
     def to_csv(self, path: str | Path) -> Path:
         """Write `columns` with all digits; returns the path.
 
         Raises:
             OSError: it cannot be written; what was there before stays.
         """
-        table, path = self.columns(), writable_path(path)
+        table, path = self.columns(), named_path(path)
         with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(table)
             writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
         return path
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write all arrays to an .npz file that `Motion.load` reads; returns the path.
 
@@ -339,7 +364,7 @@ class Motion:
         Raises:
             OSError: it cannot be written; what was there before stays.
         """
-        path = writable_path(path)
+        path = named_path(path)
         if path.suffix != ".npz" and not is_special(path):
             path = path.with_name(path.name + ".npz")
         content = io.BytesIO()  # pipes cannot be written out of order
@@ -359,14 +384,24 @@ class Motion:
         return write_bytes(path, content.getbuffer())
 
     @classmethod
+    @checked
     def load(cls, path: str | Path, mechanism: Mechanism) -> Motion:
         """Read a motion of `mechanism` that `save` wrote.
 
         Raises:
-            SpatialPinError: it is the motion of a mechanism with other coordinates.
+            SpatialPinError: `save` did not write it, or it is the motion of a mechanism with other
+                coordinates.
+            OSError: it cannot be read.
         """
-        with np.load(path) as file:
-            content = {key: file[key] for key in file.files}
+        path = named_path(path)
+        try:
+            with path.open("rb") as opened, np.load(opened) as file:
+                content = {key: file[key] for key in file.files}
+            missing = SAVED - set(content)
+        except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error):
+            missing = SAVED
+        if missing:
+            raise SpatialPinError(f"{path}: not a motion that Motion.save wrote")
         if content["coordinates"].tolist() != list(mechanism.coordinates):
             raise SpatialPinError(
                 f"{path}: a motion of mechanism {str(content['mechanism'])!r} with coordinates "

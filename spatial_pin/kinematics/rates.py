@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.checks import mapping
+from spatial_pin.checks import checked, mapping
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem, scaled_row
@@ -178,6 +178,7 @@ def _determining(state: State, named: list[Coordinate]) -> Iterator[SquareSystem
     raise errors[-1]
 
 
+@checked
 def solve_rates(
     mechanism: Mechanism,
     state: State,

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.checks import checked, names_of
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.dimension_path import followed, varied
 from spatial_pin.kinematics.limits import limits
@@ -57,6 +58,7 @@ class Sensitivity:
         return "\n".join(lines)
 
 
+@checked
 def sensitivity(
     mechanism: Mechanism,
     state: State,
@@ -91,7 +93,8 @@ def sensitivities(
     """Differentiate several outputs at the price of one; see `sensitivity`."""
     if mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
-    names = list(mechanism.dimensions if parameters is None else parameters)
+    outputs = names_of(outputs, "outputs")
+    names = names_of(mechanism.dimensions if parameters is None else parameters, "parameters")
     for name in names:
         if name not in mechanism.dimensions:
             raise UnknownNameError("dimension", name, mechanism.dimensions,

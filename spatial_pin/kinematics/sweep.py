@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from spatial_pin.checks import as_array, finite_array, mapping
+from spatial_pin.checks import as_array, checked, finite_array, mapping
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assembled
@@ -31,6 +31,7 @@ FAR = 20.0  # characteristic lengths that no slide has to go, near where a branc
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
+@checked
 def sweep(
     mechanism: Mechanism,
     driver: str,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from spatial_pin.checks import whole_number
+from spatial_pin.checks import checked, names_of, whole_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.dimension_path import varied
@@ -73,6 +73,7 @@ class Tolerance:
         return "\n".join(lines)
 
 
+@checked
 def tolerance(
     mechanism: Mechanism,
     outputs: str | Iterable[str],
@@ -117,8 +118,10 @@ def tolerance(
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite.
     """
-    state = state or assembled(mechanism)
-    names = [outputs] if isinstance(outputs, str) else list(outputs)
+    state = assembled(mechanism) if state is None else state
+    names = names_of(outputs, "outputs")
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
     spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
     if any(x < 0.0 for x in spread.values()):
         raise ValueError("a standard deviation is negative")
@@ -154,7 +157,7 @@ def _drawn(
 ) -> Array:
     """Return the dimensions (samples, k) in the order of `spread`."""
     nominal = np.array([mechanism.dimensions[name] for name in spread])
-    normal = np.random.default_rng(seed).normal(size=(samples, len(nominal)))
+    normal = np.random.default_rng(int(seed)).normal(size=(samples, len(nominal)))
     return nominal + np.array(list(spread.values())) * normal
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.rates import driven_coordinates, square_system
@@ -36,6 +37,7 @@ class Transmission(NamedTuple):
     at: str
 
 
+@checked
 def transmission(
     mechanism: Mechanism, state: State, output: str, driver: str | None = None,
     at: str | None = None,

@@ -16,7 +16,7 @@ from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.mechanism.sources import read_text
 from spatial_pin.mechanism.toml_files import parse_toml
 from spatial_pin.mechanism.urdf import PAIR_OF_URDF_TYPE
-from spatial_pin.outputs import writable_path, write_text
+from spatial_pin.outputs import named_path, write_text
 
 
 def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
@@ -31,7 +31,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     Raises:
         SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
-    path = writable_path(path)
+    path = named_path(path)
     toml = path.with_suffix(".toml")
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")

@@ -11,18 +11,27 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from spatial_pin.checks import finite_array
+from spatial_pin.checks import checked, finite_array, finite_number, positive_number
 
 DriverLaw = Callable[[float], tuple[float, float, float]]
 
 
+@checked
 def constant_speed(start: float, speed: float) -> DriverLaw:
-    """Return a law that moves on at constant speed."""
+    """Return a law that moves on at constant speed.
+
+    Raises:
+        ValueError: a value is no finite number; likewise of the other laws.
+    """
+    start, speed = finite_number(start, "start"), finite_number(speed, "speed")
     return lambda t: (start + speed * t, speed, 0.0)
 
 
+@checked
 def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
     """Return a law that speeds up from rest to `speed` at constant acceleration, then keeps it."""
+    start, speed = finite_number(start, "start"), finite_number(speed, "speed")
+    rise_time = positive_number(rise_time, "rise_time")
     rate = speed / rise_time
 
     def law(t: float) -> tuple[float, float, float]:
@@ -33,9 +42,12 @@ def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
     return law
 
 
+@checked
 def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> DriverLaw:
     """Return a law mean + amplitude sin(2 pi frequency t + phase); frequency in Hz."""
-    w = 2.0 * math.pi * frequency
+    mean, amplitude = finite_number(mean, "mean"), finite_number(amplitude, "amplitude")
+    phase = finite_number(phase, "phase")
+    w = 2.0 * math.pi * finite_number(frequency, "frequency")
 
     def law(t: float) -> tuple[float, float, float]:
         s, c = math.sin(w * t + phase), math.cos(w * t + phase)
@@ -44,8 +56,11 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
     return law
 
 
+@checked
 def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
     """Return a law from rest to rest with a full sine of acceleration [Norton2009, 2.4]."""
+    start, end = finite_number(start, "start"), finite_number(end, "end")
+    rise_time = positive_number(rise_time, "rise_time")
     stroke, w = end - start, 2.0 * math.pi / rise_time
 
     def law(t: float) -> tuple[float, float, float]:
@@ -58,13 +73,17 @@ def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
     return law
 
 
+@checked
 def polynomial(coefficients: Sequence[float]) -> DriverLaw:
     """Return the law c0 + c1 t + c2 t² + ..."""
+    if not len(coefficients):
+        raise ValueError("coefficients is empty; a polynomial has at least c0")
     c = np.polynomial.Polynomial(finite_array(coefficients, (len(coefficients),), "coefficients"))
     first, second = c.deriv(), c.deriv(2)
     return lambda t: (float(c(t)), float(first(t)), float(second(t)))
 
 
+@checked
 def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
     """Return the quintic spline through (times, values), at rest and unaccelerated at its ends."""
     from scipy.interpolate import make_interp_spline  # imported on use: it takes half a second

@@ -226,10 +226,11 @@ class Mechanism:
         Raises:
             UnknownNameError: there is none.
         """
-        if name in self.coordinate_table:
-            return self.coordinate_table[name]
-        if name in self.drivers:
-            return self.coordinate_table[self.drivers[name].joint]
+        if isinstance(name, str):
+            if name in self.coordinate_table:
+                return self.coordinate_table[name]
+            if name in self.drivers:
+                return self.coordinate_table[self.drivers[name].joint]
         raise UnknownNameError(
             "coordinate or driver", name, [*self.coordinate_table, *self.drivers],
             f"mechanism {self.name!r}: ",
@@ -242,7 +243,8 @@ class Mechanism:
             UnknownNameError: there is none.
             SpatialPinError: it is a joint of several coordinates.
         """
-        components = [c.name for c in self.coordinate_table.values() if c.joint == name]
+        components = [c.name for c in self.coordinate_table.values()
+                      if isinstance(name, str) and c.joint == name]
         if len(components) > 1 and name not in self.drivers:
             raise SpatialPinError(
                 f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
@@ -282,7 +284,8 @@ class Mechanism:
         Raises:
             UnknownNameError: there is none.
         """
-        if not self.model.existJointName(joint) or joint == "universe":
+        known = isinstance(joint, str) and "\0" not in joint and joint.isprintable()
+        if not known or not self.model.existJointName(joint) or joint == "universe":
             raise UnknownNameError("joint", joint, list(self.model.names)[1:],
                                    f"mechanism {self.name!r}: ")
         return int(self.model.getJointId(joint))
@@ -305,7 +308,7 @@ class Mechanism:
         """
         try:
             return self.frame_ids[name]
-        except KeyError:
+        except (KeyError, TypeError):
             raise UnknownNameError("link, frame or joint", name, self.frame_ids,
                                    f"mechanism {self.name!r}: ") from None
 

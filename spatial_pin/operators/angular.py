@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array
+from spatial_pin.checks import checked, finite_array
 from spatial_pin.linalg import Array
 from spatial_pin.operators.rotation import checked_rotation
 
 SKEW_TOLERANCE = 1e-9  # greatest symmetric part accepted, as a fraction of 1 + the largest entry
 
 
+@checked
 def spatial_angular_velocity(cosines: Any, rate: Any) -> Array:
     """Return omega (3,) [rad/s] in fixed axes from A and dA/dt [1/s], both (3, 3).
 
@@ -28,6 +29,7 @@ def spatial_angular_velocity(cosines: Any, rate: Any) -> Array:
     return _vector(b @ a.T)
 
 
+@checked
 def body_angular_velocity(cosines: Any, rate: Any) -> Array:
     """Return omega (3,) [rad/s] in body axes from A and dA/dt [1/s], both (3, 3).
 
@@ -38,6 +40,7 @@ def body_angular_velocity(cosines: Any, rate: Any) -> Array:
     return _vector(a.T @ b)
 
 
+@checked
 def spatial_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> Array:
     """Return d omega/dt (3,) [rad/s^2] in fixed axes: the vector of A'' A^T + A' A'^T.
 
@@ -54,6 +57,7 @@ def spatial_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> 
     return _vector(finite_array(acceleration, (3, 3), "acceleration") @ a.T + b @ b.T)
 
 
+@checked
 def body_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> Array:
     """Return d omega/dt (3,) [rad/s^2] in body axes; see `spatial_angular_acceleration`."""
     spatial = spatial_angular_acceleration(cosines, rate, acceleration)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.checks import checked, finite_array, finite_number, rows_of
 from spatial_pin.errors import suggestion
 from spatial_pin.linalg import Array
 from spatial_pin.operators.rotation import rotation_matrix
@@ -62,6 +62,7 @@ class DirectionCosines(NamedTuple):
     acceleration: Array
 
 
+@checked
 def dh_placement(a: float, alpha: float, d: float, theta: float) -> pin.SE3:
     """Return frame i in frame i-1: Rot_x(alpha) Trans_x(a) Rot_z(theta) Trans_z(d).
 
@@ -77,6 +78,7 @@ def dh_placement(a: float, alpha: float, d: float, theta: float) -> pin.SE3:
     return pin.SE3(about_x @ rotation_matrix("z", theta), translation)
 
 
+@checked
 def dh_link_placements(table: Iterable[Any], q: Any) -> list[pin.SE3]:
     """Return the placement of every row's link in the base frame.
 
@@ -95,6 +97,7 @@ def dh_link_placements(table: Iterable[Any], q: Any) -> list[pin.SE3]:
     return placements
 
 
+@checked
 def dh_direction_cosines(table: Iterable[Any], q: Any, v: Any, a: Any) -> list[DirectionCosines]:
     """Return every link's direction cosines and their derivatives by the product rule [Pham, 1.3].
 
@@ -118,6 +121,7 @@ def dh_direction_cosines(table: Iterable[Any], q: Any, v: Any, a: Any) -> list[D
     return links
 
 
+@checked
 def model_from_dh(table: Iterable[Any], name: str = "dh") -> pin.Model:
     """Return the Pinocchio model of a Denavit-Hartenberg table.
 
@@ -151,7 +155,7 @@ def checked_table(table: Iterable[Any]) -> list[DHRow]:
         ValueError: no rows, NaN, infinite, an unknown joint, a lead that the joint does not have,
             or a name that occurs twice.
     """
-    rows = [_checked_row(i, DHRow(*row)) for i, row in enumerate(table, start=1)]
+    rows = [_checked_row(i, row) for i, row in enumerate(rows_of(table, DHRow, "row"), start=1)]
     if not rows:
         raise ValueError("the table has no rows")
     names = [name for row in rows for name in (row.name, row.link)]
@@ -162,7 +166,7 @@ def checked_table(table: Iterable[Any]) -> list[DHRow]:
 
 
 def _checked_row(i: int, row: DHRow) -> DHRow:
-    if row.joint not in DH_JOINTS:
+    if not isinstance(row.joint, str) or row.joint not in DH_JOINTS:
         raise ValueError(f"row {i}: no joint {row.joint!r}; {suggestion(row.joint, DH_JOINTS)}")
     a, alpha, d, theta, lead = (
         finite_number(getattr(row, key), f"row {i}: {key}")

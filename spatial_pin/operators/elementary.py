@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.checks import checked, finite_array, finite_number
 from spatial_pin.linalg import Array
 from spatial_pin.operators.rotation import axis_vector, checked_rotation, rotation_matrix
 
@@ -41,6 +41,7 @@ class EulerAngles(NamedTuple):
     third: float
 
 
+@checked
 def elementary_matrix(
     case: int, offset: Any, angle: float = 0.0, lead: float = 0.0
 ) -> pin.SE3:
@@ -68,16 +69,19 @@ def elementary_matrix(
     return pin.SE3(rotation_matrix(axis, angle), t + advance * axis_vector(axis))
 
 
+@checked
 def revolute_placement(offset: Any, angle: float, axis: str = "z") -> pin.SE3:
     """Return link and revolute joint (`JointModelRX`, `RY`, `RZ`): offset (3,) [m], angle [rad]."""
     return elementary_matrix(_case(axis), offset, angle)
 
 
+@checked
 def prismatic_placement(offset: Any, slide: float, axis: str = "z") -> pin.SE3:
     """Return link and prismatic joint (`JointModelPX`, `PY`, `PZ`): offset (3,), slide [m]."""
     return elementary_matrix(7, offset) * elementary_matrix(7, _along(axis, slide))
 
 
+@checked
 def screw_placement(offset: Any, angle: float, lead: float, axis: str = "z") -> pin.SE3:
     """Return link and screw joint (`JointModelHX`, `HY`, `HZ` of pitch lead/2pi).
 
@@ -90,6 +94,7 @@ def screw_placement(offset: Any, angle: float, lead: float, axis: str = "z") -> 
     return elementary_matrix(_case(axis) + 3, offset, angle, lead)
 
 
+@checked
 def cylindrical_placement(
     offset: Any, angle: float, slide: float, axis: str = "z"
 ) -> pin.SE3:
@@ -101,20 +106,23 @@ def cylindrical_placement(
         slide: along the axis [m].
         axis: "x", "y" or "z".
     """
-    link = elementary_matrix(7, np.asarray(offset, dtype=np.float64) + _along(axis, slide))
+    link = elementary_matrix(7, finite_array(offset, (3,), "offset") + _along(axis, slide))
     return link * elementary_matrix(_case(axis), ORIGIN, angle)
 
 
+@checked
 def planar_placement(offset: Any, x: float, y: float, angle: float) -> pin.SE3:
     """Return link and planar joint (`JointModelPlanar`): x, y [m] and angle [rad] about z."""
     return elementary_matrix(7, offset) * elementary_matrix(3, (x, y, 0.0), angle)
 
 
+@checked
 def universal_placement(offset: Any, first: float, second: float) -> pin.SE3:
     """Return link and universal joint (`JointModelUniversal`): turns about x, then y [rad]."""
     return elementary_matrix(1, offset, first) * elementary_matrix(2, ORIGIN, second)
 
 
+@checked
 def spherical_placement(offset: Any, first: float, second: float, third: float) -> pin.SE3:
     """Return link and spherical joint (`JointModelSpherical`) as three intersecting revolutes.
 
@@ -131,6 +139,7 @@ def spherical_placement(offset: Any, first: float, second: float, third: float) 
     )
 
 
+@checked
 def euler_zxz_from_rotation(rotation: Any) -> EulerAngles:
     """Return the z-x-z Euler angles of a rotation (3, 3), `second` in [0, pi].
 

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number, finite_points
+from spatial_pin.checks import checked, finite_array, finite_number, finite_points
 from spatial_pin.linalg import Array
 
 RIGID_TOLERANCE = 1e-9  # greatest misfit of a rigid motion, as a fraction of the figure's size
 SMALLEST_ANGLE = 1e-15  # rotations below this are round-off of a product of operators [rad]
 
 
+@checked
 def complex_rotation(angle: float) -> complex:
     """Return exp(i angle), the number that turns a complex point by `angle` [rad].
 
@@ -27,6 +28,7 @@ def complex_rotation(angle: float) -> complex:
     return cmath.rect(1.0, finite_number(angle, "angle"))
 
 
+@checked
 def complex_rotation_between(
     before: complex, after: complex, tolerance: float = RIGID_TOLERANCE
 ) -> complex:
@@ -46,12 +48,14 @@ def complex_rotation_between(
     return (after / lengths[1]) / (before / lengths[0])
 
 
+@checked
 def planar_rotation_matrix(angle: float) -> Array:
     """Return the 2x2 rotation by `angle` [rad], counter-clockwise [EMT2431, eq. 16]."""
     z = complex_rotation(angle)
     return np.array([[z.real, -z.imag], [z.imag, z.real]])
 
 
+@checked
 def planar_rotation(angle: float) -> Array:
     """Return the 3x3 rotation about the origin by `angle` [rad] [EMT2431, 2.4]."""
     operator = np.eye(3)
@@ -59,6 +63,7 @@ def planar_rotation(angle: float) -> Array:
     return operator
 
 
+@checked
 def planar_translation(displacement: Any) -> Array:
     """Return the 3x3 translation by `displacement` (2,) [m] [EMT2431, 2.3]."""
     operator = np.eye(3)
@@ -66,6 +71,7 @@ def planar_translation(displacement: Any) -> Array:
     return operator
 
 
+@checked
 def concatenated(*operators: Any) -> Array:
     """Return the 3x3 operator of several that act one after the other, in the order given.
 
@@ -78,6 +84,7 @@ def concatenated(*operators: Any) -> Array:
     return product
 
 
+@checked
 def planar_rotation_about(point: Any, angle: float) -> Array:
     """Return the 3x3 rotation by `angle` [rad] about `point` (2,) [m]: T(Q) R T(-Q).
 
@@ -87,6 +94,7 @@ def planar_rotation_about(point: Any, angle: float) -> Array:
     return concatenated(planar_translation(-q), planar_rotation(angle), planar_translation(q))
 
 
+@checked
 def rotation_center(displacement: Any, smallest_angle: float = SMALLEST_ANGLE) -> Array | None:
     """Return the point (2,) [m] that a 3x3 displacement leaves at rest, None for a translation.
 
@@ -95,23 +103,26 @@ def rotation_center(displacement: Any, smallest_angle: float = SMALLEST_ANGLE) -
     """
     d = checked_displacement(displacement)
     angle, (x, y) = rotation_angle(d), d[:2, 2]
-    if abs(angle) <= smallest_angle:
+    if abs(angle) <= max(finite_number(smallest_angle, "smallest_angle"), 0.0):
         return None
     return 0.5 * (np.array([x, y]) + np.array([-y, x]) / math.tan(0.5 * angle))
 
 
+@checked
 def rotation_angle(displacement: Any) -> float:
     """Return the angle [rad] in [-pi, pi] of a 3x3 displacement."""
     d = checked_displacement(displacement)
     return math.atan2(d[1, 0], d[0, 0])
 
 
+@checked
 def displaced_planar(displacement: Any, points: Any) -> Array:
     """Return `points` (2,) or (N, 2) [m] after a 3x3 displacement."""
     d = checked_displacement(displacement)
     return finite_points(points, 2, "points") @ d[:2, :2].T + d[:2, 2]
 
 
+@checked
 def planar_motion_from_points(
     before: Any, after: Any, tolerance: float = RIGID_TOLERANCE
 ) -> Array:
@@ -144,6 +155,7 @@ def planar_motion_from_points(
                         planar_translation([shift.real, shift.imag]))
 
 
+@checked
 def spatial_from_planar(displacement: Any) -> pin.SE3:
     """Return the placement that a 3x3 displacement in the x-y plane is in space."""
     d = checked_displacement(displacement)

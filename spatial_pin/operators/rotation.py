@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number, unit_vector
+from spatial_pin.checks import checked, finite_array, finite_number, rows_of, unit_vector
 from spatial_pin.linalg import Array, aligned
 
 ROTATION_TOLERANCE = 1e-9  # greatest entry of R^T R - I accepted
@@ -45,6 +45,7 @@ class Turn(NamedTuple):
     about: str = "fixed"
 
 
+@checked
 def rotation_matrix(axis: Any, angle: float) -> Array:
     """Return R(u, angle) = I + sin(angle) [u] + vers(angle) (u u^T - I).
 
@@ -63,6 +64,7 @@ def rotation_matrix(axis: Any, angle: float) -> Array:
     return np.eye(3) + math.sin(angle) * pin.skew(u) + vers * (np.outer(u, u) - np.eye(3))
 
 
+@checked
 def axis_angle_from_rotation(rotation: Any) -> AxisAngle:
     """Return axis and angle of a rotation (3, 3), to round-off at all angles.
 
@@ -84,6 +86,7 @@ def axis_angle_from_rotation(rotation: Any) -> AxisAngle:
     return AxisAngle(math.copysign(1.0, w) * v / size, 2.0 * math.atan2(size, abs(w)))
 
 
+@checked
 def composite_rotation(turns: Iterable[Turn | tuple[Any, ...]]) -> Array:
     """Return the rotation (3, 3) of turns made one after the other from coincident frames.
 
@@ -94,13 +97,14 @@ def composite_rotation(turns: Iterable[Turn | tuple[Any, ...]]) -> Array:
         ValueError: a turn has a bad axis or angle, or is about neither "fixed" nor "moving".
     """
     rotation: Array = np.eye(3)
-    for axis, angle, about in (Turn(*turn) for turn in turns):
-        if about not in COMPOSITION:
+    for axis, angle, about in rows_of(turns, Turn, "turn"):
+        if not isinstance(about, str) or about not in COMPOSITION:
             raise ValueError(f"a turn is about {about!r}; {' or '.join(COMPOSITION)} is needed")
         rotation = COMPOSITION[about](rotation, rotation_matrix(axis, angle))
     return rotation
 
 
+@checked
 def nearest_rotation(matrix: Any) -> Array:
     """Return the rotation (3, 3) nearest to a matrix of few digits, in the least-squares sense.
 
@@ -113,6 +117,7 @@ def nearest_rotation(matrix: Any) -> Array:
     return aligned(np.eye(3), m)
 
 
+@checked
 def axis_vector(axis: Any) -> Array:
     """Return "x", "y", "z" or a unit vector as (3,).
 
@@ -126,6 +131,7 @@ def axis_vector(axis: Any) -> Array:
     return unit_vector(axis, "axis")
 
 
+@checked
 def direction_between(start: Any, end: Any) -> Array:
     """Return the unit vector (3,) that points from `start` (3,) to `end` (3,) [m].
 

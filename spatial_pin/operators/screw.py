@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number, finite_points
+from spatial_pin.checks import checked, finite_array, finite_number, finite_points
 from spatial_pin.linalg import Array
 from spatial_pin.operators.rotation import (
     axis_angle_from_rotation,
@@ -74,6 +74,7 @@ class ScrewDisplacement(NamedTuple):
         return crossing
 
 
+@checked
 def screw_displacement(
     direction: Any, point: Any, angle: float, translation: float = 0.0
 ) -> pin.SE3:
@@ -99,6 +100,7 @@ def screw_displacement(
     return pin.SE3(rotation_matrix(u, angle), shift)
 
 
+@checked
 def helical_displacement(direction: Any, point: Any, angle: float, pitch: float) -> pin.SE3:
     """Return the screw displacement by `angle` [rad] with translation pitch * angle, pitch [m/rad].
 
@@ -109,6 +111,7 @@ def helical_displacement(direction: Any, point: Any, angle: float, pitch: float)
     return screw_displacement(direction, point, angle, translation)
 
 
+@checked
 def screw_from_placement(
     placement: Any, smallest_angle: float = SMALLEST_ANGLE
 ) -> ScrewDisplacement:
@@ -128,7 +131,7 @@ def screw_from_placement(
     """
     m = as_placement(placement)
     (u, angle), t = axis_angle_from_rotation(m.rotation), m.translation
-    if angle <= smallest_angle:
+    if angle <= max(finite_number(smallest_angle, "smallest_angle"), 0.0):
         return _pure_translation(t)
     d = float(u @ t)
     s = t - d * u
@@ -136,17 +139,20 @@ def screw_from_placement(
     return ScrewDisplacement(u, p, angle, d)
 
 
+@checked
 def displaced_points(placement: Any, points: Any) -> Array:
     """Return `points` (3,) or (N, 3) [m] after a displacement (pin.SE3 or (4, 4))."""
     m = as_placement(placement)
     return finite_points(points, 3, "points") @ m.rotation.T + m.translation
 
 
+@checked
 def displaced_frame(placement: Any, frame: Any) -> pin.SE3:
     """Return a frame (pin.SE3 or (4, 4)) after a displacement, both in the same fixed frame."""
     return as_placement(placement) * as_placement(frame)
 
 
+@checked
 def as_placement(placement: Any) -> pin.SE3:
     """Return a pin.SE3 or a homogeneous (4, 4) as pin.SE3, after checks.
 

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.outputs import writable_path, write_bytes
+from spatial_pin.outputs import named_path, write_bytes
 from spatial_pin.view.film import Film, film
 from spatial_pin.view.html import export_html
 
@@ -125,6 +126,7 @@ def _moment(shown: Film, source: Motion | State, row: int) -> float:
     return float(shown.seconds[np.argmin(np.abs(shown.rows - row % n))])
 
 
+@checked
 def screenshot(
     motion_or_state: Motion | State,
     path: str | Path,
@@ -151,7 +153,7 @@ def screenshot(
         UnknownNameError: `look` names a point or vector that does not exist.
         SpatialPinError: there is no such row, no browser, or it made no picture.
     """
-    path = writable_path(path)
+    path = named_path(path)
     seconds = _moment(film(motion_or_state), motion_or_state, row)
     with tempfile.TemporaryDirectory() as folder:
         page = export_html(motion_or_state, Path(folder) / "page.html", title=title, look=look)

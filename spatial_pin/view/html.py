@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spatial_pin.outputs import writable_path, write_text
+from spatial_pin.checks import checked
+from spatial_pin.outputs import named_path, write_text
 from spatial_pin.view.film import Film, Reading, film, length_words
 from spatial_pin.view.framing import ASPECT, Framing
 
@@ -95,6 +96,7 @@ def page(
     return filled(parts_of(shown, scene(shown, look), title))
 
 
+@checked
 def export_html(
     motion_or_state: Motion | State,
     path: str | Path,
@@ -121,5 +123,5 @@ def export_html(
     Raises:
         UnknownNameError: `look` names a point or vector that does not exist.
     """
-    path = writable_path(path)
+    path = named_path(path)
     return write_text(path, page(motion_or_state, title, look))

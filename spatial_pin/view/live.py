@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.modes import assembly_modes
@@ -302,6 +303,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     })
 
 
+@checked
 def live(
     mechanism: Mechanism,
     state: State | None = None,

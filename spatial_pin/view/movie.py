@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.outputs import replacing, writable_path
+from spatial_pin.outputs import named_path, replacing
 from spatial_pin.view.devtools import Browser
 from spatial_pin.view.film import film
 from spatial_pin.view.html import export_html
@@ -133,6 +134,7 @@ def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -
         writer.close()
 
 
+@checked
 def movie(
     motion: Motion,
     path: str | Path,
@@ -164,7 +166,7 @@ def movie(
         SpatialPinError: there is no browser, or imageio-ffmpeg is wanted and missing.
         ValueError: the suffix is not known, or nothing moves.
     """
-    path = writable_path(path)
+    path = named_path(path)
     write = WRITERS.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: a movie is written as {' or '.join(WRITERS)}")

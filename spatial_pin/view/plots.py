@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.checks import checked
 from spatial_pin.kinematics.motion import Output, motion_needed
 from spatial_pin.outputs import literal, save_figure
 
@@ -182,6 +183,7 @@ def svg(figure: Figure, name: str) -> str:
     return attributes + text[text.index("<svg") + 4 :]
 
 
+@checked
 def plot(
     motion: Motion,
     outputs: str | Output | Sequence[str | Output],

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
-from spatial_pin.outputs import writable_path, write_text
+from spatial_pin.outputs import named_path, write_text
 from spatial_pin.view.film import not_shown
 from spatial_pin.view.look import Look
 from spatial_pin.view.markup import paragraph
@@ -62,6 +63,7 @@ def _foot() -> str:
                        "their rates in radians.")
 
 
+@checked
 def report(
     motion_or_state: Motion | State,
     path: str | Path,
@@ -91,7 +93,7 @@ def report(
         UnknownNameError: an output names nothing of the motion.
         ValueError: the motion has no rows.
     """
-    path = writable_path(path)
+    path = named_path(path)
     subject = _subject(motion_or_state, outputs, title, look)
     written = (write(subject) for write in SECTIONS)
     parts = {

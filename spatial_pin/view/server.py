@@ -17,6 +17,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view.html import page
 
@@ -256,6 +257,7 @@ def open_in_browser(viewer: Viewer, verb: str) -> None:
         raise
 
 
+@checked
 def show(
     motion_or_state: Motion | State, *, look: Look | None = None, open_browser: bool = True
 ) -> Viewer:
