@@ -66,7 +66,7 @@ def _as_float(value: Any) -> float:
 
 
 def _is_several(value: Any) -> bool:
-    return hasattr(value, "__iter__") and not isinstance(value, str | bytes | Mapping) and not (
+    return hasattr(value, "__iter__") and not isinstance(value, str | bytes) and not (
         isinstance(value, np.ndarray) and value.ndim == 0)
 
 
