@@ -66,7 +66,7 @@ def _as_float(value: Any) -> float:
 
 
 def _is_several(value: Any) -> bool:
-    return hasattr(value, "__iter__") and not isinstance(value, str | bytes) and not (
+    return hasattr(value, "__iter__") and not isinstance(value, bytes) and not (
         isinstance(value, np.ndarray) and value.ndim == 0)
 
 
@@ -96,7 +96,8 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "Path": (lambda x: isinstance(x, os.PathLike), "a path"),
     "Output": (lambda x: hasattr(x, "values") and hasattr(x, "label"), "an Output"),
 }
-OWN_WORDS = ("motion_or_state",)  # arguments that functions refuse in words of their own
+# arguments that functions refuse in words of their own
+OWN_WORDS = ("motion_or_state", "movie.motion", "plot.motion", "reduce.outputs", "tradeoff.task")
 MADE_BY = {
     "Mechanism": "sp.load(name or file) makes one",
     "State": "sp.assemble(mechanism, {driver: value}) makes one",
@@ -155,7 +156,8 @@ def checked(function: Function) -> Function:
     """
     parts = {k: _parts(text) for k, text in function.__annotations__.items() if k != "return"}
     kinds = {k: x for k, x in parts.items()
-             if k not in OWN_WORDS and all(y in KINDS or y in MADE_BY for y in x)}
+             if not {k, f"{function.__name__}.{k}"} & set(OWN_WORDS)
+             and all(y in KINDS or y in MADE_BY for y in x)}
     code = function.__code__
     names = code.co_varnames[: code.co_argcount]
 
@@ -227,6 +229,8 @@ def names_of(values: Any, what: str) -> list[str]:
     Raises:
         TypeError: there is something else among them.
     """
+    if not _is_several(values):
+        raise TypeError(f"{what} must be names, not {_told(values)}")
     found = [values] if isinstance(values, str) else list(values)
     for name in found:
         if not isinstance(name, str):

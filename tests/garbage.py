@@ -1,4 +1,4 @@
-"""Arguments that nobody means, for every public name, and what may come of them."""
+"""Arguments that nobody means, for functions that work something out, and what comes of them."""
 
 from __future__ import annotations
 
@@ -72,11 +72,7 @@ def verbs(folder: Path) -> Iterator[tuple[str, Callable[..., Any], dict[str, Any
     motion = sp.sweep(m, "crank", np.linspace(0.3, 0.5, 4), speed=1.0)
     short = {"crank": 0.4}
     a, s, g = {"mechanism": m}, {"mechanism": m, "state": at}, {"guess": None, "accuracy": None}
-    yield "load", sp.load, {"source": "four_bar"}
-    yield "load of a dimension", lambda d: sp.load("four_bar", r1=d), {"d": 0.3}
     yield "assemble", sp.assemble, {**a, "drivers": short, **g, "limits": False}
-    yield "assembly_modes", sp.assembly_modes, {**a, "drivers": short, "patience": 3,
-                                                "most_starts": 4, "seed": 0, "accuracy": None}
     yield "closure_jacobian", sp.closure_jacobian, {**a, "q": at}
     yield "dead_centres", sp.dead_centres, {"motion": motion, "output": "rocker_pin"}
     force = {**s, "efforts": {"crank": 1.0}, "external": None, "laws": None}
@@ -94,9 +90,6 @@ def verbs(folder: Path) -> Iterator[tuple[str, Callable[..., Any], dict[str, Any
     yield "reduce", sp.reduce, {**a, "outputs": "rocker_pin", "lock": (), "dynamics": False,
                                 "lump": False, "guess": None}
     yield "sensitivity", sp.sensitivity, {**s, "output": "rocker_pin", "parameters": ["r2"]}
-    yield "simulate", sp.simulate, {**s, "duration": 0.01, "efforts": None, "times": None,
-                                    "accuracy": None, "drives": None, "laws": None,
-                                    "stop_when": None, "on_joint_limit": "report"}
     yield "solve_jerks", sp.solve_jerks, {**s, "jerks": {"crank": 1.0}}
     yield "solve_rates", sp.solve_rates, {**s, "speeds": short, "accelerations": short}
     yield "sweep", sp.sweep, {**a, "driver": "crank", "values": [0.3, 0.4], "speed": 1.0,
@@ -111,7 +104,6 @@ def verbs(folder: Path) -> Iterator[tuple[str, Callable[..., Any], dict[str, Any
                                             "at": None}
     yield from _settings()
     yield from _results(m, at, motion, folder)
-    yield from _views(m, at, motion, folder)
     yield from _formulas()
 
 
@@ -166,36 +158,6 @@ def _results(m: sp.Mechanism, at: sp.State, motion: sp.Motion, folder: Path) -> 
                         repeats=1, budget=0.01)
     yield "Tradeoff.cheapest", found.cheapest, {"error": 1.0}
     yield "Tradeoff.to_json", found.to_json, {"path": folder / "a.json"}
-
-
-def _views(m: sp.Mechanism, at: sp.State, motion: sp.Motion, folder: Path) -> Any:
-    look = {"title": None, "look": None}
-    shown = {"motion_or_state": motion}
-    yield "export_html", sp.export_html, {**shown, "path": folder / "a.html", **look}
-    yield "report", sp.report, {**shown, "path": folder / "b.html", "outputs": None, **look}
-    yield "plot", sp.plot, {"motion": motion, "outputs": "rocker_pin", "path": None, "title": None}
-    yield "Look", lambda **x: sp.export_html(motion, folder / "c.html", look=sp.Look(**x)), {
-        "pairs": None, "axes": False, "traces": (), "arrows": (), "centres": False, "ghosts": (),
-        "beside": False}
-
-    def refused_movie(**given: Any) -> Any:
-        return sp.movie(**given)
-
-    def refused_screenshot(**given: Any) -> Any:
-        return sp.screenshot(**given)
-
-    yield "movie", refused_movie, {"motion": at, "path": folder / "a.gif", "fps": 5.0,
-                                   "size": (60, 40), **look}
-    yield "screenshot", refused_screenshot, {**shown, "path": folder / "a.png", "row": 99,
-                                             "size": (60, 40), **look}
-
-    def shut(viewer: sp.Viewer) -> str:
-        viewer.stop()
-        return "stopped"
-
-    yield "show", lambda **x: shut(sp.show(**x, open_browser=False)), {**shown, "look": None}
-    yield "live", lambda **x: shut(sp.live(**x, open_browser=False)), {
-        "mechanism": m, "state": at, "drivers": None, "outputs": (), "port": 0, **look}
 
 
 GOOD = {  # of the operators' arguments, by name
