@@ -43,7 +43,7 @@ def garbage() -> dict[str, Callable[[], Any]]:
         "names": ["crank", None], "dict of None": {"crank": None}, "dict of text": {"crank": "x"},
         "dict of nan": {"crank": math.nan}, "dict of huge": {"crank": 1e308},
         "dict of lists": {"crank": [1.0, 2.0]}, "numbered": {0: 1.0}, "unknown": {"nobody": 1.0},
-        "object": Anything(), 
+        "object": Anything(),
         "lambda": lambda *x: "text", "lambda of None": lambda *x: None,
         "lambda of lists": lambda *x: [1.0, 2.0, 3.0, 4.0], "date": date(2020, 1, 1),
         "array of texts": np.array(["a", "b"]), "array of objects": np.array([None, {}]),

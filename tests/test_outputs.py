@@ -152,7 +152,7 @@ def test_an_error_on_the_way_leaves_no_trace(tmp_path):
 def test_what_is_no_name_of_a_file_is_refused(motion, path):
     for write in (motion.to_csv, motion.save, lambda p: sp.report(motion, p),
                   lambda p: sp.export_html(motion, p), lambda p: sp.movie(motion, p)):
-        with pytest.raises((TypeError, ValueError), match=r"name of a file|\.gif"):
+        with pytest.raises((TypeError, ValueError), match=r"name or a path|name of a file|\.gif"):
             write(path)
 
 
