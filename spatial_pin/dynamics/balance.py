@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.simulation import Energies
+from spatial_pin.dynamics.simulation import Energies, LeastExchange
 from spatial_pin.dynamics.steppers import FIXED
 from spatial_pin.settings import Accuracy
 
 LOST = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
 WORST = 0.5  # the same where steps are fixed, or their tolerance is loose
 TOLERANCES = 1e6  # errors of steps, one way, that are allowed to add up to it
-SMALL = 1e-2  # of the energy there is, or of falling by its size, that counts as exchanged
 
 
 class Balance:
@@ -31,9 +30,7 @@ class Balance:
         self._watches = problem.is_steady and not creeps
         self._part = WORST if fixed else min(
             WORST, max(LOST, TOLERANCES * accuracy.time_tolerance))
-        falling = float(np.linalg.norm(problem.model.gravity.linear)) * sum(
-            body.mass for body in problem.model.inertias)
-        self._falling = falling * problem.mechanism.characteristic_length
+        self._least_exchange = LeastExchange(problem.mechanism, problem.constant)
         self.keeps(start)
 
     def keeps(self, now: Energies) -> bool:
@@ -41,7 +38,7 @@ class Balance:
         rest = now.total - now.kinetic
         self._least, self._most = min(self._least, rest), max(self._most, rest)
         self._size = max(self._size, now.kinetic, self._most - self._least, abs(now.work))
-        there = max(self._falling, abs(now.total), abs(self._start.total))
-        allowed = self._part * max(self._size, SMALL * there)
+        allowed = self._part * max(
+            self._size, self._least_exchange(now.total, self._start.total))
         gap = abs(now.total - now.work - self._start.total + self._start.work)
         return not self._watches or gap <= allowed

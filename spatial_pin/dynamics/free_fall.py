@@ -109,8 +109,14 @@ class FreeFall:
         """Return a function of time and State for the States that are seen from here."""
         return None if function is None else lambda t, state: function(t, self.back(t, state))
 
-    def motion(self, seen: Simulation, start: Energies) -> Simulation:
-        """Return a motion, with the energies it started with, as it is seen from the world."""
+    def motion(self, seen: Simulation, start: Energies, efforts: Array) -> Simulation:
+        """Return a motion as it is seen from the world.
+
+        Args:
+            seen: the motion.
+            start: the energies that it started with.
+            efforts: (nv,) that act [N·m, N].
+        """
         assert seen.time is not None
         rows = [self._seen(*row, 1.0) for row in zip(
             seen.time.tolist(), seen.q, seen.v, seen.a, strict=True)]
@@ -120,4 +126,4 @@ class FreeFall:
         start = Energies(self._kinetic, start.total + self._energy, start.work)
         return replace(
             seen, mechanism=self._whole, q=q, v=v, a=a, energy=energy,
-            energy_drift=energy_drift(self._whole, q, v, energy, seen.work, start))
+            energy_drift=energy_drift(self._whole, q, v, energy, seen.work, start, efforts))

@@ -388,7 +388,7 @@ class Run:
             closure_error=error, driver_speed=np.empty(0), events=self.events,
             angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
             energy_drift=energy_drift(
-                problem.mechanism, q, v, energy, work, self.start),
+                problem.mechanism, q, v, energy, work, self.start, problem.constant),
             efforts=ByDriver(problem.mechanism, dict(
                 zip(names, efforts.reshape(n, len(names)).T, strict=True))),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,

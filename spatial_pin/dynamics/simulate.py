@@ -112,7 +112,8 @@ def simulate(
     run = Run(problem, accuracy, FORMULATIONS[accuracy.formulation], times, watch)
 
     def motion() -> Simulation:
-        return fall.motion(run.motion(), run.start) if fall is not None else run.motion()
+        return run.motion() if fall is None else fall.motion(
+            run.motion(), run.start, problem.constant)
 
     bar = tqdm(total=float(times[-1]), desc=f"{mechanism.name}: seconds", delay=1.0, leave=False,
                disable=None if progress else True)

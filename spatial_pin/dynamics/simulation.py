@@ -16,6 +16,9 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.mechanism import Mechanism
 
+SMALL = 1e-2  # of the energy there is, or of falling by its size, that counts as exchanged
+EPS = float(np.finfo(float).eps)
+
 
 class Projection(NamedTuple):
     """What it took to take the steps of a "projected" simulation back to closed loops.
@@ -75,8 +78,9 @@ class Simulation(Motion):
         energy: (N,) kinetic, potential and spring energy [J].
         work: (N,) of efforts, dampers, damping and friction of joints, prescribed drivers and
             spring laws since the start [J].
-        energy_drift: largest difference of energy and work to the energy at the start, by the
-            largest kinetic energy or change of the rest [-].
+        energy_drift: largest difference of energy and work to the energy at the start, by what is
+            exchanged: the largest kinetic energy or change of the rest, and a hundredth of the
+            energy there is, or of falling by the mechanism's size, at least [-].
         efforts: (N,) of every prescribed driver [N·m, N], by its name; one that is no driver of
             the mechanism by its coordinate. A driver's joint finds them too.
         coordinates: independent coordinates that were used, in their order.
@@ -126,20 +130,52 @@ class Energies(NamedTuple):
     work: float
 
 
+class LeastExchange:
+    """What counts as exchanged at least: what stands still exchanges round-off.
+
+    It is a part of the energy there is, or of falling by the mechanism's size, for heights are
+    known to round-off of that. The energy of a spring near its free length is a square of
+    round-off, and so is the work of efforts that balance: round-off of the energy of stretching it
+    by the mechanism's size is well above that.
+
+    Args:
+        mechanism: what moves.
+        efforts: (nv,) that act all the time [N·m, N].
+    """
+
+    def __init__(self, mechanism: Mechanism, efforts: Array) -> None:
+        size, scale = mechanism.characteristic_length, mechanism.velocity_scale
+        gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
+        self._falling = gravity * sum(body.mass for body in mechanism.model.inertias) * size
+        units = {c.name: scale[c.v] for c in mechanism.coordinate_table.values()}
+        stretching = sum(s.stiffness * (abs(s.free) + units.get(s.joint or "", size)) ** 2
+                         for s in mechanism.springs)
+        self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
+
+    def __call__(self, *energies: float) -> float:
+        """Return it [J], by energies that there are [J]."""
+        return max(SMALL * max(self._falling, *map(abs, energies)), self._pulling)
+
+
 def energy_drift(
     mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array,
-    start: Energies | None = None,
+    start: Energies, efforts: Array,
 ) -> float:
     """Return the largest energy that came from nowhere, by what the motion exchanges.
 
-    Since the first row, or the start if that is given.
+    Args:
+        mechanism: what moves.
+        q: (N, nq) configurations.
+        v: (N, nv) joint velocities.
+        energy: (N,) kinetic, potential and of springs [J].
+        work: (N,) done since the start [J].
+        start: the energies it started with.
+        efforts: (nv,) that act all the time [N·m, N].
     """
     kinetic = np.array(list(map(KineticEnergy(mechanism.model), q, v)))
-    if start is not None:
-        kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
-            kinetic, energy, work), strict=True))
-    if not len(energy):
-        return 0.0
-    size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)))
+    kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
+        kinetic, energy, work), strict=True))
+    size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)),
+               LeastExchange(mechanism, efforts)(float(np.abs(energy).max())))
     drift = float(np.abs(energy - work - energy[0]).max())
     return drift / size if size > 0.0 else 0.0

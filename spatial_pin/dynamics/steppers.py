@@ -29,6 +29,7 @@ from spatial_pin.settings import Accuracy
 Function = Callable[[float, Array], Array]
 
 MOST_ITERATIONS = 60
+FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
 STABLE = {"DOP853": 6.1, "RK45": 3.25, "RK4": 2.78}  # steps by the fastest decay, at most
 LONG = 15  # steps at that bound, by a few beyond it, that tell a stiff motion [HairerWanner1996]
 FEW = 2  # the same of a fixed step, which is soon far away
@@ -236,7 +237,8 @@ def _scipy(name: str) -> Callable[..., Any]:
     ) -> Any:
         from scipy import integrate  # imported on use: it takes half a second
 
-        tolerance, longest = accuracy.time_tolerance, min(longest, accuracy.step or math.inf)
+        tolerance = max(accuracy.time_tolerance, FINEST)
+        longest = min(longest, accuracy.step or math.inf)
         more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
                                 "atol": tolerance * units.unknowns}
         if name not in ("DOP853", "RK45"):
