@@ -40,6 +40,9 @@ LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
 SHORTEST = 1e-13  # step, by the time, that is taken anew no more
 CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
 
+NOWHERE = 1e-2  # of the longest step, that all steps allowed would lead to if they were as short
+STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
+
 GivenUp = Set[tuple[type, tuple[int, ...]]]  # kinds of equations, and their independent coordinates
 Formulate = Callable[[Problem, State, GivenUp], System]
 
@@ -122,7 +125,7 @@ class Run:
         self.system: System | None = None
         self._solver: Any = None
         self._projections: list[Projection] = []  # of systems that were given up
-        self._largest, self._creeping = np.zeros(2), 0
+        self._largest, self._creeping, self._standing = np.zeros(2), 0, 0
         self._begun_at, self._failed_at, self._warned = 0.0, -1.0, False
         self._has_failed = False
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
@@ -284,13 +287,15 @@ class Run:
         """Refuse to creep into a singular configuration.
 
         Raises:
-            SingularError: ever shorter steps lead to one.
+            SingularError: ever shorter steps lead to one, or to no end.
         """
         sizes = np.array([system.pivot, solver.t - solver.t_old])
         self._largest = np.maximum(self._largest, sizes)
         creeps = bool(np.all(sizes < NEAR * self._largest))
         self._creeping = self._creeping + 1 if creeps else 0
-        if self._creeping > CREEPING:
+        stands = sizes[1] * self.accuracy.most_steps < NOWHERE * self._largest[1]
+        self._standing = self._standing + 1 if stands else 0
+        if self._creeping > CREEPING or self._standing > STANDING:
             raise self._singular(system.state(solver.t, solver.y))
 
     def _singular(self, state: State) -> SingularError:
