@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.dynamics.balance import Balance
+from spatial_pin.dynamics.embedding import Lost
+from spatial_pin.dynamics.ending import why_it_ends
 from spatial_pin.dynamics.problem import Problem, Row, System
 from spatial_pin.dynamics.simulation import (
     ByDriver,
@@ -28,7 +30,6 @@ from spatial_pin.errors import (
     SpatialPinWarning,
     StepLimitError,
 )
-from spatial_pin.kinematics.constraints import constraints_of
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Event
 from spatial_pin.kinematics.state import State
@@ -134,6 +135,7 @@ class Run:
 
     def follow(self, state: State) -> Iterator[float]:
         """Integrate from coordinates to coordinates until the end; yields the time reached."""
+        self._first = state
         system = self._begin(state)
         self.y = system.unknowns(state.v, 0.0)
         self.start = self._energies(system, 0.0, self.y)
@@ -299,13 +301,18 @@ class Run:
             raise self._singular(system.state(solver.t, solver.y))
 
     def _singular(self, state: State) -> SingularError:
-        loops = constraints_of(self.problem.mechanism).n_rows
-        why = "masses differ too much, or forces have no bounds, for steps of any length"
-        if loops:
-            why = f"the loops lose rank or branches cross just ahead, or {why}"
         return SingularError(
             f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
-            f"{self.t:.9g} s: {why}, at {state}", state=state)
+            f"{self.t:.9g} s: {self.why(state)}; it is at {state}", state=state)
+
+    def why(self, state: State | None = None) -> str:
+        """Return why the motion cannot be followed beyond a state, the last one by default."""
+        if state is None and self.system is not None:
+            try:
+                state = self.system.state(self.t, self.y)
+            except Lost:
+                return "the loops cannot be closed there as on the way to it"
+        return why_it_ends(self.problem, self.accuracy, self._first, self.t, state or self._first)
 
     def _begin(self, state: State, given_up: GivenUp = frozenset()) -> System:
         if self.system is not None and self.system.projection is not None:

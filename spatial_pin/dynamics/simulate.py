@@ -124,7 +124,7 @@ def simulate(
         if moved.energy_drift > LOST:
             run.refuse_rows()
     except Lost as lost:
-        why = str(lost) or "the loops lose rank, or branches cross, there"
+        why = str(lost) or run.why()
         raise SingularError(
             f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
             f"{why}", motion=motion(),
