@@ -1,6 +1,7 @@
 """Messages: each tells the one cause that is true, by name and number, and what to do."""
 
 import mechanisms as known
+import numpy as np
 import pytest
 from masses import heavy
 from test_simulation_extremes import two_rods, uniform
@@ -77,3 +78,58 @@ def test_a_prescribed_coordinate_ends_at_its_limit_position():
                    sp.SingularError)
     only("lose rank", text)
     assert "limit position of the prescribed rocker_pin" in text
+
+
+# ---------------------------------------------------------------- axes the wrong way round
+
+
+def hinged_bar(folder, turned=0.0, kind="revolute"):
+    """A bar that `roll` turns about itself, with a seat for its end, whose axis is z at turn 0."""
+    tree = known.turning("roll", "ground", "bar", axis=(1, 0, 0))
+    tree += known.point("end", "bar", (0.2, 0, 0))
+    tree += known.point("seat", "ground", (0.2, 0, 0), (turned, 0, 0))
+    return known.load(folder, "bar", tree, known.closure("hinge", kind, "end", "seat")
+                      + known.driver("roll", "roll"))
+
+
+def test_a_value_out_of_reach_is_not_called_a_frame_the_wrong_way_round(tmp_path):
+    mech = hinged_bar(tmp_path)
+    text = refusal(lambda: sp.assemble(mech, {"roll": np.pi}), sp.AssemblyError)
+    assert "out of reach" in text and "the loops close at roll = " in text
+    assert "turn one" not in text
+    assert sp.assemble(mech, {"roll": 0.0}).closure_error < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["revolute", "cylindrical"])
+def test_a_frame_the_wrong_way_round_is_told_and_turning_it_helps(kind, tmp_path):
+    """A bar about z reaches its seat at any height, but with its own z axis only."""
+    def pinned(turned):
+        tree = known.turning("pin", "ground", "bar") + known.point("end", "bar", (0.2, 0, 0))
+        tree += known.point("seat", "ground", (0.2, 0, 0), (turned, 0, 0))
+        return known.load(tmp_path, f"pinned_{turned:.0f}", tree,
+                          known.closure("hinge", kind, "end", "seat") + known.driver("pin", "pin"))
+
+    text = refusal(lambda: sp.assemble(pinned(np.pi), {"pin": 0.0}), sp.AssemblyError)
+    assert "turn one of its frames round, by half a turn about its x axis" in text
+    assert "out of reach" not in text
+    assert sp.assemble(pinned(0.0), {"pin": 0.0}).closure_error < 1e-12
+
+
+def test_two_closures_the_wrong_way_round_are_both_named(tmp_path):
+    tree = known.turning("pin", "ground", "bar") + known.point("end", "bar", (0.2, 0, 0))
+    tree += known.point("hole", "bar", (0.1, 0, 0))
+    for at, seat in ((0.2, "far"), (0.1, "near")):
+        tree += known.point(seat, "ground", (at, 0, 0), (np.pi, 0, 0))
+    mech = known.load(tmp_path, "two", tree, known.closure("one", "revolute", "end", "far")
+                      + known.closure("other", "revolute", "hole", "near"))
+    text = refusal(lambda: sp.assemble(mech), sp.AssemblyError)
+    assert "'one' and 'other'" in text and "turn one frame of each round" in text
+
+
+def test_interchanged_axes_are_not_cured_by_half_a_turn(tmp_path):
+    """A fixed closure whose frames differ by a third of a turn about (1, 1, 1)."""
+    tree = known.turning("pin", "ground", "bar") + known.point("end", "bar", (0.2, 0, 0))
+    tree += known.point("seat", "ground", (0.2, 0, 0), (np.pi / 2, 0, np.pi / 2))
+    mech = known.load(tmp_path, "third", tree, known.closure("weld", "fixed", "end", "seat"))
+    text = refusal(lambda: sp.assemble(mech), sp.AssemblyError)
+    assert "interchanged" in text and "half a turn" not in text

@@ -387,9 +387,7 @@ class _Search:
             message = (f"{where} closes only outside the joint limits ({worst}); "
                        "try other driver values or another guess")
         elif error <= ACCEPTED:
-            message = (f"{where} closes only in the mirror image of closure {worst!r} (its axes "
-                       "point opposite ways); give a guess nearer to the wanted configuration, "
-                       "or turn one of its frames round")
+            message = f"{where} {self._mirror_words(q)}"
         else:
             gap = open_gap(self.mechanism, self.evaluation, worst)
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
@@ -406,6 +404,38 @@ class _Search:
             message += (f"; drivers that were given no value stand at {values}: give them values, "
                         "or let them go with release=True or free=[...]")
         return AssemblyError(message, closure_error=error, worst_closure=worst, state=state)
+
+
+    def _mirror_words(self, q: Array) -> str:
+        """Say why loops close only with the axes of closures opposite, the evaluation at q (nq,).
+
+        Where they close with other driver values, these are the cause; else the frames are.
+        """
+        opposite = self.evaluation.opposite_axes()
+        names = " and ".join(map(repr, opposite))
+        words = (f"closes only with the axes of closure {names} pointing opposite ways, which is "
+                 "no assembly of it; ")
+        elsewhere = self._closed_elsewhere(q) if self.held else {}
+        if elsewhere:
+            values = ", ".join(f"{name} = {value:.6g}" for name, value in elsewhere.items())
+            return (f"{words}the values are out of reach: left free, the loops close at "
+                    f"{values}")
+        if not all(opposite.values()):
+            return (f"{words}its three axes are interchanged, too: give its two frames "
+                    "the same orientation where the loop is closed")
+        some = "one of its frames" if len(opposite) == 1 else "one frame of each"
+        return f"{words}turn {some} round, by half a turn about its x axis"
+
+    def _closed_elsewhere(self, q: Array) -> dict[str, float]:
+        """Return the values nearest to those given at which the loops close, if there are any."""
+        search = _Search(self.evaluation, {}, {}, {**self.named, **self.held}, self.limits,
+                         Accuracy(tolerance=self.tolerance))
+        search.run(q)
+        if search.best is None:
+            return {}
+        table = self.mechanism.coordinate_table
+        return {name: coordinate_value(self.mechanism, table[name], search.best[1])
+                for name in self.held}
 
 
 def _gone(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:

@@ -526,10 +526,16 @@ class Evaluation:
         return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
 
     def mirrored(self) -> str:
-        """Return the name of a closure whose axes do not point the same way, else nothing.
+        """Return the name of a closure whose axes do not point the same way, else nothing."""
+        return next(iter(self.opposite_axes()), "")
 
-        Closed rows leave them parallel, opposite, or (three rotation rows) interchanged.
+    def opposite_axes(self) -> dict[str, bool]:
+        """Return closures whose axes do not point the same way, and whether half a turn helps.
+
+        Closed rows leave them parallel, opposite, or (three rotation rows) interchanged: then half
+        a turn of one of the frames is not what makes them one.
         """
+        found = {}
         for closure in self.mechanism.closures:
             if closure.type == COUPLING or not closure.pair.aligned:
                 continue
@@ -539,7 +545,7 @@ class Evaluation:
             assert geometry is not None
             axes1 = oM[i1].rotation @ m1.rotation @ geometry.axes1
             axes2 = oM[i2].rotation @ m2.rotation @ geometry.axes2
-            cosines = np.vecdot(axes1.T, axes2.T)
-            if np.any(cosines[2 if closure.pair.aligned == "z" else 0 :] < 0.5):
-                return closure.name
-        return ""
+            cosines = np.vecdot(axes1.T, axes2.T)[2 if closure.pair.aligned == "z" else 0 :]
+            if np.any(cosines < 0.5):
+                found[closure.name] = bool(np.all(np.abs(cosines) > 0.5))
+        return found
