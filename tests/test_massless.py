@@ -76,3 +76,22 @@ def test_the_command_line_tells_it_in_one_line(tmp_path, capfd, monkeypatch):
     err = capfd.readouterr().err
     assert err.startswith("spatial-pin: warning: mechanism 'arm': no link has a mass")
     assert err.count("\n") == 1
+
+
+def test_a_quarter_turn_s_cosine_is_no_inertia(tmp_path):
+    """A massless slide in a slide: the file's quarter turns leave axes apart by 1e-16."""
+    quarter = 'rpy="1.5707963267948966 0 3.141592653589793"'
+    (tmp_path / "slides.urdf").write_text(f"""<robot name="slides"><link name="ground"/>
+      <link name="carrier"/><link name="block"><inertial>
+        <mass value="0.2"/><inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>
+        </inertial></link>
+      <joint name="outer" type="prismatic"><parent link="ground"/><child link="carrier"/>
+        <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
+      <joint name="inner" type="prismatic"><parent link="carrier"/><child link="block"/>
+        <origin xyz="0 0 0" {quarter}/><axis xyz="1 0 0"/>
+        <limit lower="-1" upper="1" effort="9" velocity="9"/></joint></robot>""")
+    mechanism = sp.load(str(tmp_path / "slides.urdf"))
+    state = sp.assemble(mechanism)
+    assert sp.forward_dynamics(mechanism, state).a == pytest.approx(0.0, abs=1e-12)
+    with pytest.raises(sp.SingularError, match="outer, inner"):
+        sp.forward_dynamics(mechanism, state, {"outer": 1.0})

@@ -22,7 +22,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from spatial_pin.dynamics.saddle import HOLDS, ROUNDING, Blurred
-from spatial_pin.linalg import Array, decompose, null_space, row_space
+from spatial_pin.linalg import EPS, Array, decompose, null_space, row_space
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -200,6 +200,10 @@ class LeastConstraint:
                 turned = np.abs(back)
                 size[:3] += turned @ (bounds[:3] + np.abs(across) @ bounds[3:])
                 size[3:] += turned @ bounds[3:]
+                none, reach = _round_off(back), _round_off(across)
+                moved, spun = np.abs(before[:3]), np.abs(before[3:])
+                size[:3, :n] += none @ (moved + np.abs(across) @ spun) + turned @ (reach @ spun)
+                size[3:, :n] += none @ spun
             twists.append(twist)
             sizes.append(size)
         return twists, sizes
@@ -214,6 +218,15 @@ class LeastConstraint:
                      - data.oMi[joint].rotation.T @ self._model.gravity.linear)
         found[3:] = axes.T @ turning
         return found
+
+
+def _round_off(placed: Array) -> Array:
+    """Return the sizes of those entries of a rotation, or of arms, that may be none.
+
+    A quarter turn in a file leaves a cosine of 6e-17 where there should be a zero.
+    """
+    sizes = np.abs(placed)
+    return np.where(sizes < EPS * sizes.max(initial=0.0), sizes, 0.0)
 
 
 def cross(a: Array, b: Array) -> Array:
