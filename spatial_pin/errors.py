@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +30,14 @@ def _again(kind: type[SpatialPinError], args: tuple[Any, ...]) -> SpatialPinErro
 
 class SpatialPinWarning(UserWarning):
     """An answer that is right, but perhaps not to the question that was meant."""
+
+
+def warn(text: str) -> None:
+    """Warn with a SpatialPinWarning, at the line outside of this library that led here."""
+    level, frame = 1, sys._getframe(0)
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, SpatialPinWarning, stacklevel=level)
 
 
 class MechanismFileError(SpatialPinError):

@@ -6,7 +6,6 @@ row, one about a joint on its coordinate.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import finite_number, mapping
-from spatial_pin.errors import SpatialPinError, SpatialPinWarning, UnknownNameError
+from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
@@ -185,7 +184,7 @@ class Forces:
 
 
 def warn_of_no_inertia(
-    mechanism: Mechanism, efforts: object = None, external: object = None, stacklevel: int = 3
+    mechanism: Mechanism, efforts: object = None, external: object = None
 ) -> None:
     """Warn where forces work on a mechanism none of whose links has any inertia.
 
@@ -195,7 +194,6 @@ def warn_of_no_inertia(
         mechanism: the mechanism.
         efforts: those given, if any.
         external: forces from outside given, if any.
-        stacklevel: of the warning, 3 for the caller of a verb that calls this.
     """
     if external or has_inertia(mechanism) or not mechanism.model.nv:
         return
@@ -203,10 +201,10 @@ def warn_of_no_inertia(
         ("gravity", np.any(mechanism.model.gravity.vector)), ("springs", mechanism.springs),
         ("efforts", efforts)) if acts]
     if acting:
-        warnings.warn(
+        warn(
             f"mechanism {mechanism.name!r}: no link has a mass or a moment of inertia, so that "
             f"weights are missing from all forces and nothing is moved by {' and '.join(acting)}; "
-            "give the links an <inertial> in the URDF", SpatialPinWarning, stacklevel)
+            "give the links an <inertial> in the URDF")
 
 
 def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:

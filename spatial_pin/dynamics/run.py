@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Iterator, Set
 from typing import Any
 
@@ -27,8 +26,8 @@ from spatial_pin.errors import (
     EnergyError,
     SingularError,
     SpatialPinError,
-    SpatialPinWarning,
     StepLimitError,
+    warn,
 )
 from spatial_pin.kinematics.joint_limits import Passing
 from spatial_pin.kinematics.motion import Event
@@ -251,12 +250,11 @@ class Run:
         if self._warned or chosen == AUTOMATIC or not getattr(solver, "creeps", False):
             return
         self._warned = True
-        warnings.warn(
+        warn(
             f"mechanism {self.problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
             f"integrator {chosen!r} is no good, for steps of {solver.t - solver.t_old:.1e} s are "
             f"as long as it is stable with: {self._stiffest(system, solver)} is stiff. Leave the "
-            "integrator out, or take Accuracy(integrator=\"Radau\")", SpatialPinWarning,
-            stacklevel=5)  # of _steps, follow, simulate
+            "integrator out, or take Accuracy(integrator=\"Radau\")")
 
     def _stiffest(self, system: System, solver: Any) -> str:
         """Return what resists most where the solver stands, in words."""

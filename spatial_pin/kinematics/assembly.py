@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.checks import checked, mapping
-from spatial_pin.errors import AssemblyError, SpatialPinWarning
+from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.release import can_move, can_stand, least_motion
@@ -101,8 +100,8 @@ def assemble(
                       accuracy=accuracy)
     if state.beyond_limits:
         words = "; ".join(_beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
-        warnings.warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
-                      "(assemble(limits=True) keeps them)", SpatialPinWarning, stacklevel=2)
+        warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
+             "(assemble(limits=True) keeps them)")
     return state
 
 

@@ -11,7 +11,6 @@ import struct
 import subprocess
 import sys
 import tempfile
-import warnings
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable, Iterable
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, SpatialPinWarning
+from spatial_pin.errors import MechanismFileError, warn
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism import mesh_reader
 from spatial_pin.mechanism.sources import is_file, package_folders, shown
@@ -105,7 +104,7 @@ class Shapes:
 
 
 def _tell(where: str, why: str) -> None:
-    warnings.warn(f"{where} {why}, left out", SpatialPinWarning, stacklevel=2)
+    warn(f"{where} {why}, left out")
 
 
 def _solid(points: Array, corners: Array) -> pin.CollisionGeometry:

@@ -5,7 +5,6 @@ URDF readers drop joints, shapes and bounds without a word, or say only that the
 
 from __future__ import annotations
 
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.errors import MechanismFileError, suggestion, warn
 from spatial_pin.linalg import Array
 
 LIGHTEST = 1e-200  # kg
@@ -199,11 +198,8 @@ def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
             f"{where}: a principal moment of inertia is negative: {a:.4g} kg·m²"
         )
     if a + b < c * (1.0 - 1e-9):
-        warnings.warn(
-            f"{where}: no body has the principal moments of inertia {a:.4g}, {b:.4g}, {c:.4g} "
-            "kg·m² (each must be at most the sum of the other two)",
-            stacklevel=2,
-        )
+        warn(f"{where}: no body has the principal moments of inertia {a:.4g}, {b:.4g}, {c:.4g} "
+             "kg·m² (each must be at most the sum of the other two)")
     rotation = placement.rotation
     if mass and not LIGHTEST <= mass <= 1.0 / LIGHTEST:
         raise MechanismFileError(

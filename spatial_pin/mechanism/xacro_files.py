@@ -16,7 +16,6 @@ import math
 import os
 import re
 import threading
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from functools import lru_cache
@@ -29,7 +28,7 @@ from xml.parsers.expat import ExpatError
 
 import numpy as np
 
-from spatial_pin.errors import MechanismFileError, SpatialPinWarning, suggestion
+from spatial_pin.errors import MechanismFileError, suggestion, warn
 from spatial_pin.mechanism.expressions import (
     GLOBALS,
     SHARE,
@@ -385,8 +384,7 @@ class Expansion:
         """Return the files of an include."""
         files = self.matching(self.absolute(self.eval_text(name, symbols)))
         if not files:
-            warnings.warn(f"{shown(self.file)}: no file matches {shown(name)}", SpatialPinWarning,
-                          stacklevel=2)
+            warn(f"{shown(self.file)}: no file matches {shown(name)}")
         for file in files:
             self.confined(file)
         return files
@@ -502,7 +500,7 @@ def _functions(expansion: Expansion, module: Any) -> dict[str, Any]:
 
     def told(budget: Budget, *words: Any, **_: Any) -> str:
         text = " ".join(expansion.text_of(word) for word in words)
-        warnings.warn(f"{shown(expansion.file)}: {text}", SpatialPinWarning, stacklevel=2)
+        warn(f"{shown(expansion.file)}: {text}")
         return ""
 
     def fatal(budget: Budget, *words: Any) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.errors import warn
 from spatial_pin.view.shapes import solid
 from spatial_pin.view.stage import Item, Layer, Stage
 
@@ -39,7 +39,7 @@ def body_items(visuals: Sequence[pin.GeometryObject], size: float) -> tuple[Item
         drawn = solid(visual, size)
         if drawn is None:
             empty = type(visual.geometry).__name__
-            warnings.warn(f"{visual.name!r} is not shown: it is an empty {empty}", stacklevel=2)
+            warn(f"{visual.name!r} is not shown: it is an empty {empty}")
             continue
         place = visual.placement.homogeneous
         joint = int(visual.parentJoint)
