@@ -1,5 +1,8 @@
 """Messages: each tells the one cause that is true, by name and number, and what to do."""
 
+import ast
+import re
+
 import mechanisms as known
 import numpy as np
 import pytest
@@ -133,3 +136,43 @@ def test_interchanged_axes_are_not_cured_by_half_a_turn(tmp_path):
     mech = known.load(tmp_path, "third", tree, known.closure("weld", "fixed", "end", "seat"))
     text = refusal(lambda: sp.assemble(mech), sp.AssemblyError)
     assert "interchanged" in text and "half a turn" not in text
+
+
+# ---------------------------------------------------------------- too many or too few prescribed
+
+
+def example_of(text):
+    """Return the mapping of names to values that a message gives as an example."""
+    return ast.literal_eval(re.search(r"\{.*?\}", text)[0])
+
+
+def test_too_few_prescribed_coordinates_name_those_that_would_do():
+    """The example given is one that works: components of a pose too."""
+    mech = sp.load("delta")
+    state = sp.assemble(mech)
+    text = refusal(lambda: sp.sweep(mech, "pose.x", [0.0, 0.01]), sp.SingularError)
+    assert "'pose.x' is prescribed, and 2 of its freedoms are not prescribed" in text
+    more = example_of(text)
+    assert len(more) == 2 and set(more) <= set(mech.coordinates)
+    moved = sp.solve_rates(mech, state, {"pose.x": 1.0, **more})
+    assert moved.coordinate("pose.x").rate == pytest.approx(1.0)
+    assert len(sp.sweep(mech, "pose.x", [0.0, 0.01], hold={
+        name: state.coordinate(name).value for name in more})) == 2
+
+
+def test_too_many_prescribed_coordinates_tell_how_many_to_leave_out():
+    mech = sp.load("rssr")
+    text = refusal(lambda: sp.solve_rates(mech, sp.assemble(mech), {"ball_a": [0.0, 0.0, 1.0]}))
+    assert "has 1 freedom there; prescribe fewer: leave out 2" in text
+
+
+def test_components_tell_where_they_can_be_prescribed_and_where_not():
+    mech = sp.load("rssr")
+    state = sp.assemble(mech)
+    text = refusal(lambda: sp.simulate(mech, state, 0.1, efforts={"ball_a.x": 1.0}))
+    assert "it can be prescribed in assemble, sweep and solve_rates" in text
+    assert sp.solve_rates(mech, state, example_of(text)).coordinate("ball_a.x").rate == 0.1
+    text = refusal(lambda: sp.assemble(mech, {"ball_a": 0.1}))
+    assert "ball_a.x, ball_a.y, ball_a.z" in text
+    assert sp.assemble(mech, example_of(text), free=["crank"]).coordinate(
+        "ball_a.x").value == pytest.approx(0.1)

@@ -258,8 +258,9 @@ class SquareSystem:
             if closures.shape[1] - decompose(closures, NEARLY).rank >= len(self.driven):
                 return (f"{where}singular configuration: branches cross so near that round-off "
                         "hides which equations depend on others; start further from it")
-            return (f"{where}{len(self.driven)} coordinates are prescribed ({names}) but the "
-                    f"closed mechanism has {freedom} freedoms there; prescribe fewer")
+            return (f"{where}{len(self.driven)} coordinates are prescribed ({names}), but the "
+                    f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
+                    f"prescribe fewer: leave out {len(self.driven) - freedom}")
         return (f"{where}singular configuration: the prescribed {names} cannot move independently "
                 "of each other or of the closed loops there (a limit position, or a resolved "
                 "passive freedom that is not free)")
@@ -276,9 +277,14 @@ class SquareSystem:
             return
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
+        picked = independent_rows(np.where(moving[:, None], null_space.T, 0.0))[:missing]
+        example = ", ".join(f"'{mechanism.coordinates[v]}': 0.0" for v in sorted(picked))
+        given = ", ".join(repr(c.name) for c in self.driven) or "nothing"
         raise SingularError(
-            f"mechanism {mechanism.name!r}: {missing} of its freedoms are not "
-            f"prescribed; give a driver (or a speed) for as many of: {', '.join(names)}"
+            f"mechanism {mechanism.name!r}: {given} is prescribed, and {missing} of its freedoms "
+            f"are not prescribed; prescribe {missing} more of {', '.join(names)}, such as "
+            f"solve_rates(..., {{{example}}}) or sweep(..., hold={{{example}}}); each may "
+            "have a [drivers.name] in the file too"
         )
 
     def check_regular(self, q: Array) -> None:

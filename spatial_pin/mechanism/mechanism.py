@@ -248,7 +248,8 @@ class Mechanism:
         if len(components) > 1 and name not in self.drivers:
             raise SpatialPinError(
                 f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
-                f"coordinates: {', '.join(components)}"
+                f"coordinates: {', '.join(components)}; name those that are meant, such as "
+                f"{{{components[0]!r}: 0.1}}"
             )
         return self.coordinate(name)
 
@@ -263,8 +264,10 @@ class Mechanism:
         if coordinate.q < 0:
             raise SpatialPinError(
                 f"mechanism {self.name!r}: {coordinate.name!r} is a component of a "
-                f"{self.pair_of(coordinate.joint)} joint: assemble, sweep and solve_rates take it "
-                "by itself, but nothing else does; model the joint as a chain of revolute joints"
+                f"{self.pair_of(coordinate.joint)} joint, no entry of q: it can be prescribed in "
+                f"assemble, sweep and solve_rates (such as {{{coordinate.name!r}: 0.1}}), but no "
+                "effort, law or search can take hold of it; for these model the joint as a chain "
+                "of revolute and prismatic joints"
             )
         return coordinate
 
