@@ -43,9 +43,14 @@ OPTIONS = (
     "--hide-scrollbars",
     "--virtual-time-budget=5000",
 )
-# its standard input is our pipe: it ends when we do
+# its standard input is our pipe: it ends when we do; the browser's children take a moment longer,
+# and what they still write keeps the folder from being removed
 COMPANION = """folder=$1; shift; exec 3<&0
-(cat <&3 >/dev/null; kill -KILL $$; rm -rf "$folder"; kill -KILL 0) >/dev/null 2>&1 &
+(cat <&3 >/dev/null; kill -KILL $$
+for again in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
+  rm -rf "$folder"; [ -e "$folder" ] || break; sleep 0.2
+done
+kill -KILL 0) >/dev/null 2>&1 &
 exec "$@" </dev/null 3<&-
 """
 PATIENCE = 90.0  # longest a browser may take [s]
