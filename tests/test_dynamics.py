@@ -449,8 +449,8 @@ def test_more_actuators_than_freedoms_share_by_least_squares(tmp_path):
 
 def test_a_freedom_that_nobody_drives_is_named(tmp_path):
     mech = heavy_five_bar(tmp_path)
-    with pytest.raises(sp.SpatialPinError, match=r"1 freedom\(s\) have no actuator; actuate as "
-                                                 r"many more of: elbow1, right, elbow2"):
+    with pytest.raises(sp.SpatialPinError, match=r"1 freedom has no actuator; actuate 1 more "
+                                                 r"of elbow1, right, elbow2, such as"):
         inverse_dynamics(mech, moving(mech, {"left": 2.0, "right": 1.0}), ["left"])
     with pytest.raises(ValueError, match="positive"):
         inverse_dynamics(mech, moving(mech, {"left": 2.0, "right": 1.0}), {"left": 0.0})

@@ -5,6 +5,7 @@ import re
 
 import mechanisms as known
 import numpy as np
+import odd_mechanisms as odd
 import pytest
 from masses import heavy
 from test_simulation_extremes import two_rods, uniform
@@ -176,3 +177,75 @@ def test_components_tell_where_they_can_be_prescribed_and_where_not():
     assert "ball_a.x, ball_a.y, ball_a.z" in text
     assert sp.assemble(mech, example_of(text), free=["crank"]).coordinate(
         "ball_a.x").value == pytest.approx(0.1)
+
+
+# ---------------------------------------------------------------- loops that stay open
+
+
+def bars(folder, name, coupler, rocker, toml=""):
+    """A four-bar of crank 0.1 on a base of 0.3."""
+    tree = (known.turning("a", "ground", "crank")
+            + known.turning("b", "crank", "coupler", (0.1, 0, 0))
+            + known.turning("c", "ground", "rocker", (0.3, 0, 0))
+            + known.point("end", "coupler", (coupler, 0, 0))
+            + known.point("eye", "rocker", (rocker, 0, 0)))
+    return known.load(folder, name, tree, known.closure("pin", "revolute", "end", "eye")
+                      + known.driver("crank", "a") + toml)
+
+
+def test_links_too_short_to_meet_are_not_called_a_value_out_of_reach(tmp_path):
+    mech = bars(tmp_path, "short", 0.05, 0.04)
+    for drivers in (None, {"crank": 1.0}):
+        text = refusal(lambda d=drivers: sp.assemble(mech, d), sp.AssemblyError)
+        assert "check the frames of 'pin' and the lengths between them" in text
+        assert "out of reach" not in text
+
+
+def test_a_value_out_of_reach_is_told_with_one_in_reach(tmp_path):
+    mech = bars(tmp_path, "rocks", 0.28, 0.24)
+    text = refusal(lambda: sp.assemble(mech, {"c": 0.5}), sp.AssemblyError)
+    assert "a value is out of reach: left free, the loops close at c = " in text
+    value = float(re.search(r"close at c = ([-+.\de]+)", text)[1])
+    assert sp.assemble(mech, {"c": value}).closure_error < 1e-11
+
+
+def test_more_values_than_freedoms_are_counted(tmp_path):
+    mech = bars(tmp_path, "many", 0.28, 0.24)
+    text = refusal(lambda: sp.assemble(mech, {"a": 0.3, "b": 0.2}), sp.AssemblyError)
+    assert "2 coordinates have a value, but the mechanism has 1 freedom: leave out 1" in text
+
+
+# ---------------------------------------------------------------- singular configurations
+
+
+def test_a_dead_centre_is_named():
+    """A slider at the end of its stroke."""
+    mech = sp.load("slider_crank")
+    state = sp.assemble(mech, {"crank": 0.0})
+    text = refusal(lambda: sp.solve_rates(mech, state, {"slide": 1.0}))
+    assert "'slide' is at a limit position (dead centre)" in text and "crank_pin" not in text
+
+
+def test_coordinates_that_move_together_depend_on_each_other(tmp_path):
+    """Crank and rocker of one four-bar are prescribed, none of the arm beside it."""
+    tree = (known.turning("a", "ground", "crank")
+            + known.turning("b", "crank", "coupler", (0.1, 0, 0))
+            + known.turning("c", "ground", "rocker", (0.3, 0, 0))
+            + known.point("end", "coupler", (0.28, 0, 0))
+            + known.point("eye", "rocker", (0.24, 0, 0)) + known.turning("arm", "ground", "side"))
+    mech = known.load(tmp_path, "beside", tree, known.closure("pin", "revolute", "end", "eye"))
+    state = sp.assemble(mech, {"a": 1.0})
+    text = refusal(lambda: sp.solve_rates(mech, state, {"a": 1.0, "c": 1.0}))
+    assert "the prescribed 'a', 'c' depend on each other" in text and "dead centre" not in text
+
+
+def test_branches_that_cross_are_told_apart_from_what_only_shakes(tmp_path):
+    flat = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.3, 0.1)
+    state = sp.assemble(flat, {"crank": 0.0}, guess={"rocker_pin": 0.0})
+    text = refusal(lambda: sp.solve_rates(flat, state, {"crank": 1.0}), sp.SingularError)
+    assert "branches cross, so that the drivers do not determine the motion; start beside" in text
+    assert "instantaneous" not in text
+    truss = odd.flat_truss(tmp_path, size=1.0)
+    text = refusal(lambda: sp.solve_rates(truss, sp.assemble(truss), {"a": 1.0}), sp.SingularError)
+    assert "nothing can move: 1 freedom is instantaneous only" in text
+    assert "branches" not in text

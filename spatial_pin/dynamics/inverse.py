@@ -164,10 +164,13 @@ def _unactuated(
     found = equations.of_one_link(spare) if len(spare) else []
     missing = len(spare) - sum(len(motions) for _, motions in found)
     if missing:
-        names = equations.moving(equations.active_among(spare, found))
+        active = equations.active_among(spare, found)
+        names = equations.moving(active)
+        example = [*actuation.names, *names[:1]] if missing == 1 else [*actuation.names, "..."]
         raise SpatialPinError(
-            f"mechanism {equations.mechanism.name!r}: {missing} freedom(s) have no actuator; "
-            f"actuate as many more of: {', '.join(names)}"
+            f"mechanism {equations.mechanism.name!r}: {missing} "
+            f"freedom{'s have' if missing > 1 else ' has'} no actuator; actuate {missing} more of "
+            f"{', '.join(names)}, such as inverse_dynamics(..., actuated={example})"
         )
     return spare, found
 

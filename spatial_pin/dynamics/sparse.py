@@ -153,8 +153,8 @@ class SparseEquations(Equations):
             if not self._stays():
                 raise SingularError(
                     f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
-                    "loops lose independent equations there; the motion is not determined by the "
-                    "forces", state=self.state)
+                    "loops lose independent equations there, so that the forces do not determine "
+                    "the motion; start beside this configuration", state=self.state)
             self._regular = Regular(self.state.q.copy(), rank, 0.0)
 
     def _stays(self) -> bool:

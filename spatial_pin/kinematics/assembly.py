@@ -16,7 +16,7 @@ from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.release import can_move, can_stand, least_motion
 from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import EPS, Array
+from spatial_pin.linalg import EPS, Array, decompose
 from spatial_pin.mechanism.configuration import (
     blur,
     coordinate_value,
@@ -392,9 +392,7 @@ class _Search:
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
                        f"(closure error {error:.1e}); ")
             large = _size(self.mechanism, q)[0] * ROUND_OFF > ACCEPTED
-            message += _too_large(self.mechanism, q) if large else (
-                "a driver value may be out of reach, or the guess too far from any closed "
-                "configuration")
+            message += _too_large(self.mechanism, q) if large else self._open_words(q, worst)
             if any(c.name == worst and c.type == "screw" for c in self.mechanism.closures):
                 message += ("; a screw closure is assembled within half a turn of zero: sweep to "
                             "further turns, or put the screw into the tree")
@@ -425,13 +423,35 @@ class _Search:
         some = "one of its frames" if len(opposite) == 1 else "one frame of each"
         return f"{words}turn {some} round, by half a turn about its x axis"
 
+    def _open_words(self, q: Array, worst: str) -> str:
+        """Say why loops stay open at the best attempt q (nq,), closure `worst` the most."""
+        elsewhere = self._closed_elsewhere(q) if self.held else {}
+        if not elsewhere:
+            return (f"nor does any of {MAX_STARTS} starts close the loops"
+                    + " at other values of the drivers" * bool(self.held)
+                    + f": check the frames of {worst!r} and the lengths between them; if they "
+                    "are right, give a guess nearer to a closed configuration")
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in elsewhere.items())
+        n = self.evaluation.constraints.n_rows
+        freedoms = self.mechanism.model.nv - decompose(self.evaluation.jacobian[:n]).rank
+        if len(self.given) > freedoms:
+            return (f"{len(self.given)} coordinates have a value, but the mechanism has {freedoms} "
+                    f"freedom{'s' * (freedoms != 1)}: leave out {len(self.given) - freedoms} "
+                    f"(the nearest values that fit are {values})")
+        return ("a value is out of reach: left free, the loops close at "
+                f"{values}")
+
     def _closed_elsewhere(self, q: Array) -> dict[str, float]:
-        """Return the values nearest to those given at which the loops close, if there are any."""
+        """Return values at which the loops close, near those given, if there are any.
+
+        The evaluation stands there then.
+        """
         search = _Search(self.evaluation, {}, {}, {**self.named, **self.held}, self.limits,
                          Accuracy(tolerance=self.tolerance))
         search.run(q)
         if search.best is None:
             return {}
+        self.evaluation.update(search.best[1])
         table = self.mechanism.coordinate_table
         return {name: coordinate_value(self.mechanism, table[name], search.best[1])
                 for name in self.held}

@@ -261,9 +261,16 @@ class SquareSystem:
             return (f"{where}{len(self.driven)} coordinates are prescribed ({names}), but the "
                     f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
                     f"prescribe fewer: leave out {len(self.driven) - freedom}")
-        return (f"{where}singular configuration: the prescribed {names} cannot move independently "
-                "of each other or of the closed loops there (a limit position, or a resolved "
-                "passive freedom that is not free)")
+        moved = np.abs(self._drive @ decompose(closures).null_space.T).max(axis=1, initial=0.0)
+        stuck = ", ".join(repr(c.name) for c, m in zip(self.driven, moved, strict=True)
+                          if m < NEARLY)
+        if stuck:
+            return (f"{where}singular configuration: {stuck} is at a limit position (dead centre) "
+                    "there, where no speed of it moves the mechanism; start beside it, or "
+                    "prescribe another coordinate")
+        return (f"{where}singular configuration: the prescribed {names} depend on each other "
+                "there, for the loops let them move together only; prescribe another coordinate "
+                "instead of one of them")
 
     def _check_passive(self, q: Array) -> None:
         """Refuse freedoms that are not the motion of one link: somebody must drive them."""
@@ -555,11 +562,14 @@ def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
     """
     n, ways = evaluation.constraints.n_rows, _ways(evaluation, q)
     freedoms = evaluation.model.nv - len(independent_rows(evaluation.jacobian[:n]))
-    text = f"singular configuration: the loops lose {lost} independent equation(s) there and "
+    equations = f"{lost} independent equation{'s' * (lost != 1)}"
+    text = f"singular configuration: the loops lose {equations} there, and "
     if ways <= freedoms - lost:
         nothing = "nothing can move: " * (not ways)
-        return text + f"{nothing}{lost} freedom(s) are instantaneous only (see sp.mobility)"
-    return text + f"branches cross; the motion is not determined by the {motion}"
+        shaken = f"{lost} freedom{' is' if lost == 1 else 's are'} instantaneous only"
+        return f"{text}{nothing}{shaken}: it shakes, but goes nowhere (see sp.mobility)"
+    return (f"{text}branches cross, so that the {motion} do not determine the motion; start "
+            "beside this configuration")
 
 
 def driven_groups(mechanism: Mechanism) -> list[int]:

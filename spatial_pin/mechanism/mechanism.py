@@ -267,7 +267,7 @@ class Mechanism:
                 f"{self.pair_of(coordinate.joint)} joint, no entry of q: it can be prescribed in "
                 f"assemble, sweep and solve_rates (such as {{{coordinate.name!r}: 0.1}}), but no "
                 "effort, law or search can take hold of it; for these model the joint as a chain "
-                "of revolute and prismatic joints"
+                "of revolute joints (and prismatic ones)"
             )
         return coordinate
 
