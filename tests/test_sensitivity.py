@@ -134,3 +134,13 @@ def test_the_error_told_of_a_value_near_zero_is_that_of_its_angle(crank, scale):
     for name, expected in (("r", -leaning), ("l", leaning * r / length)):
         assert abs(found.derivatives[name] - expected) <= found.errors[name]
         assert found.errors[name] < 1e-9 / scale
+
+
+def test_steps_are_shorter_where_the_branch_ends_at_nearby_dimensions():
+    """A crank longer than its coupler, so near its limit that a shorter coupler does not reach."""
+    crank, coupler, spare = 0.2, 0.16, 5e-4
+    mechanism = sp.load("slider_crank", r=crank, l=coupler)
+    state = sp.assemble(mechanism, {"crank": np.arcsin((coupler - spare) / crank)})
+    found = sp.sensitivity(mechanism, state, "slide", ["l"])
+    wanted = coupler / np.sqrt(coupler**2 - (coupler - spare) ** 2)
+    assert abs(abs(found.derivatives["l"]) - wanted) < min(1e-6 * wanted, found.errors["l"])

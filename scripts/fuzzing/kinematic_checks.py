@@ -280,7 +280,7 @@ def check_sensitivity(c):
     if not c.spec["parameters"] or not outputs:
         raise Skip("no dimension, or no output")
     output, name = str(c.rng.choice(outputs)), next(iter(c.spec["parameters"]))
-    h = 1e-4 * c.size
+    h = 1e-5 * c.size
     values = _by_dimension(c, output, name, h)
     try:
         found = sp.sensitivity(c.mechanism, c.state, output, [name])

@@ -110,16 +110,34 @@ def sensitivities(
         return max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
 
     for name in names:
-        value = mechanism.dimensions[name]
-        h = STEP * (abs(value) or mechanism.characteristic_length)
-        around = {}
-        for k in (1, -1, 2, -2, 3, -3, 4, -4):
-            changed = varied(mechanism, {name: value + k * h})
-            around[k] = drive.evaluate(changed, state, outputs)
+        around, h = _around(mechanism, state, drive, outputs, name)
         for i, one in enumerate(found):
             at = {k: np.asarray(values[i]) for k, values in around.items()}
             one.derivatives[name], one.errors[name] = _derivative(at, h, known * size(one))
     return found
+
+
+def _around(
+    mechanism: Mechanism, state: State, drive: Drive, outputs: Sequence[str], name: str
+) -> tuple[dict[int, list[Any]], float]:
+    """Return the outputs at eight values of a dimension about its own, and their step.
+
+    Where the branch ends within them, the steps are shorter.
+
+    Raises:
+        SpatialPinError: it ends within the shortest.
+    """
+    value = mechanism.dimensions[name]
+    step = STEP * (abs(value) or mechanism.characteristic_length)
+    first: SpatialPinError | None = None
+    for h in (step, step / 8.0, step / 64.0, step / 512.0):
+        try:
+            return {k: drive.evaluate(varied(mechanism, {name: value + k * h}), state, outputs)
+                    for k in (1, -1, 2, -2, 3, -3, 4, -4)}, h
+        except SpatialPinError as error:
+            first = first or error
+    assert first is not None
+    raise first
 
 
 def _known(mechanism: Mechanism, state: State) -> float:
