@@ -18,6 +18,7 @@ Row = TypeVar("Row")
 Function = TypeVar("Function", bound=Callable[..., Any])
 LARGEST = 2**63  # of whole numbers: what NumPy counts with
 NO_NUMBERS = "USmMcV"  # kinds of arrays: texts, dates, complex numbers, records
+MOST_PIXELS = 16384  # along a side of what a browser draws
 UNIT_TOLERANCE = 1e-9  # how far the length of a unit vector may be from 1
 
 
@@ -148,7 +149,8 @@ def _told(value: Any) -> str:
 def checked(function: Function) -> Function:
     """Return a public function that refuses arguments of another kind than it is annotated with.
 
-    Kinds that `KINDS` and `MADE_BY` do not know are left to the function, as are values.
+    Kinds that `KINDS` and `MADE_BY` do not know are left to the function, as are values. A whole
+    number arrives as an int, whatever it was.
 
     Raises:
         TypeError: an argument is of another kind.
@@ -163,10 +165,15 @@ def checked(function: Function) -> Function:
 
     @functools.wraps(function)
     def asked(*args: Any, **given: Any) -> Any:
+        whole: dict[str, int] = {}
         for name, value in (*zip(names, args, strict=False), *given.items()):
             if name in kinds:
                 _check(f"{function.__name__}: {name}", kinds[name], value)
-        return function(*args, **given)
+                if kinds[name] == ["int"] and not isinstance(value, int):
+                    whole[name] = int(value)
+        if whole:
+            args = tuple(whole.pop(k, x) for k, x in zip(names, args, strict=False))
+        return function(*args, **(given | whole))
 
     return cast(Function, asked)
 
@@ -266,6 +273,17 @@ def whole_number(value: Any, what: str) -> int:
     return int(number)
 
 
+def generator(seed: int) -> np.random.Generator:
+    """Return a generator of random numbers.
+
+    Raises:
+        ValueError: the seed is negative.
+    """
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
+    return np.random.default_rng(int(seed))
+
+
 def positive_number(value: Any, what: str) -> float:
     """Return `value` as a finite float above 0.
 
@@ -278,6 +296,22 @@ def positive_number(value: Any, what: str) -> float:
     if not number > 0.0:
         raise ValueError(f"{what} is {value}; it must be positive")
     return number
+
+
+def picture_size(size: Any) -> tuple[int, int]:
+    """Return width and height [pixels].
+
+    Raises:
+        ValueError: they are no two whole numbers that a picture can have.
+    """
+    try:
+        width, height = (whole_number(x, "size") for x in size)
+        if min(width, height) >= 1 and max(width, height) <= MOST_PIXELS:
+            return width, height
+    except (TypeError, ValueError):
+        pass
+    raise ValueError(f"size is {_beginning(size)}; it is (width, height), each 1 to {MOST_PIXELS} "
+                     "pixels")
 
 
 def unit_vector(values: Any, what: str) -> Array:

@@ -47,7 +47,8 @@ class Accuracy:
             mechanism make no difference. Below 2.2e-14, round-off, it makes none either.
         step: fixed step of "RK4" and "Gauss", longest step of the others [s].
         most_steps: of `simulate`: steps after which an adaptive integrator gives up, so that every
-            simulation ends; a motion of a hundred thousand turns takes about a million.
+            simulation ends; a motion of a hundred thousand turns takes about a million. One
+            without damping that would take ten times as many is given up early.
 
     Many values of a sweep are taken together, many times faster, with order 3 to tolerance only.
     """

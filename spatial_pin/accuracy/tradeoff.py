@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REPEATS = 5
+MOST_REPEATS = 10_000  # more tell nothing
 BUDGET = 30.0  # time after which no further run is repeated [s]
 ROUND_OFF = 1e-15  # error below which results in double precision are equally exact
 FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinAlgError)
@@ -218,8 +219,9 @@ def tradeoff(
         UnknownNameError: an argument or name does not exist.
     """
     repeats = whole_number(repeats, "repeats")
-    if repeats < 1:
-        raise ValueError(f"repeats is {repeats}; each setting is timed a whole number of times")
+    if not 1 <= repeats <= MOST_REPEATS:
+        raise ValueError(f"repeats is {repeats}; each setting is timed a whole number of times, "
+                         f"{MOST_REPEATS} at most")
     if not (isinstance(budget, int | float) and budget >= 0.0):
         raise ValueError(f"budget is {budget!r}; it is a time in s")
     if isinstance(settings, Accuracy):

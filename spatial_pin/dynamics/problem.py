@@ -69,6 +69,7 @@ class Problem:
         drives: prescribed coordinates with their laws.
         by_drivers: whether efforts act at drivers only, springs and friction as the file says.
         works: whether anything but gravity does work.
+        is_damped: whether a joint or spring takes energy away.
         is_steady: whether no function of the user's acts, which may jump: energy is well-behaved.
     """
 
@@ -94,6 +95,8 @@ class Problem:
         self.by_drivers = (self.law is None and not laws and slip_speed is None
                            and acted <= at_drivers)
         self.is_steady = self.law is None and not laws and not self.drives
+        self.is_damped = bool(self.forces.resistance
+                              or any(spring.damping for spring in mechanism.springs))
         self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
 
     def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:

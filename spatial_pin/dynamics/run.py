@@ -38,6 +38,8 @@ from spatial_pin.settings import Accuracy
 NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
 LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
 SHORTEST = 1e-13  # step, by the time, that is taken anew no more
+TRIED = 1000  # steps of a motion without damping, which go on as long as they are
+HOPELESS = 10.0  # as many steps as are allowed, by these: the duration is a mistake
 CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
 
 NOWHERE = 1e-2  # of the longest step, that all steps allowed would lead to if they were as short
@@ -227,19 +229,26 @@ class Run:
                 raise
 
     def _refuse_to_go_on_for_ever(self, solver: Any) -> None:
-        """Refuse more steps than are allowed; how many fixed ones there are was known before.
+        """Refuse more steps than are allowed, early where there would be far more.
+
+        How many fixed ones there are was known before.
 
         Raises:
             StepLimitError: there would be more.
         """
         most = self.accuracy.most_steps
-        if self.steps < most or solver.status != "running" or self.accuracy.integrator in FIXED:
+        if solver.status != "running" or self.accuracy.integrator in FIXED:
+            return
+        is_hopeless = (self.problem.is_steady and not self.problem.is_damped
+                       and self.steps % TRIED == 0
+                       and self.t * HOPELESS * most < self.end * self.steps)
+        if self.steps < most and not is_hopeless:
             return
         raise StepLimitError(
-            f"mechanism {self.problem.mechanism.name!r}: {most} steps have led to {self.t:.6g} s "
-            f"of {self.end:.6g} s, the last of {solver.t - solver.t_old:.2g} s: take a shorter "
-            "duration, a larger time_tolerance, integrator='Radau' where strong springs or "
-            f"dampers make steps short, or Accuracy(most_steps={10 * most})")
+            f"mechanism {self.problem.mechanism.name!r}: {self.steps} steps have led to "
+            f"{self.t:.6g} s of {self.end:.6g} s, the last of {solver.t - solver.t_old:.2g} s: "
+            "take a shorter duration, a larger time_tolerance, integrator='Radau' where strong "
+            f"springs or dampers make steps short, or Accuracy(most_steps={10 * most})")
 
     def _note_integrator(self, system: System, solver: Any) -> None:
         """Keep the names of integrators used; warn once of an explicit one that only creeps."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from spatial_pin.checks import checked, positive_number
+from spatial_pin.checks import as_array, checked, positive_number
 from spatial_pin.dynamics.balance import LOST
 from spatial_pin.dynamics.embedding import Lost, best_coordinates, plain_coordinates
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
@@ -32,6 +32,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
 
+DURATIONS = 1e-100, 1e100  # whose squares, by a tolerance, are numbers [s]
 ROWS = 1000  # rows of a simulation whose times are not given, less one
 
 
@@ -98,6 +99,7 @@ def simulate(
     state = moving_in_time(mechanism, state)
     times = _times(duration, times)
     _check_formulation(accuracy)
+    _check_step(accuracy, float(times[-1]))
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
@@ -145,14 +147,30 @@ def _check_formulation(accuracy: Accuracy) -> None:
                          f"for the projected formulation there are {', '.join(SETTLING)}")
 
 
+def _check_step(accuracy: Accuracy, duration: float) -> None:
+    most = max(accuracy.most_steps, Accuracy.most_steps)
+    if accuracy.step is not None and duration > most * accuracy.step:
+        with np.errstate(over="ignore"):
+            number = np.float64(duration) / accuracy.step
+        raise ValueError(
+            f"step is {accuracy.step:.3g} s: {duration:.6g} s would take {number:.2g} steps of it, "
+            f"where {most} are allowed; take a longer step, a shorter duration, or "
+            "Accuracy(most_steps=...)")
+
+
 def _times(duration: float, times: Any) -> Array:
     duration = positive_number(duration, "duration")
+    if not DURATIONS[0] <= duration <= DURATIONS[1]:
+        raise ValueError(f"duration is {duration:.3g} s; from {DURATIONS[0]:g} s to "
+                         f"{DURATIONS[1]:g} s can be simulated")
     if times is None:
         return np.linspace(0.0, duration, ROWS + 1)
-    array = np.atleast_1d(np.asarray(times, dtype=float))
+    array = np.atleast_1d(as_array(times, "times"))
     array = finite_array(array, (array.size,), "times")
     if not array.size or array[0] < 0.0 or np.any(np.diff(array) <= 0.0) or array[-1] > duration:
         raise ValueError("times must rise from 0 at least to the duration at most")
+    if 0.0 < array[-1] < DURATIONS[0]:
+        raise ValueError(f"times end at {array[-1]:.3g} s; {DURATIONS[0]:g} s is the least but 0")
     return array
 
 

@@ -18,8 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.dynamics.problem import System
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import Array
 
+FASTEST = 1e100  # rate whose square, by a tolerance, still has a square
 SLOWEST = 1e3  # durations that a natural time may last
 
 
@@ -45,6 +47,9 @@ def natural_units(system: System, t: float, y: Array, q: Array, left: float) -> 
         y: (n,) unknowns.
         q: (nq,) configuration there.
         left: how long it goes on [s].
+
+    Raises:
+        SpatialPinError: it changes faster than numbers can tell.
     """
     problem, n = system.problem, len(system.free)
     mechanism = problem.mechanism
@@ -53,6 +58,10 @@ def natural_units(system: System, t: float, y: Array, q: Array, left: float) -> 
     pace = max(float(np.abs(y[n : 2 * n]).max(initial=0.0)),
                math.sqrt(np.nan_to_num(acceleration, nan=0.0).max(initial=0.0)),
                math.sqrt(gravity / mechanism.characteristic_length))
+    if pace > FASTEST:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: at {t:.6g} s it moves so fast, or forces are so large, "
+            f"that it changes within {1.0 / pace:.1g} s: numbers cannot tell how")
     rate = max(pace / (2.0 * math.pi), 1.0 / (SLOWEST * left))
     units = np.ones(len(y))
     units[n : 2 * n] = rate

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from spatial_pin.checks import checked, mapping, positive_number
+from spatial_pin.checks import checked, generator, mapping, positive_number
 from spatial_pin.errors import AssemblyError, ContinuumError
 from spatial_pin.kinematics.assembly import _read_guess, _violated, assembled, standing_drivers
 from spatial_pin.kinematics.batch import Batch
@@ -40,6 +40,7 @@ LARGEST = 1 << 21  # numbers in their Jacobians
 LOOKED_AT = 20  # closed configurations looked at for a regular one
 READINGS = 8  # starts from which the readings of a rod are sought
 MOST_MODES = 1000  # after which no more are sought: that many are told by `missing`
+ENDLESS = 10**8  # starts: days
 MOST_REJECTED = 64  # mirror images that are known again
 
 
@@ -93,6 +94,10 @@ def assembly_modes(
     needed(mechanism)
     positive_number(patience, "patience")
     positive_number(most_starts, "most_starts")
+    rng = generator(seed)
+    if min(patience, most_starts) > ENDLESS:
+        raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
+                         f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
     held = _held(mechanism, mapping(drivers, "drivers"), free)
     rods = rods_of(mechanism)
     check = Check(mechanism, held, rods, accuracy_of(accuracy).tolerance)
@@ -100,7 +105,6 @@ def assembly_modes(
     search.look_at_guess()
     bar = tqdm(total=most_starts, desc=f"{mechanism.name}: modes", delay=1.0, leave=False,
                disable=None if progress else True)
-    rng = np.random.default_rng(seed)
     while not search.done(patience, most_starts):
         search.attempt(rng, most_starts)
         bar.n = search.starts

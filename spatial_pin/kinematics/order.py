@@ -23,8 +23,8 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
         way = np.abs(np.diff(values)).sum()
         span = values.max() - values.min()
         ends = min(values.max() - first, first - values.min())
-    if not way > WORTH * (span + ends):
-        return None
+        if not way / WORTH > span + ends:
+            return None
     rows = np.argsort(values, kind="stable")
     up, down = rows[values[rows] >= first], rows[values[rows] < first][::-1]
     return [part for part in (up, down) if part.size]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from spatial_pin.checks import checked, names_of, whole_number
+from spatial_pin.checks import checked, generator, names_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.dimension_path import varied
@@ -28,6 +28,8 @@ from spatial_pin.mechanism.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 
 CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
+LARGEST = 1e100  # deviation, whose square is a number [m, rad]
+MOST_SAMPLES = 10_000_000  # which fit into a memory: spreads to 0.02 %
 LOADS = 0.25  # mechanisms to learn a geometry from, at most, by samples
 WAYS = 4, 16  # steps of the dimensions by which samples are tried that move far
 
@@ -108,7 +110,7 @@ def tolerance(
         deviations: standard deviation by dimension [m, rad].
         state: a closed state; its driver values, speeds and accelerations are kept; default the
             assembled guess.
-        samples: number of Monte Carlo samples, 0 for none.
+        samples: number of Monte Carlo samples, 0 for none, ten millions at most.
         executor: where to solve them (any `concurrent.futures` executor, a Dask client's too);
             default in this process.
         seed: of the samples.
@@ -116,32 +118,36 @@ def tolerance(
 
     Raises:
         UnknownNameError: no such dimension or output.
-        ValueError: a deviation is negative or not finite.
+        ValueError: a deviation is negative or not finite, or a number of samples or a seed cannot
+            be.
     """
     state = assembled(mechanism) if state is None else state
     names = names_of(outputs, "outputs")
-    if seed < 0:
-        raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
+    rng = generator(seed)
     spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
     if any(x < 0.0 for x in spread.values()):
         raise ValueError("a standard deviation is negative")
+    for name, x in spread.items():
+        if x > LARGEST:
+            raise ValueError(f"deviation of {name!r} is {x:.3g}; it is {LARGEST:g} at most")
+    if samples == 1 or not 0 <= samples <= MOST_SAMPLES:
+        raise ValueError(f"samples is {samples}; it is 0 for none, or from 2, for a spread, to "
+                         f"{MOST_SAMPLES}")
     found = sensitivities(mechanism, state, names, spread)
     nominal = {one.output: one.value for one in found}
     units = {one.output: one.unit for one in found}
     linear = {one.output: _propagated(one.derivatives, spread) for one in found}
-    if whole_number(samples, "samples") < 0:
-        raise ValueError(f"samples is {samples}; it must be 0 or more")
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
-    drawn = _drawn(mechanism, spread, samples, seed)
+    drawn = _drawn(mechanism, spread, samples, rng)
     values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
                                 executor, progress)
     good = {name: x[is_closed] for name, x in values.items()}
     return Tolerance(
         nominal, linear,
-        {name: x.std(axis=0, ddof=1)[()] for name, x in good.items()},
-        {name: x.mean(axis=0)[()] for name, x in good.items()},
+        {name: _of_enough(x, 2, lambda x: x.std(axis=0, ddof=1)) for name, x in good.items()},
+        {name: _of_enough(x, 1, lambda x: x.mean(axis=0)) for name, x in good.items()},
         good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
         units,
     )
@@ -152,12 +158,17 @@ def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> 
     return np.sqrt(sum(parts))[()]
 
 
+def _of_enough(values: Array, fewest: int, what: Callable[[Array], Array]) -> Any:
+    """Return something of values (N, ...), NaN where they are too few."""
+    return (what(values) if len(values) >= fewest else np.full(values.shape[1:], np.nan))[()]
+
+
 def _drawn(
-    mechanism: Mechanism, spread: Mapping[str, float], samples: int, seed: int
+    mechanism: Mechanism, spread: Mapping[str, float], samples: int, rng: np.random.Generator
 ) -> Array:
     """Return the dimensions (samples, k) in the order of `spread`."""
     nominal = np.array([mechanism.dimensions[name] for name in spread])
-    normal = np.random.default_rng(int(seed)).normal(size=(samples, len(nominal)))
+    normal = rng.normal(size=(samples, len(nominal)))
     return nominal + np.array(list(spread.values())) * normal
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, picture_size
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.outputs import named_path, write_bytes
 from spatial_pin.view.film import Film, film
@@ -156,9 +156,10 @@ def screenshot(
 
     Raises:
         UnknownNameError: `look` names a point or vector that does not exist.
+        ValueError: the size is none.
         SpatialPinError: there is no such row, no browser, or it made no picture.
     """
-    path = named_path(path)
+    path, size = named_path(path), picture_size(size)
     seconds = _moment(film(motion_or_state), motion_or_state, row)
     with tempfile.TemporaryDirectory() as folder:
         page = export_html(motion_or_state, Path(folder) / "page.html", title=title, look=look)

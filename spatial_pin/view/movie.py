@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, picture_size, positive_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.outputs import named_path, replacing
 from spatial_pin.view.devtools import Browser
@@ -35,6 +35,7 @@ Shoot = Callable[[float], "Image.Image"]
 READY = "typeof seek === 'function' && !viewer.needs_render"  # of page.html
 COLOURS = 128  # of a GIF
 LOOKED_AT = 8  # frames that a GIF's colours are taken from
+MOST_FRAMES = 100_000  # a day of photographing
 FASTEST_GIF = 50.0  # frames a second: browsers show shorter ones for 0.1 s
 
 
@@ -164,18 +165,20 @@ def movie(
 
     Raises:
         SpatialPinError: there is no browser, or imageio-ffmpeg is wanted and missing.
-        ValueError: the suffix is not known, or nothing moves.
+        ValueError: the suffix is not known, nothing moves, or a number cannot be.
     """
     path = named_path(path)
     write = WRITERS.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: a movie is written as {' or '.join(WRITERS)}")
-    if not (np.isfinite(fps) and fps > 0):
-        raise ValueError(f"{fps} frames a second; it must be positive")
+    fps, size = positive_number(fps, "fps"), picture_size(size)
     duration = float(film(motion).seconds[-1])
     if duration == 0.0:
         raise ValueError("one configuration is no movie: `screenshot` makes a picture of it")
-    seconds = (np.arange(max(1, round(duration * fps))) / fps).tolist()
+    if not 0.5 < duration * fps <= MOST_FRAMES:
+        raise ValueError(f"fps is {fps:.3g}; the movie lasts {duration:.3g} s, and has 1 to "
+                         f"{MOST_FRAMES} frames")
+    seconds = (np.arange(round(duration * fps)) / fps).tolist()
     bar = tqdm(total=len(seconds), desc=path.name, delay=1.0, leave=False,
                disable=None if progress else True)
     with tempfile.TemporaryDirectory() as folder, bar, Browser(size) as browser:

@@ -162,9 +162,12 @@ class Viewer:
 
         Raises:
             SpatialPinError: the port cannot be had.
+            ValueError: it is no port.
         """
         try:
             self._server = _Server(text.encode(), port, service)
+        except OverflowError:
+            raise ValueError(f"port is {port}; it is 0 for any that is free, to 65535") from None
         except OSError as error:
             raise SpatialPinError(
                 f"cannot serve a page on {HOST}, port {port}: {error}; "
