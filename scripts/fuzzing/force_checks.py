@@ -133,7 +133,7 @@ def check_forward(c):
     got = c.own_v(found.a).astype(float) / c.scale
     need(np.isfinite(got).all(), "accelerations are no numbers")
     fast = np.abs(state.v[c.v_at] / c.scale).max(initial=0)
-    floor = 1e-3 * np.linalg.norm(c.spec["gravity"]) / c.size
+    floor = 1e-3 * max(np.linalg.norm(c.spec["gravity"]) / c.size, pull / max(heavy, 1e-300))
     size = max(np.abs(got).max(initial=0), fast**2, floor)
     if jacobian.size:
         small((jacobian @ got + gamma) / max(size, np.abs(gamma).max()), 1e-8,
@@ -251,7 +251,7 @@ def _couplings(c, found, state):
 
 def _judge_balance(c, balance, on_ground):
     unit = np.array([c.size] * 3 + [1.0] * 3)
-    size = max(balance.largest.values())
+    size = max(*balance.largest.values(), 1e-6 * _weight(c))  # of what falls freely
     for k, total in balance.sums.items():
         if k >= 0:
             small(total * unit / size, 1e-7, f"balance of {c.judge.joints[k]['child']}")
