@@ -189,7 +189,8 @@ def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     """
     array = as_array(values, what)
     if array.shape != shape:
-        raise ValueError(f"{what} has shape {array.shape}; {shape} is needed")
+        needed = shape or "a single number"
+        raise ValueError(f"{what} has shape {array.shape}; {needed} is needed")
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{what} has a value that is NaN or infinite")
     return array

@@ -249,3 +249,28 @@ def test_branches_that_cross_are_told_apart_from_what_only_shakes(tmp_path):
     text = refusal(lambda: sp.solve_rates(truss, sp.assemble(truss), {"a": 1.0}), sp.SingularError)
     assert "nothing can move: 1 freedom is instantaneous only" in text
     assert "branches" not in text
+
+
+# ---------------------------------------------------------------- values and choices
+
+
+def test_a_crossing_that_was_to_be_refused_says_so(tmp_path):
+    flat = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.3, 0.1)
+    text = refusal(lambda: sp.sweep(
+        flat, "crank", np.linspace(0.5, 4.0, 30), on_crossing="raise",
+        guess={"crank": 0.5, "rocker_pin": 0.5}), sp.SingularError)
+    assert "branches cross at crank = 3.14159" in text
+    assert "on_crossing='raise' asks to stop there; give on_crossing='straight'" in text
+
+
+def test_a_value_beyond_its_own_limit_is_told_as_such():
+    mech = sp.load("stewart")
+    text = refusal(lambda: sp.assemble(mech, {"leg_1": 5.0}, limits=True), sp.AssemblyError)
+    assert "that is the value given: give one within its limits" in text
+
+
+def test_one_number_is_asked_for_in_words():
+    mech = sp.load("four_bar")
+    text = refusal(lambda: sp.solve_rates(mech, sp.assemble(mech), {"crank": [1.0, 2.0]}),
+                   ValueError)
+    assert text == "speed of 'crank' has shape (2,); a single number is needed"

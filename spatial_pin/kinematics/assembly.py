@@ -383,8 +383,10 @@ class _Search:
         self.evaluation.update(q)
         state = State(self.mechanism, q, closure_error=error, angles=self.evaluation.angles)
         if error <= ACCEPTED and worst.startswith("limit of "):
-            message = (f"{where} closes only outside the joint limits ({worst}); "
-                       "try other driver values or another guess")
+            own = any(worst.startswith(f"limit of {name}:") for name in self.held)
+            message = (f"{where} closes only outside the joint limits ({worst}); " + (
+                "that is the value given: give one within its limits" if own else
+                "give values of the drivers at which it stays inside"))
         elif error <= ACCEPTED:
             message = f"{where} {self._mirror_words(q)}"
         else:

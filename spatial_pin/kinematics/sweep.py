@@ -131,7 +131,7 @@ def sweep(
         motion.events.append(_event(stop, n, driver, coordinate))
         ends = on_limit if stop.kind == "limit" else on_crossing
         if ends != "stop" or stop.kind == "lost":
-            raise _error(motion, stop, driver, coordinate, float(values[n]))
+            raise _error(motion, stop, driver, coordinate, float(values[n]), on_crossing)
     return motion
 
 
@@ -246,7 +246,8 @@ def _event(stop: Arrival, row: int, driver: str, coordinate: Coordinate) -> Even
 
 
 def _error(
-    motion: Motion, stop: Arrival, driver: str, coordinate: Coordinate, value: float
+    motion: Motion, stop: Arrival, driver: str, coordinate: Coordinate, value: float,
+    on_crossing: str,
 ) -> SpatialPinError:
     name, unit = motion.mechanism.name, coordinate.unit
     where = f"mechanism {name!r}: {driver} = {value:.9g} {unit}"
@@ -257,11 +258,13 @@ def _error(
             limit=stop.value, motion=motion,
         )
     if stop.kind == "branch point":
+        why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
+               if on_crossing == "raise" else
+               "none that goes straight on can be told from the others there; start")
+        remedy = " the sweep beyond it with a guess on the wanted branch" * why.endswith("start")
         return SingularError(
-            f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); none "
-            "was asked for, or none goes straight on, or they only come too near each other: start "
-            "the sweep beyond it with a guess on the wanted branch", motion=motion,
-        )
+            f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); "
+            f"{why}{remedy}", motion=motion)
     if stop.kind == "singular":
         return SingularError(
             f"{where}: singular configuration at {driver} = {stop.value:.12g} {unit} ({last}); "
