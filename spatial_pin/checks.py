@@ -104,6 +104,7 @@ MADE_BY = {
     "State": "sp.assemble(mechanism, {driver: value}) makes one",
     "Motion": "sp.sweep(mechanism, driver, values) or sp.simulate(mechanism, state, duration) "
               "makes one",
+    "Vectors": "spatial_pin.view.arrows.Vectors(...) makes one",
     "Look": "sp.Look(...) makes one",
     "Accuracy": "give it as spatial_pin.Accuracy, for example Accuracy.named('engineering')",
 }
@@ -144,6 +145,16 @@ def _told(value: Any) -> str:
     if isinstance(value, str | bytes | bool | int | float | complex | type(None)):
         return _beginning(repr(value))
     return f"{_beginning(value)!r} of type {type(value).__name__}"
+
+
+def check_kind(where: str, annotation: str, value: Any) -> None:
+    """Refuse a value of another kind than an annotation asks for, in words.
+
+    Raises:
+        TypeError: it is of another kind.
+        ValueError: a number was asked for.
+    """
+    _check(where, _parts(annotation), value)
 
 
 def checked(function: Function) -> Function:
@@ -216,6 +227,17 @@ def finite_number(value: Any, what: str) -> float:
     if value is None or isinstance(value, str | bytes | bool):
         raise ValueError(f"{what} must be a number, not {value!r}")
     return float(finite_array(value, (), what))
+
+
+def plain_text(value: str, what: str) -> str:
+    """Return a text as it is.
+
+    Raises:
+        ValueError: it has a character that no file can have.
+    """
+    if any("\ud800" <= letter <= "\udfff" for letter in value):
+        raise ValueError(f"{what} is {value!r:.60}, which no file can be written with")
+    return value
 
 
 def mapping(value: Any, what: str) -> Mapping[str, Any]:

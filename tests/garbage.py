@@ -105,6 +105,48 @@ def verbs(folder: Path) -> Iterator[tuple[str, Callable[..., Any], dict[str, Any
     yield from _formulas()
 
 
+def long_verbs(folder: Path) -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
+    """Those that write, serve, search or simulate; no browser is to be had while they are tried."""
+    m = sp.load("four_bar")
+    at = sp.solve_rates(m, sp.assemble(m, {"crank": 0.4}), {"crank": 1.0})
+    motion = sp.sweep(m, "crank", np.linspace(0.3, 0.5, 4), speed=1.0)
+    shown = {"motion_or_state": motion}
+    drawn = {"title": None, "look": None}
+    looks = {"pairs": None, "axes": False, "traces": (), "arrows": (), "centres": False,
+             "ghosts": (), "beside": False}
+    yield "load", sp.load, {"source": "four_bar", "trusted": False, "r2": 0.1}
+    yield "assembly_modes", sp.assembly_modes, {
+        "mechanism": m, "drivers": {"crank": 0.4}, "free": (), "copies": False, "limits": False,
+        "patience": 50, "most_starts": 60, "seed": 0, "accuracy": None, "progress": False}
+    yield "simulate", sp.simulate, {
+        "mechanism": m, "state": at, "duration": 0.01, "efforts": None, "times": None,
+        "accuracy": sp.Accuracy(most_steps=200), "drives": None, "laws": None, "slip_speed": None,
+        "stop_when": None, "on_joint_limit": "report", "progress": False}
+    yield "tolerance", sp.tolerance, {
+        "mechanism": m, "outputs": "rocker_pin", "deviations": {"r2": 1e-5}, "samples": 2,
+        "executor": None, "progress": False}
+    yield "show", _stopped(sp.show), {**shown, "look": None, "open_browser": False}
+    yield "live", _stopped(sp.live), {
+        "mechanism": m, "state": at, "drivers": None, "outputs": (), **drawn, "port": 0,
+        "open_browser": False}
+    yield "export_html", sp.export_html, {**shown, "path": folder / "a.html", **drawn}
+    yield "screenshot", sp.screenshot, {
+        **shown, "path": folder / "a.png", "row": 0, "size": (100, 100), **drawn}
+    yield "movie", sp.movie, {
+        "motion": motion, "path": folder / "a.gif", "fps": 25.0, "size": (100, 100), **drawn,
+        "progress": False}
+    yield "report", sp.report, {**shown, "path": folder / "r.html", "outputs": "crank", **drawn}
+    yield "plot", sp.plot, {
+        "motion": motion, "outputs": "crank", "path": folder / "p.svg", "title": None}
+    yield "Look", lambda **k: sp.export_html(motion, folder / "b.html", look=sp.Look(**k)), looks
+    yield "Look at a state", lambda **k: sp.export_html(
+        at, folder / "c.html", look=sp.Look(**k)), looks
+
+
+def _stopped(verb: Callable[..., Any]) -> Callable[..., None]:
+    return lambda **given: verb(**given).stop()
+
+
 def _settings() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     accuracy = {"order": 3, "corrections": None, "tolerance": 1e-13, "time_tolerance": 1e-9,
                 "formulation": "independent", "integrator": "RK4", "step": 0.1}

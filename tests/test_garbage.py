@@ -1,9 +1,12 @@
 """Arguments of another kind than is needed are refused in words, or do no harm."""
 
+import webbrowser
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from garbage import garbage, refusal, verbs
+from garbage import garbage, long_verbs, refusal, verbs
 
 import spatial_pin as sp
 
@@ -11,11 +14,17 @@ EACH = 9  # of the pairs of an argument and a piece of garbage, one in so many i
 
 
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
-def test_what_nobody_means_is_refused_in_words(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [verbs, long_verbs])
+def test_what_nobody_means_is_refused_in_words(
+    kind: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "")  # no browser is found
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(webbrowser, "open", lambda *args, **given: True)
     pieces = garbage()
     names = list(pieces)
     found, k = [], 0
-    for label, verb, good in verbs(tmp_path):
+    for label, verb, good in kind(tmp_path):
         for key in good:
             k += 1
             for name in names[k % EACH :: EACH]:
@@ -45,3 +54,29 @@ def test_switches_numbers_and_names_are_told_apart() -> None:
         sp.sweep(mechanism, 3, [0.3])  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="trace: step must be a number, not 'small'"):
         sp.trace(mechanism, "crank", step="small")  # type: ignore[arg-type]
+
+
+def test_one_name_is_as_good_as_a_tuple_of_one() -> None:
+    state = sp.assemble(sp.load("four_bar"))
+    assert sp.Look(traces="coupler", arrows="coupler.velocity").traces == ("coupler",)
+    assert sp.Look(arrows=["coupler.velocity"], ghosts=[state]).arrows == ("coupler.velocity",)
+    with pytest.raises(TypeError, match="Look: ghosts: a State is needed, not int"):
+        sp.Look(ghosts=(3,))
+    with pytest.raises(TypeError, match="Look: axes must be True or False, not 'no'"):
+        sp.Look(axes="no")
+
+
+def test_a_function_that_says_nothing_stops_nothing() -> None:
+    mechanism = sp.load("four_bar")
+    state = sp.assemble(mechanism, {"crank": 0.4})
+    for value in (None, "late", float("nan"), [1.0, 2.0]):
+        with pytest.raises(ValueError, match="what stop_when returns at 0 s"):
+            sp.simulate(mechanism, state, 0.01, stop_when=lambda t, s, x=value: x)
+    sp.simulate(mechanism, state, 0.01, times=[0.01], stop_when=lambda t, s: s.q[:1] - 9.0)
+
+
+def test_a_title_that_no_file_can_hold_is_refused(tmp_path: Path) -> None:
+    motion = sp.sweep(sp.load("four_bar"), "crank", [0.3, 0.4])
+    for verb, given in ((sp.export_html, {}), (sp.report, {}), (sp.plot, {"outputs": "crank"})):
+        with pytest.raises(ValueError, match=r"title is .*no file can be written with"):
+            verb(motion, path=tmp_path / "a.svg", title="\ud800", **given)

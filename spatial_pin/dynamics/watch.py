@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin.checks import finite_number
 from spatial_pin.dynamics.problem import Problem, System
 from spatial_pin.dynamics.rated import RatedLimits
 from spatial_pin.errors import SpatialPinError
@@ -42,6 +43,12 @@ class Found(NamedTuple):
     rated: Sequence[tuple[float, RatedLimit]] = ()
 
 
+def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
+    value: Any = stop_when(t, state)
+    return finite_number(value.item() if np.size(value) == 1 and isinstance(value, np.ndarray)
+                         else value, f"what stop_when returns at {t:.6g} s")
+
+
 class Watch:
     """Looks at every step of a simulation.
 
@@ -56,6 +63,7 @@ class Watch:
 
     Raises:
         SpatialPinError: it is to stop at joint limits but starts beyond one.
+        ValueError: `stop_when` returns no number.
     """
 
     def __init__(
@@ -73,7 +81,7 @@ class Watch:
                 f"{self.at_start[0].limit.words}, where the simulation is to stop: start inside "
                 "(assemble(limits=True)), or give on_joint_limit=\"report\"")
         self.rated = None if ignored else RatedLimits(problem, state)
-        self._last = stop_when(0.0, state) if stop_when is not None else 0.0
+        self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
         self._end: tuple[Array, Array] = state.q, state.v
 
     def look(self, system: System, solver: Any) -> Found:
@@ -113,7 +121,8 @@ class Watch:
         function = self.stop_when
         if function is None:
             return None
-        before, self._last = self._last, function(solver.t, system.state(solver.t, solver.y))
+        before, self._last = self._last, _stop_value(
+            function, solver.t, system.state(solver.t, solver.y))
         if before == 0.0 or before * self._last > 0.0:
             return None
         dense, sign = solver.dense_output(), float(np.sign(before))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from spatial_pin.checks import as_array
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.linalg import Array
@@ -156,7 +157,7 @@ def _as_shown(stage: Stage, asked: str | Vectors) -> Vectors:
         name, _, kind = asked.rpartition(".")
         return load(film.loads, name, kind) if kind in LOADS else rates(film.motion, asked)
     n = len(np.atleast_2d(film.source.q))
-    point, vector = (np.asarray(x, float) for x in (asked.point, asked.vector))
+    point, vector = (as_array(x, "points and vectors") for x in (asked.point, asked.vector))
     if point.shape != (n, 3) or vector.shape != (n, 3):
         shapes = f"{point.shape} and {vector.shape}"
         raise ValueError(f"{asked.name}: points and vectors are {shapes}; ({n}, 3) is needed")

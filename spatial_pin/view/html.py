@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, plain_text
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.view.film import Film, Reading, film, length_words
 from spatial_pin.view.framing import ASPECT, Framing
@@ -68,7 +68,7 @@ def _data(shown: Film, drawn: Scene) -> str:
 
 def parts_of(shown: Film, drawn: Scene, title: str | None) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
-    title = title or shown.mechanism.title or shown.mechanism.name
+    title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
     return {
         "TITLE": html.escape(title),
         "NOTES": _notes(shown, drawn.framing),

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, names_of
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.modes import assembly_modes
@@ -341,11 +341,12 @@ def live(
         SpatialPinError: there is nothing to move it by, or no port can be had.
     """
     state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
-    names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(drivers))
+    names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
+        names_of(drivers, "drivers")))
     drive = Drive(state, names)
     drive.keeps_limits = bool(joint_limits(mechanism))
     _check_look(look, drive)
-    desk = Desk(drive, tuple(outputs))
+    desk = Desk(drive, tuple(names_of(outputs, "outputs")))
     service = Service(desk.answer)
     viewer = Viewer(_page(desk, service.token, title, look), port, service)
     if open_browser:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from spatial_pin.checks import check_kind, names_of
 
 if TYPE_CHECKING:
     from spatial_pin.kinematics.state import State
@@ -37,3 +39,22 @@ class Look:
     centres: bool = False
     ghosts: tuple[State, ...] = ()
     beside: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("axes", "centres", "beside"):
+            check_kind(f"Look: {name}", "bool", getattr(self, name))
+        check_kind("Look: pairs", "bool | None", self.pairs)
+        object.__setattr__(self, "traces", tuple(names_of(self.traces, "Look: traces")))
+        for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
+            object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))
+
+
+def _all(where: str, kind: str, values: Any) -> tuple[Any, ...]:
+    """Return values, or a single one, of a kind as a tuple."""
+    if isinstance(values, str) or hasattr(values, "_fields"):
+        values = (values,)
+    check_kind(where, "Iterable", values)
+    found = tuple(values)
+    for value in found:
+        check_kind(where, kind, value)
+    return found

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, plain_text
 from spatial_pin.kinematics.motion import Output, motion_needed
 from spatial_pin.outputs import literal, save_figure
 
@@ -178,9 +178,9 @@ def svg(figure: Figure, name: str) -> str:
     buffer = io.StringIO()
     with rc_context({"svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
+    drawing = buffer.getvalue()
     attributes = f'<svg role="img" aria-label="{html.escape(name)}"'
-    return attributes + text[text.index("<svg") + 4 :]
+    return attributes + drawing[drawing.index("<svg") + 4 :]
 
 
 @checked
@@ -222,7 +222,8 @@ def plot(
         raise ValueError("no outputs to plot: give at least one name")
     found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
     x, driver, unit = abscissa(motion)
-    title = (motion.mechanism.title or motion.mechanism.name) if title is None else title
+    title = motion.mechanism.title or motion.mechanism.name if title is None else plain_text(
+        title, "title")
     height = (1.0 if title else 0.6) + 2.1 * len(found)
     figure = Figure(figsize=(7.5, height), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, plain_text
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
@@ -34,7 +34,7 @@ def _subject(
     if not isinstance(shown, State | Motion):
         raise SpatialPinError(not_shown(shown))
     mechanism = shown.mechanism
-    title = title or mechanism.title or mechanism.name
+    title = plain_text(title or mechanism.title or mechanism.name, "title")
     if isinstance(shown, State):
         return Subject(shown, None, shown, (), title, look)
     if len(shown) == 0:
