@@ -53,6 +53,15 @@ def test_a_force_without_bound_ends_the_motion_as_such(law, until, formulation, 
     assert f"beyond {until}" in text and "s is accelerated by" in text and "N at s" in text
 
 
+def test_masses_are_not_blamed_for_an_effort_that_explodes():
+    """Round-off of huge turns makes accelerations doubtful, whatever the masses are."""
+    mech = sp.load("screw_press")
+    text = refusal(lambda: sp.simulate(
+        mech, sp.assemble(mech), 3.0, efforts=lambda t, s: {"screw": 10 * np.exp(60 * t)},
+        accuracy=sp.Accuracy(formulation="projected", most_steps=1500)), sp.SingularError)
+    only("grow without bound", text)
+
+
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_masses_that_differ_too_much_are_named(formulation, tmp_path):
     mech = two_rods(tmp_path, 1e20)

@@ -37,7 +37,7 @@ def why_it_ends(
 ) -> str:
     """Return the cause, in words.
 
-    The loops are looked at first, then the masses, then the forces: each makes what comes after
+    The loops are looked at first, then the forces, then the masses: each makes what comes after
     it look bad too.
 
     Args:
@@ -52,7 +52,7 @@ def why_it_ends(
         return lost
     with np.errstate(all="ignore"):
         start, end = _place(problem, 0.0, first), _place(problem, t, last)
-        return (_masses(problem, accuracy, start, end) or _forces(problem, start, end)
+        return (_forces(problem, start, end) or _masses(problem, accuracy, start, end)
                 or _steps(accuracy))
 
 
@@ -110,7 +110,7 @@ def _least(rows: Array, rank: int) -> float:
 def _masses(problem: Problem, accuracy: Accuracy, start: Place, end: Place) -> str:
     if end.error > accuracy.time_tolerance:
         grown = f"accelerations are known to {end.error:.1e} of their size only"
-    elif _grown(problem, start, end) and not _is_pulled(problem, end):
+    elif _grown(problem, start, end):  # not by forces
         units = problem.scale
         at = int(np.abs(end.a / units).argmax())
         c = {c.v: c for c in problem.mechanism.coordinate_table.values()}[at]
@@ -153,7 +153,7 @@ def _forces(problem: Problem, start: Place, end: Place) -> str:
     if not np.isfinite(end.a).all():
         return ("the accelerations there are no finite numbers: look at the force laws and at how "
                 "fast it moves")
-    if not _grown(problem, start, end):
+    if not (_grown(problem, start, end) and _is_pulled(problem, end)):
         return ""
     given = problem.given(end.t, end.state.q, end.state.v, _rows(problem, end.state)[0])
     at, pulled = int(np.abs(end.a / units).argmax()), int(np.abs(given * units).argmax())
