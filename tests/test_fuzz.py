@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
-SEEDS = 40
+SEEDS = 35
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 
 
