@@ -28,6 +28,7 @@ from spatial_pin.errors import (
     StepLimitError,
     UnknownNameError,
 )
+from spatial_pin.formats.files import list_mechanisms, load
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.grashof import Grashof, grashof
@@ -54,7 +55,6 @@ from spatial_pin.kinematics.tolerance import Tolerance, tolerance
 from spatial_pin.kinematics.transmission import Transmission, transmission
 from spatial_pin.mechanism import laws
 from spatial_pin.mechanism.configuration import CoordinateRates
-from spatial_pin.mechanism.files import list_mechanisms, load
 from spatial_pin.mechanism.mechanism import Closure, Coordinate, Driver, Mechanism, Passive, Spring
 from spatial_pin.settings import Accuracy
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.formats.files import library_titles
 from spatial_pin.kinematics.report import assembly_summary, info, motion_summary
 from spatial_pin.kinematics.usual import usual_motion
 from spatial_pin.mechanism.export import export_urdf
-from spatial_pin.mechanism.files import library_titles
 from spatial_pin.operators import OPERATORS
 from spatial_pin.outputs import figure_suffix, write_text
 from spatial_pin.units import Quantity, quantity

@@ -9,7 +9,7 @@ import spatial_pin as sp
 
 PACKAGE = Path(sp.__file__).parent
 LAYERS = ["errors", "outputs", "linalg", "checks", "settings", "units", "operators", "mechanism",
-          "kinematics", "dynamics", "accuracy", "view", "cli", "__main__"]
+          "formats", "kinematics", "dynamics", "accuracy", "view", "cli", "__main__"]
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 
 

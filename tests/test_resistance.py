@@ -15,9 +15,9 @@ from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.dynamics.sparse import SparseEquations
+from spatial_pin.formats.files import from_text
 from spatial_pin.kinematics.report import info
 from spatial_pin.mechanism.export import content_of, export_urdf
-from spatial_pin.mechanism.files import from_text
 
 G = 9.81
 BOB = (1.5, (0.4, 0, 0), (0.0, 0.02, 0.02))

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.files import load
+from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 
 Triple = Sequence[float]

@@ -21,10 +21,10 @@ from spatial_pin.accuracy.reduction_links import (
     reach,
     relation,
 )
+from spatial_pin.formats.files import from_text
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.linalg import Array, null_space
 from spatial_pin.mechanism.export import content_of
-from spatial_pin.mechanism.files import from_text
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Passive, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists

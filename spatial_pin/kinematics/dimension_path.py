@@ -11,13 +11,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.files import load
 from spatial_pin.kinematics.assembly import ACCEPTED, nearest_turn
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.mechanism.configuration import blur, with_values
-from spatial_pin.mechanism.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.settings import Accuracy
 

@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from spatial_pin.checks import checked, generator, names_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.files import load
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.dimension_path import varied
 from spatial_pin.kinematics.fitted import FittedGeometry, fit
@@ -24,7 +25,6 @@ from spatial_pin.kinematics.sensitivity import Drive, sensitivities, with_spread
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_number
-from spatial_pin.mechanism.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 
 CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache

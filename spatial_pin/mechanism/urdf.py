@@ -23,7 +23,7 @@ from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.meshes import Shapes, put_stand_ins, take_meshes
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
 from spatial_pin.mechanism.urdf_checks import check_joint, check_links, check_structure, numbers
-from spatial_pin.mechanism.xacro_files import expand, parse_xml
+from spatial_pin.mechanism.xacro_files import parse_xml
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "floating": JOINT_TYPES,
@@ -79,20 +79,6 @@ class Tree:
     mimics: tuple[tuple[str, str, float, float], ...]
     urdf: str
     slip_speeds: Array
-
-
-def read_tree(
-    path: Path,
-    parameters: Mapping[str, float] | None = None,
-    refinements: Mapping[str, JointRefinement] | None = None,
-    trusted: bool = False,
-) -> Tree:
-    """Build the open tree of a URDF or xacro file.
-
-    Raises:
-        MechanismFileError: the file cannot be read, is not a tree, or has impossible numbers.
-    """
-    return tree_of(expand(path, parameters or {}, trusted), path, refinements or {})
 
 
 def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -> Tree:

@@ -12,7 +12,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion
+from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion, warn
+from spatial_pin.formats.imported import Imported, Request
+from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import joint_values
 from spatial_pin.mechanism.mechanism import (
@@ -34,7 +36,7 @@ from spatial_pin.mechanism.pairs import (
 )
 from spatial_pin.mechanism.sources import check_file, is_file, read_text, shown
 from spatial_pin.mechanism.toml_files import parse_toml
-from spatial_pin.mechanism.urdf import RESISTANCES, JointRefinement, Tree, read_tree, tree_of
+from spatial_pin.mechanism.urdf import RESISTANCES, JointRefinement, Tree, tree_of
 from spatial_pin.mechanism.xacro_files import expand
 
 _REQUIRED: Any = object()
@@ -110,23 +112,36 @@ def load(source: str | Path, *, trusted: bool = False, **parameters: float) -> M
     path = _find(source)
     if path.suffix == ".toml":
         return _load_toml(path, parameters, trusted)
-    tree = read_tree(path, parameters, trusted=trusted)
-    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    return _build(name, tree, {"tree": path, "trusted": trusted}, path, parameters)
+    importer = importer_of(path)
+    assert importer is not None  # otherwise it was not found
+    return _imported(importer.read(Request(path, parameters, trusted)), path, parameters, trusted)
 
 
 def _find(source: str | Path) -> Path:
     path = Path(source)
-    if path.suffix in (".toml", ".urdf", ".xacro"):
+    if path.suffix == ".toml":
         check_file(path)
         return path
     shipped = library_folder() / f"{source}.toml"
     if path.name == str(source) and is_file(shipped):
         return shipped
+    if importer_of(path) is not None:
+        return path
     raise MechanismFileError(
-        f"no mechanism {shown(path)!r}: neither a file (.toml, .urdf, .xacro) nor in the library; "
-        f"{suggestion(shown(path), list_mechanisms())}"
+        f"no mechanism {shown(path)!r}: neither a file ({', '.join(endings())}) nor in the "
+        f"library; {suggestion(shown(path), list_mechanisms())}"
     )
+
+
+def _imported(
+    imported: Imported, path: Path, parameters: Mapping[str, float], trusted: bool
+) -> Mechanism:
+    """Return the mechanism of what an importer read."""
+    for notice in imported.notices:
+        warn(f"{shown(path)}: {notice}")
+    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
+    content = {"name": name, "tree": path.name, **imported.content}
+    return _of_table(_Table(content, str(path)), path, imported.urdf, path, parameters, trusted)
 
 
 def _load_toml(path: Path, parameters: Mapping[str, float], trusted: bool) -> Mechanism:

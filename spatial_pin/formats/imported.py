@@ -1,0 +1,57 @@
+"""What an importer is given, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be read, and how.
+
+    Attributes:
+        path: the file, or the folder for formats that are one.
+        parameters: values of xacro arguments [SI, rad]; other formats have none.
+        trusted: whether the file may read files from anywhere, see `load`.
+    """
+
+    path: Path
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    trusted: bool = False
+
+
+@dataclass(frozen=True)
+class Imported:
+    """An open tree and all that a file says beside it.
+
+    Attributes:
+        urdf: the open tree as plain URDF text, files of meshes by absolute paths.
+        content: what a mechanism file would say beside it, as `tomllib` reads one; `name` and
+            `tree` may be left out.
+        notices: what was changed or left out in reading, a sentence each; `load` warns of them.
+    """
+
+    urdf: str
+    content: Mapping[str, Any] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Importer:
+    """A file format.
+
+    Attributes:
+        title: the format's name, for messages.
+        suffixes: endings of the names of its files, lower case, with the dot.
+        recognises: whether a file (or folder) with one of these endings is one of it; it reads no
+            more than it must. A folder has the ending "/".
+        read: reads one; raises `MechanismFileError` where it cannot be used.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    recognises: Callable[[Path], bool]
+    read: Callable[[Request], Imported]

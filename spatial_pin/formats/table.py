@@ -1,0 +1,48 @@
+"""The table of formats, and which of them a file is in."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats import urdf
+from spatial_pin.formats.imported import Importer
+from spatial_pin.mechanism.sources import check_file, shown
+
+FOLDER = "/"  # the ending of a folder's name
+
+IMPORTERS: dict[str, Importer] = {
+    "urdf": urdf.IMPORTER,
+}
+
+
+def endings() -> tuple[str, ...]:
+    """Return the endings of all files that are read, a mechanism file's first."""
+    known = [s for importer in IMPORTERS.values() for s in importer.suffixes if s != FOLDER]
+    return tuple(dict.fromkeys([".toml", *known]))
+
+
+def ending_of(path: Path) -> str:
+    """Return how a file's name ends, lower case; "/" for a folder."""
+    # os.path, unlike Path.is_dir, is false for names that are too long
+    return FOLDER if os.path.isdir(path) else path.suffix.lower()
+
+
+def importer_of(path: Path) -> Importer | None:
+    """Return the importer that reads a file or folder; None where its name ends as none does.
+
+    Raises:
+        MechanismFileError: the file is not there, or is in none of the formats of its ending.
+    """
+    ending = ending_of(path)
+    candidates = [x for x in IMPORTERS.values() if ending in x.suffixes]
+    if not candidates:
+        return None
+    if ending != FOLDER:
+        check_file(path)
+    for importer in candidates:
+        if importer.recognises(path):
+            return importer
+    raise MechanismFileError(
+        f"{shown(path)}: none of: {', '.join(x.title for x in candidates)}")
