@@ -55,7 +55,15 @@ from spatial_pin.kinematics.tolerance import Tolerance, tolerance
 from spatial_pin.kinematics.transmission import Transmission, transmission
 from spatial_pin.mechanism import laws
 from spatial_pin.mechanism.configuration import CoordinateRates
-from spatial_pin.mechanism.mechanism import Closure, Coordinate, Driver, Mechanism, Passive, Spring
+from spatial_pin.mechanism.mechanism import (
+    Closure,
+    Coordinate,
+    Driver,
+    Frame,
+    Mechanism,
+    Passive,
+    Spring,
+)
 from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"
@@ -82,6 +90,7 @@ __all__ = [
     "EnergyError",
     "Errors",
     "Event",
+    "Frame",
     "FrameMotion",
     "Grashof",
     "Influence",

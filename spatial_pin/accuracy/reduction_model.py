@@ -260,12 +260,12 @@ class Model:
         """Return the mechanism as it stands."""
         full = self.full
         content = content_of(full)
-        links = {f for c in self.closures for f in (*c.frames, *c.between)}
-        links |= {name for name in self.asked.frames if name in full.links}
-        fixed = {f.name for f in full.model.frames if f.type == pin.FrameType.FIXED_JOINT}
-        links |= {self._child(name) for name in self.asked.frames if name in fixed}
+        named = {f for c in self.closures for f in (*c.frames, *c.between)}
+        named |= {name for name in self.asked.frames if name in full.frame_ids}
         if self.dynamics:
-            links |= {f for s in full.springs for f in s.frames}
+            named |= {f for s in full.springs for f in s.frames}
+        put_in = self._frames(named)
+        links = {self._carrier(name) for name in named}
         weighed = None if self.dynamics else frozenset(self.asked.frames)
         tree = Tree(full, self.q, frozenset(self.moving), frozenset(self.welded), links, weighed)
         content["passive"] = dict(self._passives(tree))
@@ -291,10 +291,25 @@ class Model:
         if not self.dynamics:
             content["springs"] = []
         content["guess"] = {}
+        content["frames"] = {k: v for k, v in content.get("frames", {}).items() if k in put_in}
         return from_text(tree.text(), content, f"{full.name} (reduced)")
 
-    def _child(self, fixed_joint: str) -> str:
-        joint, placement = self.full.frame_on_joint(fixed_joint)
+    def _frames(self, named: set[str]) -> set[str]:
+        """Return those of the named that the URDF does not have, and what they are fixed to."""
+        found: set[str] = set()
+        for name in named:
+            while name in self.full.frames and name not in found:
+                found.add(name)
+                name = self.full.frames[name].link
+        return found
+
+    def _carrier(self, name: str) -> str:
+        """Return the link that a link, frame or joint is fixed to."""
+        while name in self.full.frames:
+            name = self.full.frames[name].link
+        if name in self.full.links:
+            return name
+        joint, placement = self.full.frame_on_joint(name)
         return next(n for n in self.full.links if self.full.frame_on_joint(n)[0] == joint
                     and self.full.frame_on_joint(n)[1] == placement)
 

@@ -20,9 +20,11 @@ from spatial_pin.mechanism.configuration import joint_values
 from spatial_pin.mechanism.mechanism import (
     Closure,
     Driver,
+    Frame,
     Mechanism,
     Passive,
     Spring,
+    add_frames,
     check_mechanism,
 )
 from spatial_pin.mechanism.pairs import (
@@ -44,7 +46,7 @@ BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "gravity", "joints", "closures", "drivers", "springs",
-          "passive", "guess"),
+          "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES),
     "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
                         "equations", "axis", "axis2", "lead"),
@@ -52,6 +54,7 @@ BELONGS = {  # where in a file each key has its place
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
                        "free_angle"),
     "in [passive.NAME]": ("body", "axis"),
+    "in [frames.NAME]": ("link", "xyz", "rpy"),
 }
 SPRING = ("stiffness", "damping", "free_length", "free_angle")
 LONGEST = 80  # letters of a value in a message
@@ -180,6 +183,7 @@ def _of_table(
     tree = tree_of(urdf, file, refinements)
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")
+    frames = {key: _frame(key, table) for key, table in top.tables("frames").items()}
     parts = {
         "tree": file,
         "trusted": trusted,
@@ -190,9 +194,11 @@ def _of_table(
                     for key, t in top.tables("drivers").items()},
         "springs": tuple(_spring(table) for table in top.array("springs")),
         "passives": tuple(_passive(key, t) for key, t in top.tables("passive").items()),
+        "frames": frames,
         "guess": top.table("guess").values(),
     }
     top.close()
+    add_frames(tree.model, frames, str(path))
     return _build(name, tree, parts, path, parameters)
 
 
@@ -321,6 +327,13 @@ def _passive(name: str, table: _Table) -> Passive:
     passive = Passive(name, table.text("body"), table.two_names("axis"))
     table.close()
     return passive
+
+
+def _frame(name: str, table: _Table) -> Frame:
+    link = table.text("link")
+    given = {key: tuple(table.vector(key).tolist()) for key in ("xyz", "rpy") if key in table}
+    table.close()
+    return Frame(name, link, **given)
 
 
 def _is_finite(value: int | float) -> bool:

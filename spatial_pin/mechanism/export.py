@@ -68,6 +68,8 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
         "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
+        "frames": {f.name: {"link": f.link, "xyz": list(f.xyz), "rpy": list(f.rpy)}
+                   for f in mechanism.frames.values()},
         "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
     }
     for i, pair in enumerate(mechanism.pairs, start=1):

@@ -143,6 +143,28 @@ class Passive:
     axis: tuple[str, str]
 
 
+@dataclass(frozen=True)
+class Frame:
+    """A frame that the URDF does not have.
+
+    Attributes:
+        name: the frame's name.
+        link: the link, frame or joint that it is fixed to.
+        xyz: its origin in the axes of `link` [m].
+        rpy: its orientation there, as URDF has it: turns about fixed x, y, z in this order [rad].
+    """
+
+    name: str
+    link: str
+    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Its placement on `link`."""
+        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy), np.array(self.xyz))
+
+
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """A spatial mechanism: Pinocchio model of its open tree plus loop closures.
@@ -158,6 +180,7 @@ class Mechanism:
         drivers: the prescribed coordinates, by name.
         springs, passives: as in the file.
         guess: rough configuration, by joint.
+        frames: frames that the URDF does not have, by name.
         inertias: own inertia of every link that has one, in the link's frame.
         parameters: xacro parameters it was loaded with.
         path: the file it came from; tree: the URDF or xacro file of its open tree.
@@ -187,6 +210,7 @@ class Mechanism:
     urdf: str = ""
     slip_speeds: Array = field(default_factory=lambda: np.empty(0))
     trusted: bool = False
+    frames: Mapping[str, Frame] = field(default_factory=dict)
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -298,10 +322,7 @@ class Mechanism:
     @cached_property
     def frame_ids(self) -> dict[str, int]:
         """Pinocchio's frame index by name; a link goes before a joint of the same name."""
-        ranks = {pin.FrameType.BODY: 0, pin.FrameType.JOINT: 1}
-        order = sorted(range(1, self.model.nframes),
-                       key=lambda i: -ranks.get(self.model.frames[i].type, 2))
-        return {self.model.frames[i].name: i for i in order}
+        return frames_by_name(self.model)
 
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a link, frame or joint.
@@ -416,6 +437,46 @@ class Mechanism:
             f"{len(self.coordinates)} coordinates, {len(self.closures)} closures, "
             f"drivers {list(self.drivers)})"
         )
+
+
+def frames_by_name(model: pin.Model) -> dict[str, int]:
+    """Return Pinocchio's frame index by name; a link goes before a joint of the same name."""
+    ranks = {pin.FrameType.BODY: 0, pin.FrameType.JOINT: 1}
+    kinds = [frame.type for frame in model.frames]
+    order = sorted(range(1, model.nframes), key=lambda i: -ranks.get(kinds[i], 2))
+    return {model.frames[i].name: i for i in order}
+
+
+def add_frames(model: pin.Model, frames: Mapping[str, Frame], where: str) -> None:
+    """Put frames into a model, each after the one that it is fixed to.
+
+    Raises:
+        MechanismFileError: a name is taken, or is not there, or frames are fixed to each other.
+    """
+    known = frames_by_name(model)
+    for name in frames:
+        if name in known or not name or not name.isprintable():
+            raise MechanismFileError(
+                f"{where}: frames.{name}: " + ("the tree has a link, joint or frame of that name "
+                                               "already; choose another" if name in known else
+                                               "a frame needs a name that can be read"))
+    for name in frames:
+        way: dict[str, None] = {}
+        while name not in known:
+            if name in way:
+                raise MechanismFileError(
+                    f"{where}: frames.{name}: hangs on itself: {' on '.join([*way, name])}")
+            if name not in frames:
+                last = next(reversed(way))
+                raise MechanismFileError(f"{where}: frames.{last}: link: " + str(
+                    UnknownNameError("link, joint or frame", name, [*known, *frames])))
+            way[name] = None
+            name = frames[name].link
+        for new in reversed(way):
+            on = model.frames[known[frames[new].link]]
+            known[new] = model.addFrame(pin.Frame(
+                new, on.parentJoint, known[frames[new].link],
+                on.placement * frames[new].placement, pin.FrameType.OP_FRAME), False)
 
 
 def _large(span: float) -> str:
