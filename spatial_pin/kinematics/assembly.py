@@ -39,6 +39,7 @@ LIGHT = 1e-3  # weight of the motion of drivers against open loops, where limits
 ROUND_OFF = 4.0 * EPS  # of a coordinate, by its size
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
 FAR = 10.0  # characteristic lengths; a length named beyond them may be that of another size
+BESIDE = 0.05  # rad, characteristic lengths; drivers that go no further are just out of reach
 NEAR = 1e-2  # a branch this near to the guess [rad, characteristic lengths] is not questioned
 ACCEPTED = 1e-11  # closure error above which a configuration is not called closed
 PERIODIC = ("revolute", "cylindrical", "universal", "planar")
@@ -248,23 +249,38 @@ class _Search:
             q: the guess.
             release: whether to give up where the drivers that stand cannot.
         """
+        most = MAX_STARTS
         for k, start in enumerate(_starts(self.mechanism, q, self.held, self.named)):
             if _size(self.mechanism, start)[0] * ROUND_OFF < 1.0:  # else no digit is left of it
                 self.attempt(start)
             if self.done(k):
                 break
-            if k == 0 and release and self.standing and not self._can_stand(start):
+            if k == 0 and release and self.standing:
+                most = self._worth_trying(start)
+            if k + 1 == most:
                 break
 
-    def _can_stand(self, q: Array) -> bool:
-        """Whether the loops near q leave the drivers that stand independent, if they close."""
+    def _worth_trying(self, q: Array) -> int:
+        """Return how many starts the drivers that stand are worth, the first having failed at q.
+
+        None more where the loops near q would move them, and a few where they need go a little only
+        for the loops to close: their values are just out of reach then.
+        """
         table = self.mechanism.coordinate_table
         pinned = {name: x for name, x in self.given.items() if table[name].q < 0}
         free = self._free(name for name in self.given if name not in pinned)
         if _size(self.mechanism, q)[0] * ROUND_OFF >= 1.0:
-            return True
-        _, error = close(self.evaluation, q, free, self.tolerance, pinned=pinned)
-        return not error <= ACCEPTED or can_stand(self.evaluation, free, self.standing, pinned)
+            return MAX_STARTS
+        there, error = close(self.evaluation, q, free, self.tolerance, pinned=pinned)
+        if not error <= ACCEPTED:
+            return MAX_STARTS
+        if not can_stand(self.evaluation, free, self.standing, pinned):
+            return 1
+        there, _ = least_motion(self.evaluation, there, free, self.standing, self.tolerance, pinned)
+        gone = _gone(self.mechanism, there, self.standing)
+        sizes = self.mechanism.velocity_scale
+        far = max((abs(by) / sizes[table[name].v] for name, by in gone.items()), default=0.0)
+        return MORE_STARTS if far < BESIDE else MAX_STARTS
 
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
@@ -354,7 +370,7 @@ class _Search:
             return False
         if self.found_at < 0:
             self.found_at = k
-        return self.best[0] < NEAR or k - self.found_at >= MORE_STARTS
+        return self.best[0] < (BESIDE if self.let_go else NEAR) or k - self.found_at >= MORE_STARTS
 
     def result(self, said: Mapping[str, float]) -> State:
         """Return the best closed State, or raise with the best attempt.
@@ -392,7 +408,7 @@ class _Search:
         else:
             gap = open_gap(self.mechanism, self.evaluation, worst)
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
-                       f"(closure error {error:.1e}); ")
+                       f"(closure error {error:.1e}), the smallest gap found; ")
             large = _size(self.mechanism, q)[0] * ROUND_OFF > ACCEPTED
             message += _too_large(self.mechanism, q) if large else self._open_words(q, worst)
             if any(c.name == worst and c.type == "screw" for c in self.mechanism.closures):
@@ -429,8 +445,8 @@ class _Search:
         """Say why loops stay open at the best attempt q (nq,), closure `worst` the most."""
         elsewhere = self._closed_elsewhere(q) if self.held else {}
         if not elsewhere:
-            return (f"nor does any of {MAX_STARTS} starts close the loops"
-                    + " at other values of the drivers" * bool(self.held)
+            return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
+                    "the loops" + " at other values of the drivers" * bool(self.held)
                     + f": check the frames of {worst!r} and the lengths between them; if they "
                     "are right, give a guess nearer to a closed configuration")
         values = ", ".join(f"{name} = {value:.6g}" for name, value in elsewhere.items())

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
+from spatial_pin.kinematics.rotations import Rotations, rotations_of
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import (
     EPS,
@@ -34,6 +36,9 @@ from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 
 NOTHING: Mapping[str, float] = MappingProxyType({})
 MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
+STALLED, LEFT = 10, 0.9  # steps after which more than that part of a residual will not vanish
+SQUARED = 1e2 * EPS  # of J Jᵀ by its size: redundant rows leave it singular
+NEAR = 1e-2  # closure error from which the products lead where the logarithms do
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
 # and its rates to round-off over s squared: below this nothing is left of them.
 SINGULAR_PIVOT = 1e-7
@@ -65,34 +70,61 @@ def close(
 
     Levenberg-Marquardt on the configuration manifold with damping proportional to the residual
     (quadratic near a solution even when rows are redundant [YamashitaFukushima2001]), then
-    undamped minimum-norm steps down to round-off. Coordinates that are `pinned` have their values
+    undamped minimum-norm steps down to round-off. Where frames of closures are turned far against
+    each other, the logarithms of their rotations lead first, see `rotations`: products would lead
+    to mirror images. Coordinates that are `pinned` have their values
     exactly: components of balls and floating joints, which no velocity belongs to.
 
     Returns:
         The configuration and its closure error, small or not; `evaluation` is left there.
     """
+    q = with_values(evaluation.mechanism, q, pinned) if pinned else q
+    rotations = rotations_of(evaluation)
+    evaluation.update(q)
+    if rotations and rotations.are_far():
+        q = _descend(evaluation, q, free, NEAR, iterations, pinned, rotations)
+    q = _descend(evaluation, q, free, tolerance, iterations, pinned)
+    return _polish(evaluation, q, free, evaluation.mechanism.velocity_scale[free], pinned)
+
+
+def _descend(
+    evaluation: Evaluation,
+    q: Array,
+    free: NDArray[np.bool_],
+    tolerance: float,
+    iterations: int,
+    pinned: Mapping[str, float],
+    rotations: Rotations | None = None,
+) -> Array:
+    """Take damped steps from q (nq,) until the equations hold to a tolerance, or no step helps.
+
+    The logarithms of rotations, if there are any, stand in the place of the products.
+    """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale[free]
+    put = rotations.put if rotations else _nothing
     step = np.zeros(model.nv)
     damping = 1e-2
-    q = with_values(evaluation.mechanism, q, pinned) if pinned else q
     evaluation.update(q)
+    put()
     error = float(np.linalg.norm(evaluation.residual))
-    for _ in range(iterations):
+    marked = np.inf
+    for k in range(iterations):
+        if k % STALLED == 0:
+            if error > LEFT * marked:
+                break
+            marked = error
         if error <= tolerance:
             break
-        rows, residual = pinned_rows(evaluation, free, pinned)
-        svd = decompose(rows)
-        r = svd.rank
-        weights = svd.u[:, :r].T @ residual
+        steps = (_far_steps if rotations else _near_steps)(*pinned_rows(evaluation, free, pinned))
         improved = False
         for _ in range(12):
-            s = svd.s[:r]
-            x = -svd.vt[:r].T @ (s * weights / (s * s + damping * error))
+            x = steps(damping * error)
             x *= min(1.0, MAX_STEP / max(float(np.abs(x).max(initial=0.0)), 1e-300))
             step[free] = scale * x
             trial = pin.integrate(model, q, step)
             trial = with_values(evaluation.mechanism, trial, pinned) if pinned else trial
             evaluation.update(trial)
+            put()
             trial_error = float(np.linalg.norm(evaluation.residual))
             if trial_error < error:
                 improved = trial_error < 0.9999 * error
@@ -102,7 +134,36 @@ def close(
             damping = max(damping * 8.0, 1e-6)
         if not improved:
             break
-    return _polish(evaluation, q, free, scale, pinned)
+    return q
+
+
+def _near_steps(rows: Array, residual: Array) -> Callable[[float], Array]:
+    """Return the least step as a function of the damping, down to none, of rows of any rank."""
+    svd = decompose(rows)
+    s, r = svd.s[: svd.rank], svd.rank
+    weights = s * (svd.u[:, :r].T @ residual)
+    return lambda damping: -svd.vt[:r].T @ (weights / (s * s + damping))
+
+
+def _far_steps(rows: Array, residual: Array) -> Callable[[float], Array]:
+    """Return the same for steps whose last digits do not matter, at a tenth of the cost."""
+    wide = rows.shape[0] <= rows.shape[1]
+    square = rows @ rows.T if wide else rows.T @ rows
+    right = residual if wide else rows.T @ residual
+    diagonal = np.arange(len(square))
+    sizes = square[diagonal, diagonal].copy()
+    least = SQUARED * float(sizes.max(initial=EPS))
+
+    def step(damping: float) -> Array:
+        square[diagonal, diagonal] = sizes + max(damping, least)
+        x = lapack.dposv(square, right)[1] if len(square) else right
+        return -(rows.T @ x if wide else x)
+
+    return step
+
+
+def _nothing() -> None:
+    """Leave the products where they are."""
 
 
 def pinned_rows(

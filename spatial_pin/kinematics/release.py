@@ -2,13 +2,13 @@
 
 The motion is the sum of squares of how far each goes from where it should stand, angles in rad and
 slides by the characteristic length. It is made least over the closed configurations by Newton's
-method with the exact second derivatives of the loops, as the least motion is nearly always a
+method with the second derivatives of the loops, as the least motion is nearly always a
 dead centre of the drivers let go, where first derivatives vanish.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ from spatial_pin.mechanism.configuration import coordinate_bias, coordinate_valu
 STEPS = 60  # of Newton's method; a minimum takes five to ten
 FLAT = 1e-8  # curvature of the motion, of its largest or of 1, below which nothing is told by it
 SLOW = 1e-4  # speed of drivers, by that of all joints, at which they stand at a dead centre
+ASIDE = EPS ** (1.0 / 3.0)  # step of central differences, whose round-off is as large as the rest
 LEVEL = 1e-11  # slope of the motion that is round-off of closing the loops
 
 
@@ -158,9 +159,11 @@ class _Goal:
         return float(np.abs(slopes).max(initial=0.0)), step * self.scale
 
     def _bending(self, q: Array, tangents: Array, gaps: Array, multipliers: Array) -> Array:
-        """Return (d, d) what second derivatives of coordinates and loops add, by polarity."""
-        d, n = len(tangents), self.evaluation.constraints.n_rows
-        mechanism = self.evaluation.mechanism
+        """Return (d, d) what second derivatives of loops and coordinates add along tangents."""
+        bend = self._bending_of_loops(q, tangents, multipliers)
+        if not self._bent and not self.pinned:
+            return bend
+        mechanism, n = self.evaluation.mechanism, self.evaluation.constraints.n_rows
         pinned = [mechanism.coordinate_table[name] for name in self.pinned]
 
         def along(t: Array) -> float:
@@ -169,12 +172,34 @@ class _Goal:
                        for k, c in self._bent)
             held = sum(m * coordinate_bias(mechanism, c, q, v) / self.scale[c.v]
                        for m, c in zip(multipliers[n:], pinned, strict=True))
-            loops = float(multipliers[:n] @ self.evaluation.bias(q, v)[:n]) if n else 0.0
-            return float(bent - held - loops)
+            return float(bent - held)
 
-        bend = np.diag([along(t) for t in tangents]) if d else np.zeros((0, 0))
-        for i in range(d):
-            for j in range(i):
-                both = along(tangents[i] + tangents[j])
-                bend[i, j] = bend[j, i] = 0.5 * (both - bend[i, i] - bend[j, j])
-        return bend
+        return bend + _polar(along, tangents)
+
+    def _bending_of_loops(self, q: Array, tangents: Array, multipliers: Array) -> Array:
+        """Return (d, d) less the second derivatives of the loops times their multipliers.
+
+        Differences of the multipliers' forces: the slope that they lead to is exact all the same.
+        """
+        evaluation, n = self.evaluation, self.evaluation.constraints.n_rows
+        found = np.zeros((len(tangents), len(tangents)))
+        if not n:
+            return found
+        for row, t in zip(found, self.scale * tangents, strict=True):
+            for sense in (1.0, -1.0):
+                evaluation.update(pin.integrate(evaluation.model, q, (sense * ASIDE) * t))
+                force = multipliers[:n] @ evaluation.jacobian[:n]
+                row -= sense / (2.0 * ASIDE) * (tangents @ force)
+        evaluation.update(q)
+        return 0.5 * (found + found.T)
+
+
+def _polar(form: Callable[[Array], float], vectors: Array) -> Array:
+    """Return the matrix (d, d) of a quadratic form on vectors (d, n)."""
+    d = len(vectors)
+    matrix = np.diag([form(t) for t in vectors]) if d else np.zeros((0, 0))
+    for i in range(d):
+        for j in range(i):
+            both = form(vectors[i] + vectors[j])
+            matrix[i, j] = matrix[j, i] = 0.5 * (both - matrix[i, i] - matrix[j, j])
+    return matrix
