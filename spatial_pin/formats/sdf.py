@@ -1,0 +1,461 @@
+"""SDFormat: one model, or a world with one, as a joint graph."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.formats.imported import Imported, Importer, Request
+from spatial_pin.formats.joint_graph import WORLD, Joint, JointGraph, Link
+from spatial_pin.formats.open_tree import open_tree
+from spatial_pin.formats.sdf_links import is_massless, link_elements
+from spatial_pin.formats.sdf_poses import (
+    MODEL,
+    TRUE,
+    WORLDS,
+    Frame,
+    Frames,
+    bound,
+    children,
+    is_true,
+    number,
+    number_list,
+    pose,
+)
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.sources import read_text
+from spatial_pin.mechanism.xacro_files import parse_xml
+
+OLDEST, NEWEST = (1, 4), (1, 12)
+PAIR_OF = {
+    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
+    "ball": "spherical", "universal": "universal", "revolute2": "universal", "fixed": "fixed",
+}
+GEARBOX = "gearbox"
+AXES = {"axis": "first", "axis2": "second"}  # of joints with two, and how they are called here
+UNREAD = re.compile(r"collision|filter|friction|gripper|sensor")  # joins no links
+OF_MODEL = ("static", "self_collide", "allow_auto_disable", "enable_wind", "frame", "pose", "link",
+            "joint", "plugin", "include", "model", "name")
+OF_JOINT = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio",
+            "gearbox_reference_body", "thread_pitch", "screw_thread_pitch")
+JOINERS = re.compile(r"mimic|detachable|attach|grasp|gear|closed.?loop|loop.?clos|constraint", re.I)
+SCENERY = ("model://sun", "model://ground_plane")
+PARALLEL = 1e-6  # sine of the angle between the axes of a gearbox and those of its joints
+
+
+def is_sdf(path: Path) -> bool:
+    """Return whether a file is one; its name says so."""
+    return True
+
+
+def read_sdf(request: Request) -> Imported:
+    """Read an SDFormat file.
+
+    Raises:
+        MechanismFileError: it cannot be used; says which element and why.
+    """
+    path = request.path
+    if request.parameters:
+        raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
+                                 ".xacro files have any")
+    root = parse_xml(_with_prefixes(read_text(path)), path)
+    version = _version(root, path)
+    model, content, notices = _one_model(root, path)
+    reader = _Model(model, f"{path}: model {model.get('name', '')!r}", version)
+    graph = reader.graph()
+    content["closures"] = reader.couplings(graph.joints)
+    coupled = {name for table in content["closures"] for name in table["joints"]}
+    graph = replace(graph, joints=tuple(
+        replace(joint, needed=joint.needed or joint.name in coupled) for joint in graph.joints))
+    content = {"name": model.get("name") or path.stem, **content}
+    return open_tree(graph, str(path), content, (*notices, *reader.notices))
+
+
+def _with_prefixes(text: str) -> str:
+    """Return XML text that declares its prefixes, as readers of SDFormat do not ask for."""
+    used = set(re.findall(r"[<\s/]([A-Za-z_][\w.-]*):[A-Za-z_]", text))
+    missing = used - set(re.findall(r"xmlns:([\w.-]+)", text)) - {"xml", "xmlns"}
+    names = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in sorted(missing))
+    return re.sub(r"<sdf\b", lambda found: found[0] + names, text, count=1)
+
+
+def _version(root: ET.Element, path: Path) -> tuple[int, int]:
+    if root.tag != "sdf":
+        raise MechanismFileError(f"{path}: the root element is <{root.tag}>, not <sdf>")
+    found = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
+    version = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not OLDEST <= version <= NEWEST:
+        raise MechanismFileError(
+            f"{path}: SDFormat version {root.get('version', '')!r}; versions "
+            f"{'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))} are read")
+    return version
+
+
+def _one_model(root: ET.Element, path: Path) -> tuple[ET.Element, dict[str, Any], list[str]]:
+    """Return the one model of a file, what its world says, and notices."""
+    models, content, notices = root.findall("model"), {}, []
+    for world in root.findall("world"):
+        where = f"{path}: world {world.get('name', '')!r}"
+        for include in world.findall("include"):
+            uri = (include.findtext("uri") or "").strip()
+            if uri not in SCENERY:
+                _refuse_include(where, uri)
+        for joint in world.findall("joint"):
+            raise MechanismFileError(f"{where}: <joint name={joint.get('name', '')!r}> joins "
+                                     "models; only joints within one model are read")
+        gravity = world.find("gravity")
+        if gravity is None:
+            gravity = world.find("physics/gravity")  # up to version 1.5
+        if gravity is not None:
+            content["gravity"] = number_list(gravity.text, 3, f"{where}: <gravity>").tolist()
+        models += world.findall("model")
+    moving = [model for model in models if not is_true(model, "static")] or models
+    if len(moving) != 1:
+        names = ", ".join(repr(model.get("name", "")) for model in moving) or "none"
+        raise MechanismFileError(f"{path}: it needs exactly one model that is not static; it has "
+                                 f"{names}")
+    notices += [f"the static model {model.get('name', '')!r} is left out" for model in models
+                if model is not moving[0]]
+    return moving[0], content, notices
+
+
+def _refuse_include(where: str, uri: str) -> None:
+    raise MechanismFileError(f"{where}: <include> of {uri!r}: models that include others are not "
+                             "read; write the included one in its place ('gz sdf -p' does so)")
+
+
+class _Model:
+    """Reads one <model>."""
+
+    def __init__(self, model: ET.Element, where: str, version: tuple[int, int]) -> None:
+        self.model, self.where, self.version = model, where, version
+        self.notices: list[str] = []
+        self.unread: list[str] = []
+        self._refuse()
+        if self.unread:
+            self.notices.append(f"not read: {', '.join(dict.fromkeys(self.unread))}")
+        self.links = children(model, "link", where)
+        self.joints = children(model, "joint", where)
+        self.named = children(model, "frame", where)
+        if not self.links:
+            raise MechanismFileError(f"{where}: no <link>")
+        self.canonical = model.get("canonical_link") or next(iter(self.links))
+        if self.canonical not in self.links and "::" not in self.canonical:
+            raise MechanismFileError(f"{where}: canonical_link={self.canonical!r}: no such link; "
+                                     f"{suggestion(self.canonical, self.links)}")
+        self.frames = Frames(where, pin.SE3.Identity())
+        self._put_frames()
+        self._put_model()
+
+    # ------------------------------------------------------------ what is not read
+
+    def _refuse(self) -> None:
+        """Refuse what joins links and is not read; tell of the rest."""
+        for include in self.model.findall("include"):
+            _refuse_include(self.where, (include.findtext("uri") or "").strip())
+        for nested in self.model.findall("model"):
+            raise MechanismFileError(f"{self.where}: the nested <model name="
+                                     f"{nested.get('name', '')!r}> is not read; put its links and "
+                                     "joints in the model itself")
+        for plugin in self.model.iter("plugin"):
+            name, file = plugin.get("name", ""), plugin.get("filename", "")
+            if JOINERS.search(f"{name} {file}"):
+                raise MechanismFileError(
+                    f"{self.where}: <plugin name={name!r} filename={file!r}> joins links or joints "
+                    "when it runs, which is not read here; write a <joint>, or <mimic>, in its "
+                    "place")
+            self.unread.append(f"<plugin name={name!r} filename={file!r}>")
+        links = {x.get("name", "") for tag in ("link", "frame", "joint")
+                 for x in self.model.findall(tag)}
+        for parent, known in ((self.model, OF_MODEL), *(
+                (joint, OF_JOINT) for joint in self.model.findall("joint"))):
+            for element in parent:
+                if element.tag not in known:
+                    self._unknown(element, parent, links)
+
+    def _unknown(self, element: ET.Element, parent: ET.Element, links: set[str]) -> None:
+        """Refuse an element of another program that names two links, frames or joints."""
+        tag = str(element.tag).rpartition("}")[2]
+        texts = {word for x in element.iter()
+                 for word in ((x.text or "").strip(), *x.attrib.values())}
+        named = sorted(texts & links)
+        joins = len(named) > 1 or (named and parent is not self.model)
+        if joins and not UNREAD.search(tag):
+            raise MechanismFileError(
+                f"{self.where}: <{tag}> joins {', '.join(map(repr, named))} and is not read; write "
+                "a <joint> in its place")
+        self.unread.append(f"<{tag}>")
+
+    # ------------------------------------------------------------ frames
+
+    def _put_frames(self) -> None:
+        """Put all frames in one table."""
+        groups: tuple[tuple[str, Iterable[tuple[str, ET.Element]]], ...] = (
+            ("link", self.links.items()), ("joint", self.joints.items()),
+            ("frame", self.named.items()))
+        for kind, group in groups:
+            for name, element in group:
+                if name in self.frames.table or name in (MODEL, *WORLDS):
+                    raise MechanismFileError(
+                        f"{self.where}: {kind} {name!r}: another has that name")
+                attached = {
+                    "link": name, "joint": (element.findtext("child") or "").strip(),
+                    "frame": element.get("attached_to") or MODEL}[kind]
+                default = MODEL if kind == "link" else attached
+                stated = element.find("pose")
+                self.frames.table[name] = Frame(
+                    self.frames.relative_to(stated, default),
+                    pose(stated, f"{self.where}: {kind} {name!r}"), attached)
+
+    def _put_model(self) -> None:
+        """Place the model in the world, by its own frame or by another of its frames."""
+        stated = self.model.find("pose")
+        relative = self.frames.relative_to(stated, "world")
+        if relative not in WORLDS:
+            raise MechanismFileError(f"{self.where}: its <pose> is relative to {relative!r}; only "
+                                     "to the world can it be read")
+        placement = pose(stated, self.where)
+        by = self.model.get("placement_frame")
+        if by:
+            placement = placement * self.frames.in_world(by, "placement_frame").inverse()
+        self.frames = Frames(self.where, placement, self.frames.table)
+
+    def link_of(self, name: str, asking: str) -> str:
+        """Return the link that a link, joint or frame moves with."""
+        return self.frames.link(name, asking, self.canonical)
+
+    # ------------------------------------------------------------ links
+
+    def graph(self) -> JointGraph:
+        """Return links, frames and joints."""
+        left_out: list[str] = []
+        links, joints = [], []
+        for name, element in self.links.items():
+            links.append(self._link(name, element, left_out))
+        for name, element in self.joints.items():
+            joint = self._joint(name, element)
+            links += joint[0]
+            joints += joint[1]
+        for name in self.named:
+            links.append(Link(name, self.frames.in_world(name, "frame")))
+            at = self.link_of(name, f"frame {name!r}")
+            joints.append(Joint(f"{name}_frame", "fixed", at, name, self._on(name, at)))
+        self._tell_links(left_out)
+        if is_true(self.model, "static"):
+            self.notices.append("the model is static: it is fixed to the world; its joints can "
+                                "move all the same")
+        return JointGraph(tuple(links), tuple(joints), held=is_true(self.model, "static"))
+
+    def _link(self, name: str, element: ET.Element, left_out: list[str]) -> Link:
+        where = f"{self.where}: link {name!r}"
+
+        def place_of(stated: ET.Element | None, asking: str) -> pin.SE3:
+            relative = self.frames.relative_to(stated, name)
+            at = pose(stated, asking)
+            return at if relative == name else self._on(relative, name) * at
+
+        elements = link_elements(element, place_of, where, left_out)
+        massless = is_massless(element, where)
+        return Link(name, self.frames.in_world(name, "link"), elements[massless:], massless)
+
+    def _tell_links(self, left_out: list[str]) -> None:
+        if left_out:
+            self.notices.append(f"not drawn, as URDF has no such shape: {', '.join(left_out)}")
+        bare = [name for name, link in self.links.items() if link.find("inertial") is None]
+        if bare:
+            self.notices.append(
+                f"no <inertial>: {', '.join(bare)}; SDFormat gives them 1 kg and 1 kg·m²")
+        weightless = [name for name, link in self.links.items()
+                      if (link.findtext("gravity") or "1").strip().lower() not in TRUE]
+        if weightless:
+            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
+                                "does not")
+
+    def _on(self, name: str, link: str) -> pin.SE3:
+        """Return the placement of a frame on a link."""
+        if name in self.frames.table and self.frames.table[name].relative_to == link:
+            return self.frames.table[name].placement  # every digit of it
+        at = self.frames.in_world(name, "pose")
+        return at if link == WORLD else self.frames.in_world(link, "pose").inverse() * at
+
+    # ------------------------------------------------------------ joints
+
+    def _joint(self, name: str, element: ET.Element) -> tuple[list[Link], list[Joint]]:
+        """Return a joint; one with two axes of which more is said as two, and a link between."""
+        where = f"{self.where}: joint {name!r}"
+        kind = element.get("type", "")
+        if kind == GEARBOX:
+            return [], []
+        if kind not in PAIR_OF:
+            raise MechanismFileError(f"{where}: SDFormat has no joint type {kind!r}; "
+                                     f"{suggestion(kind, (*PAIR_OF, GEARBOX))}")
+        ends = [self.link_of((element.findtext(tag) or "").strip(), f"<{tag}> of joint {name!r}")
+                for tag in ("parent", "child")]
+        if ends[0] == ends[1]:
+            raise MechanismFileError(f"{where} joins {ends[0] or 'the world'!r} with itself")
+        joint = Joint(name, PAIR_OF[kind], ends[0], ends[1], self._on(name, ends[0]),
+                      self._on(name, ends[1]))
+        if kind == "fixed":
+            return [], [joint]
+        if joint.type == "universal":
+            return self._two_axes(joint, element, where)
+        joint = self._about(joint, element.find("axis"), where, "axis")
+        if joint.type == "screw":
+            joint = replace(joint, lead=_lead(element, where))
+        if kind == "continuous":
+            joint = replace(joint, lower=-math.inf, upper=math.inf)
+        return [], [joint]
+
+    def _about(self, joint: Joint, axis: ET.Element | None, where: str, tag: str) -> Joint:
+        """Return a joint with what its <axis> says."""
+        if joint.type == "spherical":
+            dynamics = axis.find("dynamics") if axis is not None else None
+            return replace(joint, damping=number(dynamics, "damping", 0.0, where),
+                           friction=number(dynamics, "friction", 0.0, where))
+        if axis is None:
+            raise MechanismFileError(f"{where} needs <{tag}>")
+        where = f"{where}: <{tag}>"
+        limit, dynamics = axis.find("limit"), axis.find("dynamics")
+        effort, velocity = (bound(limit, key, math.inf, where) for key in ("effort", "velocity"))
+        return replace(
+            joint, axis=self._direction(joint.name, axis, where),
+            lower=bound(limit, "lower", -math.inf, where),
+            upper=bound(limit, "upper", math.inf, where),
+            effort=effort if effort >= 0.0 else math.inf,  # -1 for none
+            velocity=velocity if velocity >= 0.0 else math.inf,
+            damping=number(dynamics, "damping", 0.0, where),
+            friction=number(dynamics, "friction", 0.0, where),
+            stiffness=number(dynamics, "spring_stiffness", 0.0, where),
+            reference=number(dynamics, "spring_reference", 0.0, where))
+
+    def _direction(self, joint: str, axis: ET.Element, where: str) -> Array:
+        """Return an axis (3,) in the frame of its joint."""
+        element = axis.find("xyz")
+        text = element.text if element is not None else "0 0 1"
+        given = number_list(text, 3, f"{where}: <xyz>")
+        size = float(np.linalg.norm(given))
+        if size < 1e-12:
+            raise MechanismFileError(f"{where}: <xyz> is zero")
+        frame = (element.get("expressed_in") if element is not None else None) or joint
+        if is_true(axis, "use_parent_model_frame") or self.version < (1, 5):
+            frame = MODEL
+        if frame != joint:
+            here, there = (self.frames.in_world(x, f"axis of joint {joint!r}").rotation
+                           for x in (joint, frame))
+            given = here.T @ there @ given
+        direction: Array = given / size
+        return direction
+
+    def _two_axes(
+        self, joint: Joint, element: ET.Element, where: str
+    ) -> tuple[list[Link], list[Joint]]:
+        """Return a universal joint, or two revolute joints where these say more."""
+        kind, cross = element.get("type"), f"{joint.name}.cross"
+        first, second = (
+            self._about(replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+                        element.find(tag), where, tag) for tag in AXES)
+        square = abs(first.axis @ second.axis) < 1e-9
+        if kind == "universal" and not square:
+            raise MechanismFileError(f"{where}: the axes of a universal joint must be "
+                                     "perpendicular; \"revolute2\" need not have them so")
+        same = first.damping == second.damping and first.friction == second.friction
+        if square and same and not any(
+                x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
+                for x in (first, second)):
+            return [], [replace(joint, axis=first.axis, axis2=second.axis, damping=first.damping,
+                                friction=first.friction)]
+        between = Link(cross, self.frames.in_world(joint.name, "joint"))
+        return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
+                           replace(second, parent=cross, on_parent=pin.SE3.Identity())]
+
+    # ------------------------------------------------------------ couplings
+
+    def couplings(self, joints: tuple[Joint, ...]) -> list[dict[str, Any]]:
+        """Return the gearboxes and mimicking axes as couplings of coordinates."""
+        found = []
+        for name, element in self.joints.items():
+            if element.get("type") == GEARBOX:
+                found.append(self._gearbox(name, element, joints))
+            for tag in AXES:
+                mimic = element.find(f"{tag}/mimic")
+                if mimic is not None:
+                    found.append(self._mimic(name, tag, mimic))
+        return found
+
+    def _gearbox(
+        self, name: str, element: ET.Element, joints: tuple[Joint, ...]
+    ) -> dict[str, Any]:
+        """Return a gearbox: angle of the child = -ratio * angle of the parent, from a body."""
+        where = f"{self.where}: gearbox {name!r}"
+        body = self.link_of((element.findtext("gearbox_reference_body") or "").strip(),
+                            f"<gearbox_reference_body> of joint {name!r}")
+        ratio = -number(element, "gearbox_ratio", 1.0, where)
+        names = []
+        for end, tag in (("parent", "axis"), ("child", "axis2")):
+            link = self.link_of((element.findtext(end) or "").strip(), f"<{end}> of {name!r}")
+            axis = element.find(tag)
+            if axis is None:
+                raise MechanismFileError(f"{where} needs <{tag}>")
+            turned = self.frames.in_world(name, "gearbox").rotation
+            about = turned @ self._direction(name, axis, where)
+            joint, sense = self._turning(body, link, about, joints, where)
+            names.append(joint.name)
+            ratio *= sense
+        return {"name": name, "type": "coupling", "joints": names, "ratio": ratio}
+
+    def _turning(
+        self, body: str, link: str, about: Array, joints: tuple[Joint, ...], where: str
+    ) -> tuple[Joint, float]:
+        """Return the joint by which a link turns against a body about a direction, and its sign."""
+        for joint in joints:
+            if joint.type == "revolute" and {joint.parent, joint.child} == {body, link}:
+                at = self.frames.in_world(joint.name, "gearbox").rotation @ joint.axis
+                if np.linalg.norm(np.cross(at, about)) < PARALLEL:
+                    return joint, math.copysign(1.0, at @ about) * (
+                        1.0 if joint.parent == body else -1.0)
+        raise MechanismFileError(
+            f"{where}: no revolute joint joins {link!r} to the reference body {body!r} about its "
+            "axis: the angle that it couples is no coordinate")
+
+    def _mimic(self, name: str, tag: str, mimic: ET.Element) -> dict[str, Any]:
+        where = f"{self.where}: joint {name!r}: <mimic>"
+        leader = mimic.get("joint", "")
+        if leader not in self.joints:
+            raise MechanismFileError(
+                f"{where}: no joint {leader!r}; {suggestion(leader, self.joints)}")
+        ratio, offset, reference = (number(mimic, key, default, where) for key, default in (
+            ("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0)))
+        names = [self._coordinate(leader, mimic.get("axis") or "axis"), self._coordinate(name, tag)]
+        return {"name": f"mimic_{names[1]}", "type": "coupling", "joints": names, "ratio": ratio,
+                "offset": offset - ratio * reference}
+
+    def _coordinate(self, joint: str, tag: str) -> str:
+        two = PAIR_OF.get(self.joints[joint].get("type", "")) == "universal"
+        return f"{joint}.{AXES.get(tag, tag)}" if two else joint
+
+
+def _lead(element: ET.Element, where: str) -> float:
+    """Return the translation per turn of a screw [m].
+
+    `screw_thread_pitch` is that; the older `thread_pitch` is the negative angle per metre.
+    """
+    if element.find("screw_thread_pitch") is not None:
+        return number(element, "screw_thread_pitch", 1.0, where)
+    if element.find("thread_pitch") is None:
+        return 1.0
+    pitch = number(element, "thread_pitch", 1.0, where)
+    if pitch == 0.0:
+        raise MechanismFileError(f"{where}: <thread_pitch> is 0 rad/m, a translation without end")
+    return -2.0 * math.pi / pitch
+
+
+IMPORTER = Importer("SDFormat", (".sdf", ".world"), is_sdf, read_sdf)

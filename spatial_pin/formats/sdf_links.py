@@ -1,0 +1,121 @@
+"""SDFormat: inertia and shapes of links as elements of URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.open_tree import numbers_text, origin
+from spatial_pin.formats.sdf_poses import TRUE, number, number_list, pose
+
+MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
+PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
+
+
+def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+                  ) -> tuple[ET.Element, ...]:
+    """Return <inertial>, <visual> and <collision> of a link.
+
+    Args:
+        link: its element.
+        place_of: gives the placement that a <pose> states, on the link.
+        where: file and link, for errors.
+        left_out: is added to, what URDF has no shape for.
+
+    Raises:
+        MechanismFileError: a number is none, or the inertia is to be worked out from shapes.
+    """
+    elements = [_inertial(link.find("inertial"), where)]
+    for kind in ("visual", "collision"):
+        for shape in link.findall(kind):
+            name = f"{kind} {shape.get('name', '')!r}"
+            solid = _solid(shape.find("geometry"), f"{where}: {name}")
+            if solid is None:
+                left_out.append(f"{name} of link {link.get('name')!r} ({_kind(shape)})")
+                continue
+            element = ET.Element(kind, name=shape.get("name", ""))
+            element.append(origin(place_of(shape.find("pose"), f"{where}: {name}")))
+            ET.SubElement(element, "geometry").append(solid)
+            colour = _colour(shape.find("material"), f"{where}: {name}")
+            if colour is not None and kind == "visual":
+                element.append(colour)
+            elements.append(element)
+    return tuple(elements)
+
+
+def is_massless(link: ET.Element, where: str) -> bool:
+    """Return whether a link says that it has neither mass nor moments of inertia."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return False
+    inertia = inertial.find("inertia")
+    moments = [number(inertia, key, default, where) for key, default in MOMENTS.items()]
+    return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
+
+
+def _inertial(inertial: ET.Element | None, where: str) -> ET.Element:
+    """Return the <inertial>; a link that has none has one kilogram, as SDFormat says."""
+    where = f"{where}: <inertial>"
+    if inertial is not None and inertial.get("auto", "").lower() in TRUE:
+        raise MechanismFileError(f"{where}: auto=\"true\" asks to work inertias out from shapes, "
+                                 "which is not done here; write <mass> and <inertia>")
+    element = ET.Element("inertial")
+    element.append(origin(pose(inertial.find("pose") if inertial is not None else None, where)))
+    ET.SubElement(element, "mass", value=repr(number(inertial, "mass", 1.0, where)))
+    inertia = inertial.find("inertia") if inertial is not None else None
+    ET.SubElement(element, "inertia", {
+        key: repr(number(inertia, key, default, where)) for key, default in MOMENTS.items()})
+    return element
+
+
+def _kind(shape: ET.Element) -> str:
+    geometry = shape.find("geometry")
+    solid = next(iter(geometry), None) if geometry is not None else None
+    return str(solid.tag) if solid is not None else "no shape"
+
+
+def _solid(geometry: ET.Element | None, where: str) -> ET.Element | None:
+    """Return the shape, None where URDF has none."""
+    solid = next(iter(geometry), None) if geometry is not None else None
+    if solid is None:
+        return None
+    if solid.tag == "box":
+        size = number_list(solid.findtext("size"), 3, f"{where}: <size>")
+        return ET.Element("box", size=numbers_text(size))
+    if solid.tag in ("sphere", "cylinder", "capsule"):
+        keys = ("radius",) if solid.tag == "sphere" else ("radius", "length")
+        return ET.Element(str(solid.tag), {
+            key: repr(float(number_list(solid.findtext(key), 1, f"{where}: <{key}>")[0]))
+            for key in keys})
+    if solid.tag == "mesh" and solid.find("submesh") is None:
+        uri = (solid.findtext("uri") or "").strip()
+        element = ET.Element("mesh", filename=_file(uri))
+        if solid.find("scale") is not None:
+            scale = number_list(solid.findtext("scale"), 3, f"{where}: <scale>")
+            element.set("scale", numbers_text(scale))
+        return element
+    return None
+
+
+def _file(uri: str) -> str:
+    """Return the name of a mesh file as URDF has it; a model's folder is found as a package's."""
+    scheme, found, rest = uri.partition("://")
+    return f"package://{rest}" if found and scheme == "model" else uri
+
+
+def _colour(material: ET.Element | None, where: str) -> ET.Element | None:
+    if material is None:
+        return None
+    stated = [x for x in (material.find("diffuse"), material.find("ambient")) if x is not None]
+    if not stated:
+        return None
+    words = (stated[0].text or "").split()
+    values = number_list(" ".join([*words, "1"] if len(words) == 3 else words), 4,
+                         f"{where}: <{stated[0].tag}>")
+    element = ET.Element("material", name="")
+    ET.SubElement(element, "color", rgba=numbers_text(np.clip(values, 0.0, 1.0)))
+    return element
