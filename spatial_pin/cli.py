@@ -199,8 +199,11 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("check", _check, "read a mechanism file and say what is wrong with it")
 
     sub = command("export", _export, "write the mechanism as plain files")
-    sub.add_argument("--urdf", metavar="F", required=True,
-                     help="expanded URDF; closures go beside it as .toml")
+    target = sub.add_mutually_exclusive_group(required=True)
+    target.add_argument("--folder", metavar="F",
+                        help="a folder that can be moved: mechanism file, URDF and meshes")
+    target.add_argument("--urdf", metavar="F",
+                        help="expanded URDF; closures go beside it as .toml")
     return parser
 
 
@@ -581,7 +584,10 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    for path in export_urdf(_load(options), options.urdf):
+    mechanism = _load(options)
+    written = ([mechanism.save(options.folder)] if options.folder is not None
+               else export_urdf(mechanism, options.urdf))
+    for path in written:
         print(f"wrote {path}")
 
 

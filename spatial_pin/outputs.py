@@ -27,15 +27,33 @@ def named_path(path: object) -> Path:
         TypeError: it is no path.
         ValueError: it is empty, a folder, or has a character that no name can have.
     """
-    text = os.fspath(path) if isinstance(path, str | os.PathLike) else path
-    if not isinstance(text, str):
-        raise TypeError(f"path must be the name of a file, not {repr(path)[:60]} of type "
-                        f"{type(path).__name__}")
-    if not text or not _is_name(text):
-        raise ValueError(f"path is {text!r:.60}, which is no name of a file")
+    text = _name(path, "file")
     if os.path.isdir(text):
         raise ValueError(f"{text}: this is a folder; give the name of a file")
     return Path(text)
+
+
+def named_folder(path: object) -> Path:
+    """Return a path that can name a folder.
+
+    Raises:
+        TypeError: it is no path.
+        ValueError: it is empty, a file, or has a character that no name can have.
+    """
+    text = _name(path, "folder")
+    if os.path.lexists(text) and not os.path.isdir(text):
+        raise ValueError(f"{text}: this is a file; give the name of a folder")
+    return Path(text)
+
+
+def _name(path: object, kind: str) -> str:
+    text = os.fspath(path) if isinstance(path, str | os.PathLike) else path
+    if not isinstance(text, str):
+        raise TypeError(f"path must be the name of a {kind}, not {repr(path)[:60]} of type "
+                        f"{type(path).__name__}")
+    if not text or not _is_name(text):
+        raise ValueError(f"path is {text!r:.60}, which is no name of a {kind}")
+    return text
 
 
 def _is_name(text: str) -> bool:

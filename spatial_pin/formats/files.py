@@ -35,19 +35,20 @@ from spatial_pin.mechanism.pairs import (
     Pair,
     PairGeometry,
     axes_from_z,
+    unit,
 )
 from spatial_pin.mechanism.sources import check_file, is_file, read_text, shown
 from spatial_pin.mechanism.toml_files import parse_toml
-from spatial_pin.mechanism.urdf import RESISTANCES, JointRefinement, Tree, tree_of
+from spatial_pin.mechanism.urdf import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
 from spatial_pin.mechanism.xacro_files import expand
 
 _REQUIRED: Any = object()
 BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
-    TOP: ("name", "title", "source", "tree", "gravity", "joints", "closures", "drivers", "springs",
-          "passive", "frames", "guess"),
-    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES),
+    TOP: ("name", "title", "source", "tree", "gravity", "order", "joints", "closures", "drivers",
+          "springs", "passive", "frames", "guess"),
+    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
                         "equations", "axis", "axis2", "lead"),
     "in [drivers.NAME]": ("joint",),
@@ -180,9 +181,12 @@ def _of_table(
     """Return the mechanism of the expanded URDF of `file` and the table of the file `path`."""
     name, _ = top.text("name"), top.text("tree")
     refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
-    tree = tree_of(urdf, file, refinements)
+    tree = tree_of(urdf, file, refinements, top.names("order"))
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")
+    if isinstance(top.get("frames", {}), list):
+        top.fail("frames", "is not a list here; two names of frames belong in [[closures]] or in "
+                           "[[springs]], and frames of the file's own are written [frames.NAME]")
     frames = {key: _frame(key, table) for key, table in top.tables("frames").items()}
     parts = {
         "tree": file,
@@ -240,9 +244,11 @@ def _refinement(table: _Table) -> JointRefinement:
     resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
     if np.any(resistances.get("slip_speed", 1.0) == 0.0):
         table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
-    if resistances and "type" not in table:
+    limits = {key: table.bounds(key) for key in LIMITS if key in table}
+    needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
+    if not needs_type:
         table.close()
-        return JointRefinement(resistances=resistances, where=table.where)
+        return JointRefinement(resistances=resistances, limits=limits, where=table.where)
     kind = table.choice("type", JOINT_TYPES)
     pair = PAIRS[kind]
     refinement = JointRefinement(
@@ -250,7 +256,7 @@ def _refinement(table: _Table) -> JointRefinement:
         axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
         axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
         lead=table.number("lead") if pair.uses_lead else 0.0,
-        resistances=resistances, where=table.where,
+        resistances=resistances, limits=limits, where=table.where,
     )
     table.close()
     return refinement
@@ -411,6 +417,25 @@ class _Table:
             self.fail(key, "is an empty list")
         return np.array(parts)
 
+    def bounds(self, key: str) -> Array:
+        """One number, or a list of them; inf and -inf are none."""
+        value = self.get(key)
+        values = value if isinstance(value, list) else [value]
+        for x in values:
+            is_number = isinstance(x, int | float) and not isinstance(x, bool)
+            if not is_number or not (_is_finite(x) or x in (math.inf, -math.inf)):
+                self.fail(key, f"must be a number, or a list of them, not {_said(value)}")
+        if not values:
+            self.fail(key, "is an empty list")
+        return np.array(values, dtype=float)
+
+    def names(self, key: str) -> tuple[str, ...]:
+        """A list of names, of any length; none where there is no such key."""
+        value = self.get(key, [])
+        if not (isinstance(value, list) and all(isinstance(x, str) for x in value)):
+            self.fail(key, f"must be a list of names, not {_said(value)}")
+        return tuple(value)
+
     def vector(self, key: str) -> Array:
         value = self.get(key)
         numbers = isinstance(value, list) and len(value) == 3 and all(
@@ -427,7 +452,7 @@ class _Table:
         norm = math.hypot(*value)  # of numbers of any size
         if abs(norm - 1.0) > 1e-3:
             self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
-        return value / norm
+        return unit(value)
 
     def two_names(self, key: str) -> tuple[str, str]:
         value = self.get(key)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -9,21 +12,57 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.resistance import Resistance
-from spatial_pin.mechanism.sources import read_text
-from spatial_pin.mechanism.toml_files import parse_toml
-from spatial_pin.mechanism.urdf import PAIR_OF_URDF_TYPE
-from spatial_pin.outputs import named_path, write_text
+from spatial_pin.mechanism.sources import is_file
+from spatial_pin.mechanism.urdf import (
+    LIMITS,
+    PAIR_OF_URDF_TYPE,
+    joint_axes,
+    own_entries,
+    stated_limits,
+    urdf_order,
+)
+from spatial_pin.outputs import named_folder, named_path, replacing, write_text
+
+STANDARD_GRAVITY = [0.0, 0.0, -9.81]  # m/s², of a tree whose file says nothing
+MESHES = "meshes"
+
+
+def save(mechanism: Mechanism, folder: str | Path) -> Path:
+    """Write a mechanism as a folder that can be moved: a mechanism file, a URDF and its meshes.
+
+    Args:
+        mechanism: the mechanism.
+        folder: made where there is none; files are called as the mechanism is.
+
+    Returns:
+        The mechanism file, for `load`.
+
+    Raises:
+        SpatialPinError: a target is a file of the mechanism itself, or cannot be written, or a
+            mesh is gone.
+    """
+    folder = named_folder(folder)
+    stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
+    urdf, toml = folder / f"{stem}.urdf", folder / f"{stem}.toml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text, meshes = _gathered(mechanism)
+        _write(mechanism, {urdf: text, toml: _toml(_beside(mechanism, urdf.name))},
+               {folder / target: source for target, source in meshes.items()})
+    except OSError as error:
+        raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
+    return toml
 
 
 def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     """Write the open tree as plain URDF with the dimensions it was loaded with.
 
-    A mechanism file of the same name goes beside it when there are closures, drivers or refined
-    joints, so that the pair loads as the same mechanism and no loop is lost.
+    A mechanism file of the same name goes beside it when there is anything that URDF cannot say,
+    so that the pair loads as the same mechanism and no loop is lost. Meshes stay where they are.
 
     Returns:
         The files written.
@@ -32,39 +71,101 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
         SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
     path = named_path(path)
-    toml = path.with_suffix(".toml")
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
-    source = mechanism.path
-    content: dict[str, Any] = {}
-    sources = {source.resolve()} if source is not None else set()
-    if source is not None and source.suffix == ".toml":
-        content = parse_toml(read_text(source), source)
-        sources.add((source.parent / content["tree"]).resolve())
-    elif mechanism.path is None:  # made by another mechanism, not by a file
-        content = content_of(mechanism)
-    for target in (path, toml):
-        if target.resolve() in sources:
-            raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
+    files = {path: mechanism.urdf}
+    content = _beside(mechanism, path.name)
+    is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
+        "name", "tree", "gravity"}
+    if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
+        files[path.with_suffix(".toml")] = _toml(content)
     try:
-        write_text(path, mechanism.urdf)
-        if not content:
-            return [path]
-        content["tree"] = path.name
-        write_text(toml, _toml(content))
+        _write(mechanism, files, {})
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
-    return [path, toml]
+    return list(files)
+
+
+def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path]) -> None:
+    own = {path.resolve() for path in (mechanism.path, mechanism.tree) if path is not None}
+    for target in texts:
+        if target.resolve() in own:
+            raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
+    for target, source in copies.items():
+        if target.resolve() != source.resolve():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(target) as beside:
+                shutil.copyfile(source, beside)
+    for target, text in texts.items():
+        write_text(target, text)
+
+
+def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
+    """Return what a mechanism file says beside the URDF, which states couplings as <mimic>."""
+    stated = {f"mimic_{joint.get('name')}"
+              for joint in ET.fromstring(mechanism.urdf).findall("joint")
+              if joint.find("mimic") is not None}
+    content = {**content_of(mechanism), "tree": tree}
+    content["closures"] = [table for table in content.get("closures", ())
+                           if not (table["type"] == COUPLING and table["name"] in stated)]
+    return {key: value for key, value in content.items() if value}
+
+
+# ---------------------------------------------------------------- meshes
+
+
+def _gathered(mechanism: Mechanism) -> tuple[str, dict[Path, Path]]:
+    """Return the URDF with meshes named below its own folder, and which file each is a copy of."""
+    robot = ET.fromstring(mechanism.urdf)
+    meshes = robot.findall("link/*/geometry/mesh")
+    if not meshes:
+        return mechanism.urdf, {}
+    folders: dict[Path, Path] = {}
+    copies: dict[Path, Path] = {}
+    for mesh in meshes:
+        source = Path(mesh.get("filename", ""))
+        if not is_file(source):
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: mesh {str(source)!r} is gone; "
+                                  "it cannot be copied")
+        if source.parent not in folders:
+            folders[source.parent] = _free_folder(source.parent.name, set(folders.values()))
+        for part in (source, *_parts(source)):
+            copies[folders[source.parent] / part.name] = part
+        mesh.set("filename", str(folders[source.parent] / source.name))
+    return ET.tostring(robot, encoding="unicode"), copies
+
+
+def _free_folder(name: str, taken: set[Path]) -> Path:
+    wanted = Path(MESHES) if name in ("", MESHES) else Path(MESHES) / name
+    found, k = wanted, 2
+    while found in taken:
+        found, k = Path(MESHES) / f"{wanted.name}_{k}", k + 1
+    return found
+
+
+def _parts(mesh: Path) -> list[Path]:
+    """Return the files of materials beside a mesh that it names."""
+    if mesh.suffix.lower() != ".obj":
+        return []
+    text = mesh.read_text(encoding="utf-8", errors="replace")
+    named = [mesh.parent / name.strip() for name in re.findall(r"^mtllib[ \t]+(.+)$", text, re.M)]
+    return [file for file in named if file.parent == mesh.parent and is_file(file)]
+
+
+# ---------------------------------------------------------------- what a mechanism file says
 
 
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
     """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
-    elements = {joint.get("name", ""): joint
-                for joint in ET.fromstring(mechanism.urdf).findall("joint")}
+    robot = ET.fromstring(mechanism.urdf)
+    moving = list(mechanism.model.names)[1:]
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
         "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
-        "joints": {}, "closures": [_closure(c) for c in mechanism.closures],
+        "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
+        "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
+                   if (table := _joint(mechanism, joint))},
+        "closures": [_closure(c) for c in mechanism.closures],
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
         "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
@@ -72,14 +173,6 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
                    for f in mechanism.frames.values()},
         "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
     }
-    for i, pair in enumerate(mechanism.pairs, start=1):
-        name = mechanism.model.names[i]
-        kind = elements[name].get("type", "")
-        refined = pair != PAIR_OF_URDF_TYPE.get(kind, kind)
-        table = {**(_joint(mechanism, i) if refined else {}),
-                 **_resistances(mechanism, i, elements[name].find("dynamics"))}
-        if table:
-            content["joints"][name] = table
     return {key: value for key, value in content.items() if value}
 
 
@@ -87,7 +180,27 @@ def _plain(value: Any) -> Any:
     return np.asarray(value, dtype=float).tolist()
 
 
-def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
+def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
+    """Return what a mechanism file says of a joint that its URDF element does not."""
+    name, kind = element.get("name", ""), element.get("type", "")
+    if not mechanism.model.existJointName(name):
+        return {} if kind == "fixed" else {"type": "fixed"}
+    i = int(mechanism.model.getJointId(name))
+    stated = PAIR_OF_URDF_TYPE.get(kind, kind)
+    refined = mechanism.pairs[i - 1] != stated or _turned(mechanism, i, element)
+    return {**(_pair(mechanism, i) if refined else {}), **_limits(mechanism, i, element),
+            **_resistances(mechanism, i, element.find("dynamics"))}
+
+
+def _turned(mechanism: Mechanism, i: int, element: ET.Element) -> bool:
+    """Whether the axis of tree joint i is not that of its URDF element."""
+    pair = PAIRS[mechanism.pairs[i - 1]]
+    stated, _ = joint_axes(pair, element, None, mechanism.name)
+    return pair.uses_axis and not np.allclose(
+        tree_axes(mechanism, i)[0], stated, rtol=0.0, atol=4.0 * EPS)
+
+
+def _pair(mechanism: Mechanism, i: int) -> dict[str, Any]:
     pair = PAIRS[mechanism.pairs[i - 1]]
     axis, axis2, lead = tree_axes(mechanism, i)
     table: dict[str, Any] = {"type": mechanism.pairs[i - 1]}
@@ -95,6 +208,26 @@ def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
     table.update({"axis2": axis2.tolist()} if pair.uses_axis2 else {})
     table.update({"lead": lead} if pair.uses_lead else {})
     return table
+
+
+def _limits(mechanism: Mechanism, i: int, element: ET.Element) -> dict[str, Any]:
+    """Return the limits of tree joint i that its URDF element does not state."""
+    model, table = mechanism.model, {}
+    stated = dict(zip(("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit",
+                       "upperVelocityLimit", "lowerPositionLimit", "upperPositionLimit"),
+                      stated_limits(element, model.nqs[i], model.nvs[i]), strict=False))
+    for key, arrays in LIMITS.items():
+        own = own_entries(model, i, next(iter(arrays)))
+        values = getattr(model, next(iter(arrays)))[own]
+        for array, factor in arrays.items():
+            if not np.array_equal(getattr(model, array)[own], stated[array]):
+                table[key] = _short(values)
+            stated[array] = factor * values if key in table else stated[array]
+    return table
+
+
+def _short(values: Array) -> Any:
+    return float(values[0]) if np.all(values == values[0]) else values.tolist()
 
 
 def _resistances(
@@ -187,8 +320,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
         return "[" + ", ".join(_value(v) for v in value) + "]"
     return repr(value)

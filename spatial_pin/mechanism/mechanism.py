@@ -431,6 +431,25 @@ class Mechanism:
             models.append(model)
         return models
 
+    def save(self, folder: str | Path) -> Path:
+        """Write the mechanism as a folder that can be moved: mechanism file, URDF and meshes.
+
+        Args:
+            folder: made where there is none; files are called as the mechanism is.
+
+        Returns:
+            The mechanism file; what `load` makes of it is equal to this.
+
+        Raises:
+            SpatialPinError: a target is a file of the mechanism itself, or cannot be written, or
+                a mesh is gone.
+            TypeError: `folder` is no path.
+            ValueError: it is the name of a file, or of nothing.
+        """
+        from spatial_pin.mechanism.export import save
+
+        return save(self, folder)
+
     def __repr__(self) -> str:
         return (
             f"Mechanism({self.name!r}: {self.model.njoints - 1} joints, "

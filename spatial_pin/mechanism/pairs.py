@@ -13,13 +13,14 @@ To add a pair, add one entry to `PAIRS`:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.linalg import Array
+from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.rows import Row, distance, dot, point, screw
 
 X, Y, Z = np.eye(3)
@@ -64,11 +65,19 @@ class Pair:
         return not any(suffix in ("z", "rz") for suffix, _ in self.coordinates)
 
 
+def unit(axis: Array) -> Array:
+    """Return a direction (3,) as a unit vector; one that is one to round-off stays as it is."""
+    norm = math.hypot(*axis)  # of numbers of any size
+    return axis if abs(norm - 1.0) <= 4.0 * EPS else axis / norm
+
+
 def axes_from_z(axis: Array) -> Array:
     """Return the rotation (3, 3) that takes z to the unit vector `axis` by the shortest way."""
     if axis[2] <= -1.0 + 1e-15:
         return np.diag([1.0, -1.0, -1.0])
-    return pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
+    axes: Array = pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
+    axes[:, 2] = axis  # as it was given, so that what is written is what was read
+    return axes
 
 
 def revolute_joint(axis: Array, *_: object) -> pin.JointModel:

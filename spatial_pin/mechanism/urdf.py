@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,8 +21,14 @@ from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.meshes import Shapes, put_stand_ins, take_meshes
-from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair
-from spatial_pin.mechanism.urdf_checks import check_joint, check_links, check_structure, numbers
+from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
+from spatial_pin.mechanism.urdf_checks import (
+    check_joint,
+    check_links,
+    check_structure,
+    end_of,
+    numbers,
+)
 from spatial_pin.mechanism.xacro_files import parse_xml
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
@@ -35,6 +41,13 @@ CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
 }
 PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
 RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
+LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and by which factor
+    "lower": {"lowerPositionLimit": 1.0}, "upper": {"upperPositionLimit": 1.0},
+    "velocity": {"upperVelocityLimit": 1.0, "lowerVelocityLimit": -1.0},
+    "lower_velocity": {"lowerVelocityLimit": 1.0},
+    "effort": {"upperEffortLimit": 1.0, "lowerEffortLimit": -1.0},
+    "lower_effort": {"lowerEffortLimit": 1.0},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +60,7 @@ class JointRefinement:
         axis2: (3,) unit vector, second pin of a universal joint.
         lead: translation per turn of a screw [m].
         resistances: some of `RESISTANCES`, a number for all coordinates or one for each.
+        limits: some of `LIMITS`, likewise; of positions one for each entry of q.
         where: file and table, for errors.
     """
 
@@ -55,6 +69,7 @@ class JointRefinement:
     axis2: Array | None = None
     lead: float = 0.0
     resistances: Mapping[str, Array] = field(default_factory=dict)
+    limits: Mapping[str, Array] = field(default_factory=dict)
     where: str = ""
 
 
@@ -81,8 +96,17 @@ class Tree:
     slip_speeds: Array
 
 
-def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -> Tree:
-    """Build the open tree of plain URDF text; `path` is where it comes from.
+def tree_of(
+    urdf: str, path: Path, refinements: Mapping[str, JointRefinement], order: Sequence[str] = ()
+) -> Tree:
+    """Build the open tree of plain URDF text.
+
+    Args:
+        urdf: the text.
+        path: where it comes from, for relative paths and errors.
+        refinements: what a mechanism file says of joints.
+        order: joints in the order of their coordinates; those not named go first. Default that of
+            Pinocchio's reader: joint by joint upwards, alphabetically at each link.
 
     Raises:
         MechanismFileError: it is not a tree, or has impossible numbers.
@@ -106,7 +130,8 @@ def tree_of(urdf: str, path: Path, refinements: Mapping[str, JointRefinement]) -
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
-    rebuilt = _rebuild(model, pairs, elements, refinements, path)
+    rebuilt = _rebuild(model, pairs, elements, refinements, _ordered(model, order, path), path)
+    _limit(rebuilt, refinements)
     slip_speeds = _resist(rebuilt, refinements)
     try:
         put_inertias(rebuilt, inertias)
@@ -149,10 +174,11 @@ def _joint_pairs(
                 f"{pair} pair; make it \"floating\" there"
             )
         pairs[name] = pair or PAIR_OF_URDF_TYPE.get(kind, kind)
-        if refined and refined.resistances and pairs[name] == "fixed":
+        if refined and pairs[name] == "fixed" and (refined.resistances or refined.limits):
+            key = next(iter({**refined.resistances, **refined.limits}))
             raise MechanismFileError(
-                f"{refined.where}: {next(iter(refined.resistances))}: joint {name!r} is fixed and "
-                "has nothing that could resist; take the key out"
+                f"{refined.where}: {key}: joint {name!r} is fixed and has nothing that could "
+                "resist or be limited; take the key out"
             )
         if pairs[name] == "fixed":
             joint.set("type", "fixed")
@@ -164,12 +190,14 @@ def _rebuild(
     pairs: Mapping[str, str],
     elements: Mapping[str, ET.Element],
     refinements: Mapping[str, JointRefinement],
+    order: Sequence[int],
     path: Path,
 ) -> pin.Model:
-    """Return a copy of `model` with every joint replaced by the model of its pair."""
+    """Return a copy of `model` with every joint replaced by the model of its pair, in order."""
     new = pin.Model()
     new.name, new.gravity = model.name, model.gravity
-    for i in range(1, model.njoints):
+    places = {0: 0}
+    for i in order:
         name = model.names[i]
         pair = PAIRS[pairs[name]]
         where = f"{path}: joint {name!r}"
@@ -177,14 +205,49 @@ def _rebuild(
         lead = refinements[name].lead if name in refinements else 0.0
         assert pair.joint is not None
         joint = pair.joint(axis, axis2, lead)
-        same = elements[name].get("type") in ("revolute", "prismatic") and joint.nq == 1
-        limits = (_copied_limits(model, i) if same
-                  else _read_limits(elements[name], joint.nq, joint.nv))
-        new.addJoint(model.parents[i], joint, model.jointPlacements[i], name, *limits)
+        places[i] = new.addJoint(places[model.parents[i]], joint, model.jointPlacements[i], name,
+                                 *stated_limits(elements[name], joint.nq, joint.nv))
     new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
     for frame in list(model.frames)[1:]:
+        frame.parentJoint = places[frame.parentJoint]
         new.addFrame(frame, False)
     return new
+
+
+def urdf_order(robot: ET.Element) -> list[str]:
+    """Return the joints of a URDF, fixed ones too, in the order of Pinocchio's reader."""
+    above: dict[str, list[ET.Element]] = {}
+    for joint in sorted(robot.findall("joint"), key=lambda j: j.get("name", "").encode(),
+                        reverse=True):
+        above.setdefault(end_of(joint, "parent"), []).append(joint)
+    children = {end_of(joint, "child") for joint in robot.findall("joint")}
+    todo = [joint for link, joints in above.items() if link not in children for joint in joints]
+    found = []
+    while todo:
+        joint = todo.pop()
+        found.append(joint.get("name", ""))
+        todo += above.get(end_of(joint, "child"), [])
+    return found
+
+
+def _ordered(model: pin.Model, order: Sequence[str], path: Path) -> list[int]:
+    """Return the joints of a model in the order asked for."""
+    names = list(model.names)
+    wanted = {name: k for k, name in enumerate(order)}
+    if len(wanted) < len(order):
+        raise MechanismFileError(f"{path}: order: a joint is named twice")
+    for name in order:
+        if name not in names[1:]:
+            raise MechanismFileError(f"{path}: order: no joint that moves is named {name!r}; "
+                                     f"{suggestion(name, names[1:])}")
+    found = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
+    places = {joint: k for k, joint in enumerate(found)}
+    for joint in found:
+        parent = model.parents[joint]
+        if parent and places[parent] > places[joint]:
+            raise MechanismFileError(f"{path}: order: {names[joint]!r} comes before "
+                                     f"{names[parent]!r}, on which it hangs")
+    return found
 
 
 def joint_axes(
@@ -203,12 +266,12 @@ def joint_axes(
     else:
         axis = np.array(pair.axis)
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
-    axis = axis / np.linalg.norm(axis)
+    axis = unit(axis)
     kind = refined.type if refined is not None else None
     if element.get("type") == "planar" and kind not in (None, "planar"):
         _check_within_plane(str(kind), axis, tag, where)
     if pair.uses_axis2:
-        axis2 = axis2 / np.linalg.norm(axis2)
+        axis2 = unit(axis2)
         if abs(axis @ axis2) > 1e-9:
             raise MechanismFileError(
                 f"{where}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
@@ -227,26 +290,18 @@ def _check_within_plane(kind: str, axis: Array, tag: ET.Element | None, where: s
         )
 
 
-def _copied_limits(model: pin.Model, i: int) -> tuple[Array, ...]:
-    """Return the bounds of joint `i` in the order that `pin.Model.addJoint` takes them."""
-    q = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
-    v = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-    return (
-        model.lowerEffortLimit[v], model.upperEffortLimit[v],
-        model.lowerVelocityLimit[v], model.upperVelocityLimit[v],
-        model.lowerPositionLimit[q], model.upperPositionLimit[q],
-        model.positionLimitMargin[q],
-        model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v], model.damping[v],
-    )
-
-
-def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
-    """Return the bounds that the URDF element states for a joint that Pinocchio read otherwise.
+def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
+    """Return the bounds that a URDF states for a joint, in the order of `pin.Model.addJoint`.
 
     One scalar of the URDF holds for every coordinate of the pair, except the position limits of
     a pair with several coordinates and those of a continuous joint, which are none.
+
+    Args:
+        element: the joint.
+        nq: entries of its pair in the configuration.
+        nv: entries of its pair in the velocity.
     """
-    limit, dynamics = element.find("limit"), element.find("dynamics")
+    limit, dynamics, kind = element.find("limit"), element.find("dynamics"), element.get("type")
 
     def scalar(source: ET.Element | None, key: str, default: float) -> float:
         return float(source.get(key, default)) if source is not None else default
@@ -255,15 +310,53 @@ def _read_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
         return np.full(count, value)
 
     effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)
-    bounded = nq == 1 and element.get("type") != "continuous"
-    lower = scalar(limit, "lower", -math.inf) if bounded else -math.inf
-    upper = scalar(limit, "upper", math.inf) if bounded else math.inf
+    bounded = nq == 1 and kind != "continuous"
+    free = 0.0 if kind in ("revolute", "prismatic") else math.inf  # URDF's defaults
+    lower = scalar(limit, "lower", 0.0 - free) if bounded else -math.inf
+    upper = scalar(limit, "upper", free) if bounded else math.inf
     friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)
     return (
         filled(nv, -effort), filled(nv, effort), filled(nv, -velocity), filled(nv, velocity),
         filled(nq, lower), filled(nq, upper), np.zeros(nq),
         filled(nv, -friction), filled(nv, friction), filled(nv, damping),
     )
+
+
+def own_entries(model: pin.Model, joint: int, array: str) -> slice:
+    """Return where the entries of a joint stand in one of the limits of a model."""
+    of_q = "Position" in array
+    at, count = ((model.idx_qs, model.nqs) if of_q else (model.idx_vs, model.nvs))
+    return slice(at[joint], at[joint] + count[joint])
+
+
+def _limit(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> None:
+    """Put the limits of a mechanism file into a model, in the order of `LIMITS`.
+
+    Raises:
+        MechanismFileError: there are more or fewer numbers than coordinates, or a lower limit is
+            above the upper one.
+    """
+    for name, refined in refinements.items():
+        joint = model.getJointId(name) if refined.limits else 0
+        for key in [key for key in LIMITS if key in refined.limits]:
+            values = refined.limits[key]
+            for array, factor in LIMITS[key].items():
+                own = own_entries(model, joint, array)
+                _check_count(values, own.stop - own.start, key, refined.where)
+                getattr(model, array)[own] = factor * values
+        for kind in ("Position", "Velocity", "Effort") if refined.limits else ():
+            own = own_entries(model, joint, kind)
+            if np.any(getattr(model, f"lower{kind}Limit")[own]
+                      > getattr(model, f"upper{kind}Limit")[own]):
+                raise MechanismFileError(
+                    f"{refined.where}: a lower {kind.lower()} limit is above the upper one")
+
+
+def _check_count(values: Array, count: int, key: str, where: str) -> None:
+    if values.size not in (1, count):
+        raise MechanismFileError(
+            f"{where}: {key} has {values.size} numbers; give one for all, or one for each of the "
+            f"{count} coordinate(s) of the joint")
 
 
 def _resist(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
@@ -282,10 +375,7 @@ def _resist(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Arr
         joint = model.getJointId(name) if refined.resistances else 0
         at, nv = model.idx_vs[joint], model.nvs[joint]
         for key, values in refined.resistances.items():
-            if values.size not in (1, nv):
-                raise MechanismFileError(
-                    f"{refined.where}: {key} has {values.size} numbers; give one for all, or one "
-                    f"for each of the {nv} coordinate(s) of the joint")
+            _check_count(values, nv, key, refined.where)
             own = slice(at, at + nv)
             if key == "friction":
                 model.lowerDryFrictionLimit[own] = -values

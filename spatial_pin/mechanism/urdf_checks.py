@@ -32,19 +32,19 @@ def check_structure(robot: ET.Element, path: Path) -> None:
     parent_joint: dict[str, ET.Element] = {}
     for joint in joints:
         for role in ("parent", "child"):
-            link = _end(joint, role)
+            link = end_of(joint, role)
             if link not in links:
                 raise MechanismFileError(
                     f"{path}: joint {joint.get('name')!r}: {role} link {link!r} does not exist; "
                     f"{suggestion(link, links)}"
                 )
-        child = _end(joint, "child")
+        child = end_of(joint, "child")
         if child in parent_joint:
             first = parent_joint[child]
             raise MechanismFileError(
                 f"{path}: link {child!r} has two parents: joint {first.get('name')!r} from "
-                f"{_end(first, 'parent')!r} and joint {joint.get('name')!r} from "
-                f"{_end(joint, 'parent')!r}. URDF holds trees only: cut the loop at one of the "
+                f"{end_of(first, 'parent')!r} and joint {joint.get('name')!r} from "
+                f"{end_of(joint, 'parent')!r}. URDF holds trees only: cut the loop at one of the "
                 "two joints: delete it here, put an empty link on a fixed joint at its place on "
                 "either side, and write a [[closures]] entry with those two frames in a .toml file"
             )
@@ -65,7 +65,7 @@ def _check_connected(
         at = link
         while at not in connected:
             way[at] = None
-            at = _end(parent_joint[at], "parent")
+            at = end_of(parent_joint[at], "parent")
             if at in way:
                 raise MechanismFileError(f"{path}: the links {sorted(way)} hang in a cycle")
         connected.update(way)
@@ -82,7 +82,8 @@ def _names(elements: list[ET.Element], kind: str, path: Path) -> dict[str, ET.El
     return names
 
 
-def _end(joint: ET.Element, role: str) -> str:
+def end_of(joint: ET.Element, role: str) -> str:
+    """Return the link at one end of a joint, its "parent" or "child"; "" where there is none."""
     element = joint.find(role)
     return element.get("link", "") if element is not None else ""
 
