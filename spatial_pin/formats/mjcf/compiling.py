@@ -1,0 +1,256 @@
+"""MJCF to MuJoCo's compiled model: MuJoCo resolves defaults, includes, frames and angles.
+
+Meshes are read only where an inertia comes from them; elsewhere an octahedron stands in, so that a
+model opens without its mesh files, and at once.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.sources import is_file, read_text, shown
+from spatial_pin.mechanism.xacro_files import parse_xml
+
+OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
+MOST_COPIES = 100_000  # of an element by <replicate> and the like: no mechanism has so many links
+COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copies
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """The file of a mesh asset.
+
+    Attributes:
+        file: None where there is none.
+        scale: (3,) along x, y and z.
+        placement: of the scaled file in the frame of a geom.
+        fault: why there is no file, if that is not told once for all.
+    """
+
+    file: Path | None
+    scale: Array
+    placement: pin.SE3
+    fault: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """What MuJoCo made of a file.
+
+    Attributes:
+        model: `mujoco.MjModel`.
+        meshes: the file of every mesh asset, by its name.
+        massless: names of bodies whose inertia is not known, for want of meshes.
+        notices: what was changed or left out.
+    """
+
+    model: Any
+    meshes: dict[str, MeshFile]
+    massless: set[str] = field(default_factory=set)
+    notices: list[str] = field(default_factory=list)
+
+
+def compiled(path: Path) -> Compiled:
+    """Let MuJoCo compile an MJCF file.
+
+    Raises:
+        MechanismFileError: there is no `mujoco`, or it cannot compile the file.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MechanismFileError(
+            f"{shown(path)}: reading MJCF needs mujoco: pip install 'spatial_pin[mjcf]'") from error
+    folders = _scanned(path)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        found = _without_meshes(mujoco, spec, folders)
+        return Compiled(spec.compile(), *found)
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        reason = " ".join(str(error).split())
+        raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error
+
+
+# ---------------------------------------------------------------- before MuJoCo reads it
+
+
+def _scanned(path: Path) -> list[Path]:
+    """Return the folders of a file and of those it takes bodies from; refuse endless copies."""
+    seen: dict[Path, None] = {}
+    copies = _copies(path, seen)
+    if copies > MOST_COPIES:
+        raise MechanismFileError(f"{shown(path)}: <replicate> and the like make {copies:.3g} "
+                                 f"copies; at most {MOST_COPIES:,} are read")
+    return list(dict.fromkeys(file.parent for file in seen))
+
+
+def _copies(path: Path, seen: dict[Path, None]) -> float:
+    """Return how many copies of elements a file makes, with those that it includes."""
+    seen[path] = None
+    total, level = 0.0, [(parse_xml(read_text(path), path), 1.0)]
+    while level:
+        deeper = []
+        for element, times in level:
+            if element.tag in COPIES:
+                times *= _product(element.get("count", "1"))
+                total += times
+            file = path.parent / element.get("file", "")
+            if element.tag in ("include", "model") and is_file(file) and file not in seen:
+                total += times * _copies(file, seen)
+            deeper += [(child, times) for child in element]
+        level = deeper
+    return total
+
+
+def _product(text: str) -> float:
+    try:
+        return float(np.prod([abs(float(word)) for word in text.split()]))
+    except ValueError:
+        return 1.0  # MuJoCo complains of it
+
+
+# ---------------------------------------------------------------- meshes
+
+
+def _without_meshes(
+    mujoco: Any, spec: Any, folders: list[Path]
+) -> tuple[dict[str, MeshFile], set[str], list[str]]:
+    """Take from a spec all files that are not needed; return meshes, massless bodies, notices."""
+    notices: list[str] = []
+    _name_bodies(spec)
+    _without_pictures(mujoco, spec, notices)
+    files = {mesh.name: _file_of(mesh, folders) for mesh in spec.meshes if mesh.file}
+    missing = {name for name, file in files.items() if file is None}
+    massless = _unknown_inertias(mujoco, spec, missing)
+    fitted = {g.meshname for g in spec.geoms if g.meshname and _is_fitted(mujoco, g)} - missing
+    read = fitted | {g.meshname for body in spec.bodies if body.name not in massless
+                     for g in _weighed(mujoco, spec, body)}
+    for geom in list(spec.geoms):
+        if geom.meshname in missing and _is_fitted(mujoco, geom):
+            spec.delete(geom)
+    meshes = {}
+    for mesh in spec.meshes:
+        meshes[mesh.name] = _placed(mesh, files.get(mesh.name))
+        if mesh.file and mesh.name not in read:
+            _put_octahedron(mujoco, mesh)
+    if missing:
+        notices.append(f"{len(missing)} mesh files are not there ({some(missing)}); what they "
+                       "show is left out")
+    if massless:
+        notices.append(f"the inertia of bodies ({some(massless)}) comes from mesh files that are "
+                       "not there: they have no mass here")
+    return meshes, massless, notices
+
+
+def some(names: Iterable[str]) -> str:
+    """Return the first of some names, for a message."""
+    listed = sorted(names)
+    return ", ".join(listed[:3]) + (", ..." if len(listed) > 3 else "")
+
+
+def _name_bodies(spec: Any) -> None:
+    taken = {body.name for body in spec.bodies}
+    for k, body in enumerate(spec.bodies):
+        if not body.name:
+            name = f"body_{k}"
+            while name in taken:
+                name += "_"
+            body.name = name
+            taken.add(name)
+
+
+def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
+    """Delete textures, skins and height fields, whose files are of no use here."""
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for geom in list(spec.geoms):
+        if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+            notices.append(f"height field {geom.hfieldname!r} is left out")
+            spec.delete(geom)
+    for element in [*spec.textures, *spec.skins, *spec.hfields]:
+        spec.delete(element)
+
+
+def _file_of(mesh: Any, folders: list[Path]) -> Path | None:
+    """Return the file of a mesh asset, None where it is not there."""
+    tried = (folder / mesh.compiler.meshdir / mesh.file for folder in folders)
+    return next((file.resolve() for file in tried if is_file(file)), None)
+
+
+def _is_fitted(mujoco: Any, geom: Any) -> bool:
+    """Whether a geom is a simple shape that takes its size from a mesh."""
+    return geom.type not in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
+
+
+def _weighed(mujoco: Any, spec: Any, body: Any) -> Iterator[Any]:
+    """Yield the geoms with a mesh that the inertia of a body comes from."""
+    how = spec.compiler.inertiafromgeom
+    never, always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE, \
+        mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    is_world = body.name == spec.worldbody.name
+    if is_world or how == never or (how != always and body.explicitinertial):
+        return
+    low, high = spec.compiler.inertiagrouprange
+    for geom in body.geoms:
+        weighs = geom.density if np.isnan(geom.mass) else geom.mass
+        if geom.meshname and low <= geom.group <= high and weighs != 0.0:
+            yield geom
+
+
+def _unknown_inertias(mujoco: Any, spec: Any, missing: set[str]) -> set[str]:
+    """Give bodies whose meshes are missing an inertia of their own; return their names."""
+    massless = {body.name for body in spec.bodies
+                if any(geom.meshname in missing for geom in _weighed(mujoco, spec, body))}
+    if not massless:
+        return massless
+    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    for body in spec.bodies:
+        if body.name in massless:
+            body.explicitinertial, body.mass, body.inertia = True, 1.0, np.ones(3)
+            body.fullinertia = np.full(6, np.nan)
+            body.ipos, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        elif spec.compiler.inertiafromgeom == always and body.geoms:
+            body.explicitinertial = False
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    return massless
+
+
+def _placed(mesh: Any, file: Path | None) -> MeshFile:
+    """Return how the file of a mesh stands in a geom: x = scale * R' (file - refpos)."""
+    w, x, y, z = mesh.refquat
+    turn = pin.Quaternion(w, x, y, z).normalized().matrix().T
+    scale = np.array(mesh.scale)
+    if np.any(turn != np.eye(3)) and np.ptp(scale) > 0.0:
+        return MeshFile(None, scale, pin.SE3.Identity(),
+                        "URDF cannot say that it is turned first and stretched then")
+    if not mesh.file:
+        return MeshFile(None, scale, pin.SE3.Identity(), "it is in no file of its own")
+    return MeshFile(file, scale, pin.SE3(turn, -scale * (turn @ mesh.refpos)))
+
+
+def _put_octahedron(mujoco: Any, mesh: Any) -> None:
+    mesh.file, mesh.uservert = "", OCTAHEDRON
+    mesh.scale, mesh.refpos = np.ones(3), np.zeros(3)
+    mesh.refquat = np.array([1.0, 0.0, 0.0, 0.0])
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+
+
+def is_mjcf(path: Path) -> bool:
+    """Return whether the root element of a file is <mujoco>."""
+    if path.suffix.lower() == ".mjcf":
+        return True
+    try:
+        with path.open("rb") as stream:
+            _, element = next(ET.iterparse(stream, events=("start",)))
+    except (OSError, ET.ParseError, StopIteration, ValueError):
+        return False
+    return str(element.tag) == "mujoco"

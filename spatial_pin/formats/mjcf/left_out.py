@@ -1,0 +1,58 @@
+"""What a MuJoCo model says that a mechanism has no word for, a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from spatial_pin.formats.mjcf.compiling import some
+from spatial_pin.formats.mjcf.tree import Reading
+
+
+def left_out(reading: Reading) -> Iterator[str]:
+    """Yield a notice for everything of a model that acts on it and is not read."""
+    model = reading.model
+    for tendon in range(model.ntendon):
+        words = list(_of_tendon(reading, tendon))
+        if words:
+            name = repr(model.tendon(tendon).name or tendon)
+            yield f"tendon {name}: its {', '.join(words)} is left out"
+    for flex in range(model.nflex):
+        yield f"flex {model.flex(flex).name!r}: its elasticity is left out"
+    floats = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp)]
+    if floats:
+        yield f"the gravity compensation of bodies ({some(floats)}) is left out"
+    if model.opt.density or model.opt.viscosity:
+        yield "the fluid around the bodies (density, viscosity) is left out"
+    for joint, place in enumerate(reading.joints):
+        words = list(_of_joint(reading, joint))
+        if words:
+            yield f"joint {place.name!r}: its {', '.join(words)} is left out"
+
+
+def _of_tendon(reading: Reading, tendon: int) -> Iterator[str]:
+    model = reading.model
+    held = tendon in reading.tendons
+    if not held and model.tendon_stiffness[tendon]:
+        yield "stiffness"
+    if not held and model.tendon_damping[tendon]:
+        yield "damping"
+    if model.tendon_frictionloss[tendon]:
+        yield "friction"
+    if model.tendon_limited[tendon]:
+        yield "range"
+    yield from _nonzero(reading, tendon, {"tendon_armature": "armature"})
+
+
+def _of_joint(reading: Reading, joint: int) -> Iterator[str]:
+    dof = int(reading.model.jnt_dofadr[joint])
+    yield from _nonzero(reading, dof, {"dof_dampingpoly": "damping of higher order"})
+    yield from _nonzero(reading, joint, {"jnt_stiffnesspoly": "stiffness of higher order",
+                                         "jnt_springyield": "yielding spring"})
+
+
+def _nonzero(reading: Reading, place: int, words: dict[str, str]) -> Iterable[str]:
+    """Return the words of the arrays of a model, some of which older MuJoCo has not."""
+    arrays = {key: getattr(reading.model, key, None) for key in words}
+    return [words[key] for key, x in arrays.items() if x is not None and np.any(x[place])]

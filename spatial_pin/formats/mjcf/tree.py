@@ -1,0 +1,255 @@
+"""MuJoCo's compiled bodies, joints, geoms and sites to an open tree.
+
+Joint coordinates are MuJoCo's: where a joint has a `ref`, its zero lies that far before the pose
+that the file shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.formats.mjcf.compiling import Compiled
+from spatial_pin.formats.urdf_text import UrdfText, unique, words
+from spatial_pin.linalg import Array
+
+WORLD = "world"
+SPHERE = Path(__file__).with_name("unit_sphere.obj")
+DRAWN_GROUPS = 3  # MuJoCo's viewers show the first three groups of geoms
+GREY = np.array([0.5, 0.5, 0.5, 1.0])  # of a geom that has no colour of its own
+
+
+class Place(NamedTuple):
+    """Where a joint stands.
+
+    Attributes:
+        name: of the joint.
+        parent: link that carries it.
+        child: link that it carries, whose frame is the joint's.
+        placement: of the joint's zero in the parent link.
+        axis: (3,) unit vector in the joint's frame.
+    """
+
+    name: str
+    parent: str
+    child: str
+    placement: pin.SE3
+    axis: Array
+
+
+@dataclass(eq=False)
+class Reading:
+    """A model that is being read.
+
+    Attributes:
+        mujoco: the module.
+        model: `mujoco.MjModel`.
+        source: where it came from.
+        urdf: the open tree so far.
+        links: name of the link of every body.
+        joints: place of every joint.
+        refined: what URDF cannot say of joints, by name.
+        tendons: numbers of the tendons that are read as springs.
+        notices: what was changed or left out.
+    """
+
+    mujoco: Any
+    model: Any
+    source: Compiled
+    urdf: UrdfText
+    links: list[str] = field(default_factory=lambda: [WORLD])
+    joints: list[Place] = field(default_factory=list)
+    refined: dict[str, dict[str, Any]] = field(default_factory=dict)
+    tendons: set[int] = field(default_factory=set)
+    notices: list[str] = field(default_factory=list)
+
+    def is_off(self, flag: str) -> bool:
+        """Whether the file switches something off for the whole model, such as "GRAVITY"."""
+        bit = getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}")
+        return bool(self.model.opt.disableflags & int(bit))
+
+
+def pose(position: Array, quaternion: Array) -> pin.SE3:
+    """Return a placement of a position (3,) and a quaternion (4,) with the real part first."""
+    w, x, y, z = quaternion
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
+
+
+def shift(position: Array) -> pin.SE3:
+    """Return a translation."""
+    return pin.SE3(np.eye(3), np.array(position))
+
+
+def read_tree(mujoco: Any, source: Compiled, name: str) -> Reading:
+    """Read bodies, joints, geoms and sites."""
+    model = source.model
+    bodies = [model.body(b).name for b in range(model.nbody)]
+    joints = _joint_names(mujoco, model)
+    reading = Reading(mujoco, model, source, UrdfText(name, WORLD, [*bodies, *joints]))
+    for body in range(1, model.nbody):
+        reading.links.append(_add_body(reading, body, joints))
+        _add_inertia(reading, body)
+    for site in range(model.nsite):
+        _add_site(reading, site)
+    for geom in range(model.ngeom):
+        _add_geom(reading, geom)
+    return reading
+
+
+def _joint_names(mujoco: Any, model: Any) -> list[str]:
+    """Return the names of the joints; those without are named after body and kind."""
+    names = [model.joint(j).name for j in range(model.njnt)]
+    taken = set(names)
+    for j, name in enumerate(names):
+        if not name:
+            kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
+            names[j] = unique(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
+            taken.add(names[j])
+    return names
+
+
+# ---------------------------------------------------------------- bodies and joints
+
+
+def _add_body(reading: Reading, body: int, names: list[str]) -> str:
+    """Add a body and the joints before it, and return the name of its link."""
+    model, urdf, wanted = reading.model, reading.urdf, reading.model.body(body).name
+    link = reading.links[model.body_parentid[body]]
+    placement = pose(model.body_pos[body], model.body_quat[body])
+    if model.body_mocapid[body] >= 0:
+        reading.notices.append(f"mocap body {wanted!r} is fixed where the file has it")
+    first, count = model.body_jntadr[body], model.body_jntnum[body]
+    if count == 0:
+        return urdf.fixed(link, wanted, placement)
+    for joint in range(first, first + count):
+        anchor = np.array(model.jnt_pos[joint])
+        ends = joint == first + count - 1 and not np.any(anchor)
+        child = wanted if ends else f"{wanted}_at_{names[joint]}"
+        link = _add_joint(reading, joint, names[joint], link, child, placement * shift(anchor))
+        placement = shift(-anchor)
+    return link if ends else urdf.fixed(link, wanted, placement)
+
+
+def _add_joint(
+    reading: Reading, joint: int, wanted: str, parent: str, child: str, placement: pin.SE3
+) -> str:
+    """Add a joint at a placement in the parent where its coordinate is `ref`; return its link."""
+    model, kinds = reading.model, reading.mujoco.mjtJoint
+    kind, axis = model.jnt_type[joint], np.array(model.jnt_axis[joint])
+    ref = model.qpos0[model.jnt_qposadr[joint]]
+    limits = model.jnt_range[joint] if _is_limited(reading, joint, wanted) else None
+    written = "floating"
+    refinement: dict[str, Any] = {}
+    if kind == kinds.mjJNT_FREE:
+        placement, limits = pin.SE3.Identity(), None
+    elif kind == kinds.mjJNT_BALL:
+        refinement, limits = {"type": "spherical"}, None
+    elif kind == kinds.mjJNT_HINGE:
+        placement = placement * pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
+        written = "continuous" if limits is None else "revolute"
+    else:
+        placement = placement * shift(-ref * axis)
+        written = "floating" if limits is None else "prismatic"
+        refinement = {"type": "prismatic", "axis": axis.tolist()} if limits is None else {}
+    turns = None if written == "floating" else axis
+    name, link = reading.urdf.joint(wanted, written, parent, child, placement, turns, limits)
+    reading.joints.append(Place(name, parent, link, placement, axis))
+    refinement = {**refinement, **_resistances(reading, joint)}
+    if refinement:
+        reading.refined[name] = refinement
+    return link
+
+
+def _is_limited(reading: Reading, joint: int, name: str) -> bool:
+    limited = bool(reading.model.jnt_limited[joint]) and not reading.is_off("LIMIT")
+    if limited and reading.model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_BALL:
+        reading.notices.append(f"ball joint {name!r}: its range is left out")
+    return limited
+
+
+def _resistances(reading: Reading, joint: int) -> dict[str, float]:
+    """Return damping, friction and armature of a joint, as `[joints.X]` has them."""
+    model, dof = reading.model, reading.model.jnt_dofadr[joint]
+    values = {
+        "damping": 0.0 if reading.is_off("DAMPER") else model.dof_damping[dof],
+        "friction": 0.0 if reading.is_off("FRICTIONLOSS") else model.dof_frictionloss[dof],
+        "armature": model.dof_armature[dof],
+    }
+    return {key: float(x) for key, x in values.items() if x != 0.0}
+
+
+def _add_inertia(reading: Reading, body: int) -> None:
+    model = reading.model
+    mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
+    if (mass or np.any(moments)) and model.body(body).name not in reading.source.massless:
+        placement = pose(model.body_ipos[body], model.body_iquat[body])
+        reading.urdf.inertia(reading.links[body], mass, placement, moments)
+
+
+def _add_site(reading: Reading, site: int) -> None:
+    model = reading.model
+    name = model.site(site).name
+    if name:
+        link = reading.links[model.site_bodyid[site]]
+        wanted = name if name not in reading.links else f"{name}_site"
+        reading.urdf.frame(wanted, link, pose(model.site_pos[site], model.site_quat[site]))
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def _add_geom(reading: Reading, geom: int) -> None:
+    model = reading.model
+    solid = _solid(reading, geom)
+    if solid is None:
+        return
+    tag, sizes, inner = solid
+    link = reading.links[model.geom_bodyid[geom]]
+    placement = pose(model.geom_pos[geom], model.geom_quat[geom]) * inner
+    touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+    if not touches or model.geom_group[geom] < DRAWN_GROUPS:
+        reading.urdf.shape(link, "visual", placement, tag, sizes, _colour(model, geom))
+    if touches:
+        reading.urdf.shape(link, "collision", placement, tag, sizes)
+
+
+def _colour(model: Any, geom: int) -> Array:
+    """Return the colour (4,) of a geom: its own where it says one, else its material's."""
+    own, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
+    if material >= 0 and np.array_equal(own, GREY):
+        return np.array(model.mat_rgba[material], dtype=float)
+    return own
+
+
+def _solid(reading: Reading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
+    """Return URDF element, its attributes and its placement in the geom; None for no solid."""
+    model, kinds, here = reading.model, reading.mujoco.mjtGeom, pin.SE3.Identity()
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    if kind == kinds.mjGEOM_SPHERE:
+        return "sphere", {"radius": words(size[:1])}, here
+    if kind == kinds.mjGEOM_BOX:
+        return "box", {"size": words(2.0 * size)}, here
+    if kind == kinds.mjGEOM_CYLINDER or kind == kinds.mjGEOM_CAPSULE:
+        tag = "cylinder" if kind == kinds.mjGEOM_CYLINDER else "capsule"
+        return tag, {"radius": words(size[:1]), "length": words(2.0 * size[1:2])}, here
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return "mesh", {"filename": str(SPHERE), "scale": words(size)}, here
+    return _mesh(reading, geom) if kind == kinds.mjGEOM_MESH else None
+
+
+def _mesh(reading: Reading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
+    model, mesh = reading.model, reading.model.geom_dataid[geom]
+    name = model.mesh(mesh).name
+    asset = reading.source.meshes[name]
+    if asset.file is None:
+        told = f"mesh {name!r} is left out: {asset.fault}"
+        if asset.fault and told not in reading.notices:
+            reading.notices.append(told)
+        return None
+    centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
+    sizes = {"filename": str(asset.file), "scale": words(asset.scale)}
+    return "mesh", sizes, centred.inverse() * asset.placement
