@@ -14,11 +14,8 @@ from spatial_pin.accuracy.reduction_links import Place, Relation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
-
-
-def words(values: Array) -> str:
-    """Return numbers in the way of URDF, all digits."""
-    return " ".join(repr(float(x)) for x in values)
+from spatial_pin.mechanism.urdf_checks import end_of
+from spatial_pin.mechanism.urdf_elements import joint_element, origin
 
 
 @dataclass
@@ -51,10 +48,10 @@ class Tree:
             raise SpatialPinError(
                 f"mechanism {self.mechanism.name!r}: reduce needs the URDF text of its tree "
                 f"({error}); load it from a file") from error
-        self._joint_above = {_end(j, "child"): j for j in self.robot.findall("joint")}
+        self._joint_above = {end_of(j, "child"): j for j in self.robot.findall("joint")}
         self._taken = {e.get("name", "") for tag in ("link", "joint")
                        for e in self.robot.findall(tag)}
-        self._body = {j.get("name", ""): _end(j, "child") for j in self.robot.findall("joint")}
+        self._body = {j.get("name", ""): end_of(j, "child") for j in self.robot.findall("joint")}
         links = [link.get("name", "") for link in self.robot.findall("link")]
         self.root = next(link for link in links if link not in self._joint_above)
 
@@ -87,7 +84,7 @@ class Tree:
                 above = self._joint_above.get(link)
                 if above is None:
                     break
-                link = _end(above, "parent")
+                link = end_of(above, "parent")
         return kept
 
     def text(self) -> str:
@@ -98,7 +95,7 @@ class Tree:
             if link.get("name") in kept:
                 robot.append(self._link(link))
         for joint in self.robot.findall("joint"):
-            if _end(joint, "child") in kept:
+            if end_of(joint, "child") in kept:
                 robot.append(self._joint(joint))
         for name, body, placement, mass in self._added:
             robot.extend(_frame(name, self.body(body), placement, mass))
@@ -121,23 +118,10 @@ class Tree:
         if not model.existJointName(name) or model.getJointId(name) in self.moving:
             return out
         i = model.getJointId(name)
-        out = ET.Element("joint", name=name, type="fixed")
-        _, parent = self.mechanism.frame_on_joint(_end(joint, "parent"))
-        ET.SubElement(out, "parent", link=_end(joint, "parent"))
-        ET.SubElement(out, "child", link=_end(joint, "child"))
-        out.append(_origin(parent.actInv(self._data.liMi[i])))
-        return out
-
-
-def _end(joint: ET.Element, role: str) -> str:
-    element = joint.find(role)
-    assert element is not None
-    return element.get("link", "")
-
-
-def _origin(placement: pin.SE3) -> ET.Element:
-    return ET.Element("origin", xyz=words(placement.translation),
-                      rpy=words(pin.rpy.matrixToRpy(placement.rotation)))
+        parent, child = end_of(joint, "parent"), end_of(joint, "child")
+        _, on = self.mechanism.frame_on_joint(parent)
+        return joint_element(ET.Element("robot"), name, "fixed", parent, child,
+                             on.actInv(self._data.liMi[i]))
 
 
 def _frame(name: str, on: str, placement: pin.SE3, mass: float) -> Sequence[ET.Element]:
@@ -150,7 +134,7 @@ def _frame(name: str, on: str, placement: pin.SE3, mass: float) -> Sequence[ET.E
     joint = ET.Element("joint", name=f"{name}_mount", type="fixed")
     ET.SubElement(joint, "parent", link=on)
     ET.SubElement(joint, "child", link=name)
-    joint.append(_origin(placement))
+    joint.append(origin(placement))
     return link, joint
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -15,38 +14,15 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.joint_graph import WORLD, Joint, JointGraph, Link, SpanningTree, span
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mechanism.urdf_elements import finite_text, joint_element, numbers_text
 
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
 GROUND = "world"  # the link that stands for the world
-LARGE = sys.float_info.max  # a limit that is none: URDF has no infinity
 SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
 TWIN = 1e-9  # relative gap between two links that two fixed joints place
 PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
 RESISTANCES = ("damping", "friction", "armature")
-
-
-def numbers_text(values: Array) -> str:
-    """Return numbers as URDF has them, with all digits."""
-    return " ".join(repr(float(x) + 0.0) for x in values)
-
-
-def origin(placement: pin.SE3) -> ET.Element:
-    """Return the <origin> of a placement."""
-    return ET.Element("origin", xyz=numbers_text(placement.translation),
-                      rpy=numbers_text(pin.rpy.matrixToRpy(placement.rotation)))
-
-
-def inertial(inertia: pin.Inertia) -> ET.Element:
-    """Return the <inertial> of an inertia in its link's frame."""
-    element = ET.Element("inertial")
-    element.append(origin(pin.SE3(np.eye(3), inertia.lever)))
-    ET.SubElement(element, "mass", value=repr(float(inertia.mass)))
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
-    parts = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
-    ET.SubElement(element, "inertia", {key: repr(x) for key, x in parts.items()})
-    return element
 
 
 def open_tree(
@@ -124,23 +100,14 @@ class _Writer:
 
     # ------------------------------------------------------------ elements
 
-    def add_joint(
-        self, name: str, kind: str, parent: str, child: str, place: pin.SE3
-    ) -> ET.Element:
-        """Add a joint between two links of the URDF."""
-        element = ET.SubElement(self.robot, "joint", name=name, type=kind)
-        element.append(origin(place))
-        ET.SubElement(element, "parent", link=parent)
-        ET.SubElement(element, "child", link=child)
-        return element
-
     def frame(self, wanted: str, link: str, place: pin.SE3) -> str:
         """Return the name of a link that stands at a place on another, that itself if it does."""
         if _is_identity(place):
             return self.link_of(link)
         name = self.fresh(wanted)
         ET.SubElement(self.robot, "link", name=name)
-        self.add_joint(self.fresh(f"{name}_mount"), "fixed", self.link_of(link), name, place)
+        joint_element(self.robot, self.fresh(f"{name}_mount"), "fixed", self.link_of(link), name,
+                      place)
         return name
 
     def base(self, root: Link) -> None:
@@ -148,7 +115,7 @@ class _Writer:
         name = self.fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}")
         place = root.placement if root.placement is not None else pin.SE3.Identity()
         kind = "fixed" if self.graph.held else "floating"
-        self.add_joint(name, kind, self.ground, root.name, place)
+        joint_element(self.robot, name, kind, self.ground, root.name, place)
         if kind == "floating":
             self.bases.append(f"link {root.name!r} (joint {name!r})")
         else:
@@ -183,10 +150,11 @@ class _Writer:
         if joint.type != "fixed" and not _is_identity(joint.on_child):
             child = self.fresh(f"{joint.name}_frame")
             ET.SubElement(self.robot, "link", name=child)
-            self.add_joint(self.fresh(f"{child}_mount"), "fixed", child, joint.child,
-                           joint.on_child.inverse())
+            joint_element(self.robot, self.fresh(f"{child}_mount"), "fixed", child, joint.child,
+                          joint.on_child.inverse())
         kind = _urdf_type(joint) if joint.element is None else joint.element.get("type", "")
-        element = self.add_joint(joint.name, kind, self.link_of(joint.parent), child, on_parent)
+        element = joint_element(self.robot, joint.name, kind, self.link_of(joint.parent), child,
+                                on_parent)
         if kind == "floating" and joint.type != "floating":
             self.joints[joint.name] = _pair_table(joint)
         elif PAIRS[joint.type].uses_axis:
@@ -201,7 +169,7 @@ class _Writer:
         stated = (joint.lower, joint.upper, joint.effort, joint.velocity)
         if PAIRS[joint.type].freedom == 1 and any(map(math.isfinite, stated)):
             values = zip(("lower", "upper", "effort", "velocity"), stated, strict=True)
-            ET.SubElement(element, "limit", {key: _finite_text(x) for key, x in values})
+            ET.SubElement(element, "limit", {key: finite_text(x) for key, x in values})
         table = {key: getattr(joint, key) for key in RESISTANCES if getattr(joint, key)}
         if table:
             self.joints[joint.name] = {**self.joints.get(joint.name, {}), **table}
@@ -292,10 +260,6 @@ def _pair_table(joint: Joint) -> dict[str, Any]:
     table.update({"lead": joint.lead} if pair.uses_lead else {})
     table.update({"length": joint.length} if pair.uses_length else {})
     return table
-
-
-def _finite_text(value: float) -> str:
-    return repr(math.copysign(min(abs(value), LARGE), value))
 
 
 def _lost(joint: Joint) -> list[str]:
