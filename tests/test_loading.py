@@ -699,14 +699,7 @@ REFUSED = {
     # XML and structure
     "XML that does not parse": bad("</robot>", "", "not well-formed XML", "line"),
     "another XML": bad('<robot name="bench">', "<sdf>", "XML"),
-    "link with two parents": bad(
-        "<!--end-->", joint("second", "continuous", "rocker", "rod_tip"),
-        "'rod_tip' has two parents", "'rod_mount' from 'rod'", "'second' from 'rocker'",
-        "cut the loop", r"\[\[closures\]\]"),
     "two roots": bad("<!--end-->", link("loose"), "2 root links", "base, loose"),
-    "cycle": bad(
-        "<!--end-->", link("u") + link("v") + joint("uv", "fixed", "u", "v")
-        + joint("vu", "fixed", "v", "u"), "'u', 'v'", "cycle"),
     "two links of one name": bad("<!--end-->", link("rod"), "two links are named 'rod'"),
     "two joints of one name": bad(
         "<!--end-->", link("x") + joint("pin", "fixed", "base", "x"),

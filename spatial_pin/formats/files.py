@@ -15,6 +15,7 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion, warn
 from spatial_pin.formats.imported import Imported, Request
 from spatial_pin.formats.table import endings, importer_of
+from spatial_pin.formats.urdf_loops import without_loops
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import joint_values
 from spatial_pin.mechanism.mechanism import (
@@ -181,6 +182,13 @@ def _of_table(
     """Return the mechanism of the expanded URDF of `file` and the table of the file `path`."""
     name, _ = top.text("name"), top.text("tree")
     refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
+    cut = without_loops(urdf, top.content, refinements, file)
+    if cut is not None:
+        for notice in cut.notices:
+            warn(f"{shown(path)}: {notice}")
+        urdf, top = cut.urdf, _Table(cut.content, top.where)
+        name, _ = top.text("name"), top.text("tree")
+        refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
     tree = tree_of(urdf, file, refinements, top.names("order"))
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")

@@ -67,7 +67,6 @@ class Joint:
         damping, friction, armature: of each of its coordinates.
         stiffness, reference: of the spring on its one coordinate, and where that is at rest.
         cut: whether the file says that it closes a loop.
-        needed: whether something refers to its coordinates.
         element: its URDF element, where it has one.
     """
 
@@ -91,7 +90,6 @@ class Joint:
     stiffness: float = 0.0
     reference: float = 0.0
     cut: bool = False
-    needed: bool = False
     element: ET.Element | None = None
 
     @property
@@ -108,12 +106,16 @@ class Joint:
 
     @property
     def is_bare(self) -> bool:
-        """Whether nothing but its two links says anything of it."""
-        return not (self.needed or self.cut or self.is_limited or self.resists or self.stiffness)
+        """Whether nothing is said of it but which links it joins and how."""
+        return not (self.cut or self.is_limited or self.resists or self.stiffness)
 
     def other(self, link: str) -> str:
         """Return the link at its other end."""
         return self.child if link == self.parent else self.parent
+
+    def but(self, **changes: Any) -> Joint:
+        """Return the same joint with changes."""
+        return replace(self, **changes)
 
     def turned(self) -> Joint:
         """Return the same joint from child to parent; one coordinate keeps its name and sign.
@@ -133,9 +135,11 @@ class JointGraph:
 
     Attributes:
         links, joints: in the order of the file.
-        loose: whether the graph has a world, in which what is not joined to it floats.
+        loose: whether the graph has a world, in which what is not joined to it floats; otherwise
+            its roots, links that are no joint's child, stand on the ground, and joints are taken
+            from parent to child where that is possible.
         held: whether that is fixed to the world instead.
-        directed: whether joints are to be taken from parent to child where that is possible.
+        needed: names of joints whose coordinates something refers to.
         rounding: relative size of the last digit of the file's numbers.
     """
 
@@ -143,7 +147,7 @@ class JointGraph:
     joints: tuple[Joint, ...]
     loose: bool = True
     held: bool = False
-    directed: bool = False
+    needed: frozenset[str] = frozenset()
     rounding: float = 1e-12
 
 
@@ -174,32 +178,65 @@ def span(graph: JointGraph) -> SpanningTree:
     Every joint must join two different links that exist, or one and the world.
     """
     graph, notices = _without_chains(graph)
-    meeting = _meeting(graph.joints)
-    order = {joint.name: k for k, joint in enumerate(graph.joints)}
-    reached: set[str] = set()
-    tree: list[Joint] = []
-    turned: set[str] = set()
-    roots = []
-    for root in _starts(graph):
-        if root in reached:
-            continue
-        if root != WORLD:
-            roots.append(root)
-        reached.add(root)
+    growth = _Growth(graph)
+    for start, directed in _starts(graph):
+        growth.grow([x for x in start if x not in growth.reached], directed)
+    kept = {joint.name for joint in growth.tree}
+    cut = tuple(joint for joint in graph.joints if joint.name not in kept)
+    roots = tuple(root for root in growth.roots if root != WORLD)
+    return SpanningTree(graph, tuple(growth.tree), frozenset(growth.turned), roots, cut, notices)
+
+
+class _Growth:
+    """A spanning tree that grows."""
+
+    def __init__(self, graph: JointGraph) -> None:
+        self.graph = graph
+        self.meeting = _meeting(graph.joints)
+        self.order = {joint.name: k for k, joint in enumerate(graph.joints)}
+        self.reached: set[str] = set()
+        self.tree: list[Joint] = []
+        self.turned: set[str] = set()
+        self.roots: list[str] = []
+
+    def grow(self, roots: Sequence[str], directed: bool) -> None:
+        """Let the tree grow from roots until nothing more is joined to it.
+
+        Args:
+            roots: links where it begins.
+            directed: whether joints are to be taken from parent to child where possible.
+        """
         edges: list[tuple[Any, ...]] = []
-        _look_round(root, 0, meeting, reached, graph, order, edges)
+        self.roots += roots
+        self.reached.update(roots)
+        for root in roots:
+            self.look_round(root, 0, edges, directed)
         while edges:
             *_, depth, _, k, against = heapq.heappop(edges)
-            joint = graph.joints[k].turned() if against else graph.joints[k]
-            if joint.child in reached:
+            joint = self.graph.joints[k].turned() if against else self.graph.joints[k]
+            if joint.child in self.reached:
                 continue
-            reached.add(joint.child)
-            tree.append(joint)
-            turned |= {joint.name} if against else set()
-            _look_round(joint.child, depth + 1, meeting, reached, graph, order, edges)
-    kept = {joint.name for joint in tree}
-    cut = tuple(joint for joint in graph.joints if joint.name not in kept)
-    return SpanningTree(graph, tuple(tree), frozenset(turned), tuple(roots), cut, notices)
+            self.reached.add(joint.child)
+            self.tree.append(joint)
+            self.turned |= {joint.name} if against else set()
+            self.look_round(joint.child, depth + 1, edges, directed)
+
+    def look_round(
+        self, link: str, depth: int, edges: list[tuple[Any, ...]], directed: bool
+    ) -> None:
+        """Put the joints that lead on from a link on the heap, the ones to be kept first."""
+        for joint in self.meeting.get(link, ()):
+            if joint.other(link) in self.reached or joint.type not in JOINT_TYPES:
+                continue
+            against = joint.child == link
+            heapq.heappush(edges, (
+                against and directed, *self.reluctance(joint), depth, against,
+                self.order[joint.name], against))
+
+    def reluctance(self, joint: Joint) -> tuple[Any, ...]:
+        """Return a key by which joints are cut, the last first; see the module's docstring."""
+        referred = joint.name in self.graph.needed or joint.is_limited or joint.stiffness
+        return joint.cut, not referred, KEPT.get(joint.type, 1), not joint.resists
 
 
 def _meeting(joints: Iterable[Joint]) -> dict[str, list[Joint]]:
@@ -211,31 +248,15 @@ def _meeting(joints: Iterable[Joint]) -> dict[str, list[Joint]]:
     return meeting
 
 
-def _starts(graph: JointGraph) -> list[str]:
-    """Return where the tree may begin: the world, links that are no joint's child, then others."""
+def _starts(graph: JointGraph) -> list[tuple[list[str], bool]]:
+    """Return where the tree begins, what stands first, and whether directions count there."""
     children = {joint.child for joint in graph.joints}
     names = [link.name for link in graph.links]
-    return [WORLD, *(x for x in names if x not in children), *(x for x in names if x in children)]
-
-
-def _look_round(
-    link: str, depth: int, meeting: dict[str, list[Joint]], reached: set[str], graph: JointGraph,
-    order: dict[str, int], edges: list[tuple[Any, ...]],
-) -> None:
-    """Put the joints that lead on from a link on the heap, the ones to be kept first."""
-    for joint in meeting.get(link, ()):
-        if joint.other(link) in reached or joint.type not in JOINT_TYPES:
-            continue
-        against = joint.child == link
-        heapq.heappush(edges, (
-            graph.directed and against, *_reluctance(joint), depth, against, order[joint.name],
-            against))
-
-
-def _reluctance(joint: Joint) -> tuple[Any, ...]:
-    """Return a key by which joints are cut, the last first; see the module's docstring."""
-    referred = joint.needed or joint.is_limited or joint.stiffness
-    return joint.cut, not referred, KEPT.get(joint.type, 1), not joint.resists
+    roots = [name for name in names if name not in children]
+    others = [[name] for name in names if name in children]
+    standing = [([WORLD], False), *(([x], False) for x in roots)] if graph.loose else [
+        (roots, True)]
+    return [*standing, *((x, False) for x in others)]
 
 
 # ---------------------------------------------------------------- chains that are one pair
@@ -269,8 +290,10 @@ def _chains(graph: JointGraph, count: int) -> list[list[Joint]]:
     meeting = _meeting(graph.joints)
     between = {
         link.name for link in graph.links
-        if link.massless and not link.elements and len(meeting[link.name]) == 2
-        and all(joint.type == "revolute" and joint.is_bare for joint in meeting[link.name])}
+        if link.massless and all(x.tag == "inertial" for x in link.elements)
+        and len(meeting[link.name]) == 2
+        and all(joint.type == "revolute" and joint.is_bare and joint.name not in graph.needed
+                for joint in meeting[link.name])}
     chains, seen = [], set()
     for first in graph.joints:
         for start in (first.parent, first.child):

@@ -27,7 +27,7 @@ RESISTANCES = ("damping", "friction", "armature")
 
 def open_tree(
     graph: JointGraph, where: str, content: Mapping[str, Any], notices: Iterable[str] = (),
-    others: Iterable[ET.Element] = (),
+    robot: ET.Element | None = None,
 ) -> Imported:
     """Return a joint graph as an open tree and closures.
 
@@ -36,14 +36,16 @@ def open_tree(
         where: the file, for errors.
         content: what a mechanism file says beside it, and its name; it is added to.
         notices: of what was read.
-        others: further elements of the <robot>.
+        robot: the <robot> that it comes from; what is neither link nor joint is kept.
 
     Raises:
-        MechanismFileError: two fixed joints hold a link in two places.
+        MechanismFileError: two fixed joints hold a link in two places, or something refers to the
+            coordinate of every joint at which a loop could be cut.
     """
     writer = _Writer(span(graph), where, content)
-    for element in others:
-        writer.robot.append(element)
+    if robot is not None:
+        writer.robot.attrib.update(robot.attrib)
+        writer.robot.extend(x for x in robot if x.tag not in ("link", "joint"))
     writer.write()
     ET.indent(writer.robot)
     return Imported(ET.tostring(writer.robot, encoding="unicode"), writer.merged(),
@@ -70,11 +72,11 @@ class _Writer:
         """Write all of it."""
         if self.graph.loose:
             ET.SubElement(self.robot, "link", name=self.ground)
-        self.bodies[WORLD] = WORLD, pin.SE3.Identity()
+        self.bodies[WORLD] = ground = WORLD, pin.SE3.Identity()
         for link in self.graph.links:
             ET.SubElement(self.robot, "link", name=link.name).extend(link.elements)
         for root in self.tree.roots:
-            self.bodies[root] = root, pin.SE3.Identity()
+            self.bodies[root] = (root, ground[1]) if self.graph.loose else ground
             if self.graph.loose:
                 self.base(self.links[root])
         for joint in self.tree.joints:
@@ -191,6 +193,11 @@ class _Writer:
             self.notices.append(f"joint {joint.name!r} is floating and closes a loop: it holds "
                                 "nothing and is left out")
             return
+        if joint.name in self.graph.needed:
+            raise MechanismFileError(
+                f"{self.where}: joint {joint.name!r} closes a loop and would be cut, but a driver, "
+                "spring, coupling, mimic, transmission or guess refers to its coordinate, as to "
+                "those of all other joints of the loop that could be cut; take one of them out")
         table: dict[str, Any] = {
             "name": joint.name, "frames": [
                 self.frame(f"{joint.name}_on_{self.link_of(link)}", link, place)

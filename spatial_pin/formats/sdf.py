@@ -74,8 +74,7 @@ def read_sdf(request: Request) -> Imported:
     graph = reader.graph()
     content["closures"] = reader.couplings(graph.joints)
     coupled = {name for table in content["closures"] for name in table["joints"]}
-    graph = replace(graph, joints=tuple(
-        replace(joint, needed=joint.needed or joint.name in coupled) for joint in graph.joints))
+    graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
     content = {"name": model.get("name") or path.stem, **content}
     return open_tree(graph, str(path), content, (*notices, *reader.notices))
 

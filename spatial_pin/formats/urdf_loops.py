@@ -1,0 +1,163 @@
+"""URDF whose links have several parents: its loops are cut, for a URDF holds a tree."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.formats.imported import Imported
+from spatial_pin.formats.joint_graph import Joint, JointGraph, Link
+from spatial_pin.formats.open_tree import open_tree
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mechanism.urdf import (
+    CONTAINED_PAIRS,
+    PAIR_OF_URDF_TYPE,
+    JointRefinement,
+    joint_axes,
+)
+from spatial_pin.mechanism.urdf_checks import check_joint, numbers
+from spatial_pin.mechanism.xacro_files import parse_xml
+
+LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
+
+
+def without_loops(
+    urdf: str, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement], path: Path
+) -> Imported | None:
+    """Return a URDF with its loops cut, and what a mechanism file then says beside it.
+
+    Args:
+        urdf: plain URDF text.
+        content: what a mechanism file says beside it.
+        refinements: what it says of joints.
+        path: where the URDF comes from.
+
+    Returns:
+        None where there is no loop, or where the URDF cannot be used for other reasons.
+
+    Raises:
+        MechanismFileError: a joint has impossible numbers, or something refers to the coordinate
+            of every joint at which a loop could be cut.
+    """
+    robot = parse_xml(urdf, path)
+    if not _has_loop(robot):
+        return None
+    joints = []
+    for element in robot.findall("joint"):
+        where = f"{path}: joint {element.get('name')!r}"
+        check_joint(element, where)
+        kind = element.get("type", "")
+        refined = refinements.get(element.get("name", ""))
+        pair = (refined.type if refined else None) or PAIR_OF_URDF_TYPE.get(kind, kind)
+        if pair not in CONTAINED_PAIRS.get(kind, ()):
+            return None  # which the reader of URDF refuses by name
+        joints.append(_joint(element, pair, refined, where))
+    named = {joint.name for joint in joints} & set(_named(robot, content))
+    links = tuple(_link(element, set(_texts(content))) for element in robot.findall("link"))
+    graph = JointGraph(links, tuple(joints), loose=False, needed=frozenset(named))
+    return open_tree(graph, str(path), content, robot=robot)
+
+
+def _has_loop(robot: ET.Element) -> bool:
+    """Whether joints that join two links each form a loop."""
+    links = [link.get("name", "") for link in robot.findall("link")]
+    names = [joint.get("name", "") for joint in robot.findall("joint")]
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
+    known = set(links)
+    if robot.tag != "robot" or len(known) < len(links) or len(set(names)) < len(names) or any(
+            parent == child or not {parent, child} <= known for parent, child in ends):
+        return False  # other faults, which the reader of URDF refuses by name
+    group = {link: link for link in links}
+
+    def first(link: str) -> str:
+        while group[link] != link:
+            group[link] = group[group[link]]
+            link = group[link]
+        return link
+
+    roots = known - {child for _, child in ends}
+    for link in roots:
+        group[link] = min(roots)  # they stand on the same ground
+    for parent, child in ends:
+        one, two = first(parent), first(child)
+        if one == two:
+            return True
+        group[two] = one
+    return False
+
+
+def _end(joint: ET.Element, role: str) -> str:
+    element = joint.find(role)
+    return element.get("link", "") if element is not None else ""
+
+
+def _joint(element: ET.Element, pair: str, refined: JointRefinement | None, where: str) -> Joint:
+    place = element.find("origin")
+    xyz, rpy = (numbers(place, key, 3, where) if place is not None and key in place.attrib
+                else np.zeros(3) for key in ("xyz", "rpy"))
+    axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
+    joint = Joint(
+        element.get("name", ""), pair, _end(element, "parent"), _end(element, "child"),
+        pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz), axis=axis, axis2=axis2,
+        lead=refined.lead if refined else 0.0, element=element, **_resistance(element, refined))
+    limit = element.find("limit")
+    if limit is None or element.get("type") not in LIMITED:
+        return joint
+    return joint.but(lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
+
+
+def _resistance(element: ET.Element, refined: JointRefinement | None) -> dict[str, Any]:
+    """Return damping, friction and armature of a joint, the largest of several."""
+    dynamics = element.find("dynamics")
+    stated = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")
+              } if dynamics is not None else {}
+    given = refined.resistances.items() if refined else ()
+    return {**stated, **{key: float(np.max(values)) for key, values in given
+                         if key != "slip_speed"}}
+
+
+def _link(element: ET.Element, named: set[str]) -> Link:
+    """Return a link; one that something refers to counts as a body, which stays."""
+    values = [x.get(key, "0") for x in element.iterfind("inertial/*")
+              for key in ("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    massless = element.get("name") not in named and all(_is_zero(x) for x in values)
+    return Link(element.get("name", ""), None, tuple(element), massless)
+
+
+def _is_zero(text: str) -> bool:
+    try:
+        return float(text) == 0.0
+    except ValueError:
+        return False
+
+
+def _named(robot: ET.Element, content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the joints whose coordinates something refers to."""
+    for joint in robot.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            yield from (joint.get("name", ""), mimic.get("joint", ""))
+    for transmission in robot.iterfind("transmission/joint"):
+        yield transmission.get("name", "")
+    tables = [*content.get("closures", ()), *content.get("springs", ()),
+              *content.get("drivers", {}).values()]
+    texts = [text for table in tables for key in ("joint", "joints")
+             for text in _texts(table.get(key) if isinstance(table, dict) else None)]
+    for text in (*texts, *content.get("guess", {})):
+        yield from (text, text.rpartition(".")[0])
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in tables, lists and texts."""
+    waiting = [value]
+    while waiting:
+        found = waiting.pop()
+        if isinstance(found, str):
+            yield found
+        elif isinstance(found, dict | list | tuple):
+            waiting += found.values() if isinstance(found, dict) else found
