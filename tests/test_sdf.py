@@ -136,6 +136,17 @@ def test_what_a_cut_joint_cannot_keep_is_told():
     assert any("not read: <plugin name='CassiePlugin'" in t for t in texts)
 
 
+@quiet
+def test_cassie_is_saved_as_a_folder_that_loads_as_the_same_mechanism(tmp_path):
+    mech = sp.load(CASSIE / "cassie.sdf")
+    mech.save(tmp_path / "cassie")
+    again = sp.load(next((tmp_path / "cassie").glob("*.toml")))
+    q = pin.randomConfiguration(mech.model, np.full(mech.model.nq, -1.0), np.ones(mech.model.nq))
+    assert again.coordinates == mech.coordinates
+    assert np.allclose(sp.closure_jacobian(again, q), sp.closure_jacobian(mech, q), atol=1e-14)
+    assert [s.joint for s in again.springs] == [s.joint for s in mech.springs]
+
+
 # ---------------------------------------------------------------- a four-bar
 
 

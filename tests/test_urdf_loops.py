@@ -129,7 +129,8 @@ def test_a_floating_joint_closes_nothing_and_limits_that_are_lost_are_told(tmp_p
         mech = loaded(tmp_path, four_bar(kind="floating"))
     assert mech.closures == ()
     limit = "<limit lower='-1' upper='2' effort='1' velocity='1'/><dynamics damping='0.5'/>"
-    text = four_bar(kind="revolute").replace(LIMIT, limit).replace("type='fixed'", "type='revolute'")
+    text = four_bar(kind="revolute").replace(LIMIT, limit)
+    text = text.replace("type='fixed'", "type='revolute'")
     text = text.replace("<child link='pin'/>", f"<child link='pin'/>{limit}", 1)
     with pytest.warns(sp.SpatialPinWarning) as told:
         loaded(tmp_path, text)
@@ -142,7 +143,7 @@ def test_a_link_reached_twice_by_the_same_fixed_place_is_told_and_another_place_
             + joint("k", "fixed", "a", "c", "1 1 0") + "</robot>")
     with pytest.warns(sp.SpatialPinWarning, match="fixed to each other already"):
         assert loaded(tmp_path, text).closures == ()
-    with pytest.raises(sp.MechanismFileError, match="'.' holds .* in another place"):
+    with pytest.raises(sp.MechanismFileError, match=r"holds .* in another place"):
         loaded(tmp_path, text.replace("1 1 0", "1 2 0"))
 
 
