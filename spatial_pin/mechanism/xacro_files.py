@@ -24,7 +24,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 from xml.dom import minidom
-from xml.parsers.expat import ExpatError
+from xml.parsers.expat import ExpatError, errors
 
 import numpy as np
 
@@ -54,6 +54,10 @@ PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
 DEEPEST = 100  # elements within one another; URDF readers take 100 or 500 and then print
 REMEDY = "sp.load(..., trusted=True) reads it all the same"
+UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
+_PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
+_DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
+_ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
 _IMPORTING = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
     os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
@@ -174,7 +178,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
         MechanismFileError: it is not well-formed, or too deep; `path` is where it comes from.
     """
     try:
-        root = ET.fromstring(text)
+        root = _parsed(text)
     except (ET.ParseError, ValueError) as error:
         raise MechanismFileError(f"{shown(path)}: not well-formed XML: {error}") from error
     level, depth = [root], 0
@@ -184,6 +188,20 @@ def parse_xml(text: str, path: Path) -> ET.Element:
             raise MechanismFileError(
                 f"{shown(path)}: more than {DEEPEST} elements within one another; URDF has ten")
     return root
+
+
+def _parsed(text: str) -> ET.Element:
+    """Return the root element; prefixes that nobody declares, as in many URDFs, are their names."""
+    try:
+        return ET.fromstring(text)
+    except ET.ParseError as error:
+        root = _ROOT.match(text)
+        if error.code != UNBOUND or root is None:
+            raise
+        declared = {"xml", "xmlns", *_DECLARED.findall(text)}
+        unbound = dict.fromkeys(p for p in _PREFIX.findall(text) if p not in declared)
+        names = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in unbound)
+        return ET.fromstring(text[:root.end()] + names + text[root.end():])
 
 
 # ---------------------------------------------------------------- one expansion
