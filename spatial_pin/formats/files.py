@@ -13,7 +13,9 @@ from typing import Any, NoReturn
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion, warn
+from spatial_pin.formats import urdf
 from spatial_pin.formats.imported import Imported, Request
+from spatial_pin.formats.merging import merged
 from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.urdf_loops import without_loops
 from spatial_pin.linalg import Array
@@ -41,7 +43,6 @@ from spatial_pin.mechanism.pairs import (
 from spatial_pin.mechanism.sources import check_file, is_file, read_text, shown
 from spatial_pin.mechanism.toml_files import parse_toml
 from spatial_pin.mechanism.urdf import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
-from spatial_pin.mechanism.xacro_files import expand
 
 _REQUIRED: Any = object()
 BETWEEN = "length_between"
@@ -51,7 +52,7 @@ BELONGS = {  # where in a file each key has its place
           "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
-                        "equations", "axis", "axis2", "lead"),
+                        "equations", "axis", "axis2", "lead", "source"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
                        "free_angle"),
@@ -95,7 +96,8 @@ def load(source: str | Path, *, trusted: bool = False, **parameters: float) -> M
 
     Args:
         source: name of a library mechanism (`list_mechanisms`), or path of a `.toml` mechanism
-            file, or of a `.urdf` or `.urdf.xacro` open tree (which alone has no closures).
+            file, or of a `.urdf` or `.urdf.xacro` tree with the loops that are stated inside it or
+            in a `robot.yaml` or `loop_closures.yaml` beside it, or of a folder with these.
         trusted: whether a xacro file may include xacro files and load YAML files from anywhere;
             otherwise only from below its own folder and from ROS packages (folders with a
             `package.xml`, or below those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH).
@@ -130,7 +132,7 @@ def _find(source: str | Path) -> Path:
     shipped = library_folder() / f"{source}.toml"
     if path.name == str(source) and is_file(shipped):
         return shipped
-    if importer_of(path) is not None:
+    if fspath(source) and importer_of(path) is not None:
         return path
     raise MechanismFileError(
         f"no mechanism {shown(path)!r}: neither a file ({', '.join(endings())}) nor in the "
@@ -157,7 +159,12 @@ def _load_toml(path: Path, parameters: Mapping[str, float], trusted: bool) -> Me
         check_file(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(top.text('tree'))!r}: {error}")
-    return _of_table(top, file, expand(file, parameters, trusted), path, parameters, trusted)
+    read = (importer_of(file) or urdf.IMPORTER).read
+    tree = read(Request(file, parameters, trusted, alone="closures" not in top))
+    content, left_out = merged(top.content, tree.content)
+    for notice in (*tree.notices, *left_out):
+        warn(f"{shown(path)}: {notice}")
+    return _of_table(_Table(content, str(path)), file, tree.urdf, path, parameters, trusted)
 
 
 def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
@@ -273,15 +280,15 @@ def _refinement(table: _Table) -> JointRefinement:
 def _closure(table: _Table) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
-    kind = table.choice("type", CLOSURE_TYPES)
+    kind, source = table.choice("type", CLOSURE_TYPES), table.text("source", "")
     if kind == COUPLING:
-        closure = Closure(name, kind, joints=table.two_names("joints"),
+        closure = Closure(name, kind, source=source, joints=table.two_names("joints"),
                           ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))
         if closure.ratio == 0.0:
             table.fail("ratio", "is zero; lock the joint instead")
     else:
         is_distance = PAIRS[kind].uses_length
-        closure = Closure(name, kind, frames=table.two_names("frames"),
+        closure = Closure(name, kind, source=source, frames=table.two_names("frames"),
                           between=_between(table) if is_distance else (),
                           geometry=_geometry(table, PAIRS[kind]))
         if "equations" in table:

@@ -16,11 +16,13 @@ class Request:
         path: the file, or the folder for formats that are one.
         parameters: values of xacro arguments [SI, rad]; other formats have none.
         trusted: whether the file may read files from anywhere, see `load`.
+        alone: whether no mechanism file with closures says more of it.
     """
 
     path: Path
     parameters: Mapping[str, float] = field(default_factory=dict)
     trusted: bool = False
+    alone: bool = True
 
 
 @dataclass(frozen=True)

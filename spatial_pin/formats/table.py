@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats import mjcf, sdf, urdf
+from spatial_pin.formats import folder, mjcf, sdf, urdf
 from spatial_pin.formats.imported import Importer
 from spatial_pin.mechanism.sources import check_file, shown
 
@@ -16,6 +16,8 @@ IMPORTERS: dict[str, Importer] = {
     "urdf": urdf.IMPORTER,
     "sdf": sdf.IMPORTER,
     "mjcf": mjcf.IMPORTER,
+    "folder": folder.FOLDER,
+    "statement": folder.STATEMENT,
 }
 
 

@@ -1,11 +1,13 @@
-"""URDF and xacro: an open tree."""
+"""URDF and xacro: an open tree, and the loops that dialects state inside it or beside it."""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
+from spatial_pin.formats.dialects import Reading, gepetto, read_dialects
 from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.mechanism.xacro_files import expand
+from spatial_pin.mechanism.xacro_files import expand, parse_xml
 
 
 def is_urdf(path: Path) -> bool:
@@ -13,13 +15,24 @@ def is_urdf(path: Path) -> bool:
     return True
 
 
-def read_urdf(request: Request) -> Imported:
+def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     """Read a URDF or xacro file.
 
+    Args:
+        request: the file.
+        beside: the file that states its loops, if that is known; else it is looked for.
+
     Raises:
-        MechanismFileError: it cannot be read.
+        MechanismFileError: it cannot be read, or joins links in a way that is not known.
     """
-    return Imported(expand(request.path, request.parameters, request.trusted))
+    text = expand(request.path, request.parameters, request.trusted)
+    reading = Reading(parse_xml(text, request.path), request.path)
+    before = ET.tostring(reading.robot, encoding="unicode")
+    read_dialects(reading, beside)
+    if request.alone and not reading.content.get("closures"):
+        gepetto.tell_unstated(reading)
+    after = ET.tostring(reading.robot, encoding="unicode")
+    return Imported(text if after == before else after, reading.content, tuple(reading.notices))
 
 
 IMPORTER = Importer("URDF or xacro", (".urdf", ".xacro"), is_urdf, read_urdf)

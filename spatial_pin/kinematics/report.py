@@ -105,13 +105,14 @@ def info(mechanism: Mechanism) -> Info:
 
 
 def _closure_text(closure: Any) -> str:
+    stated = f", from {closure.source}" if closure.source else ""
     if closure.type == COUPLING:
         a, b = closure.joints
         offset = f" + {closure.offset:g}" if closure.offset else ""
-        return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation)"
+        return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     return (f"{closure.type}: {closure.frames[0]} - {closure.frames[1]}{length} "
-            f"({closure.n_rows} equation{'s' * (closure.n_rows != 1)})")
+            f"({closure.n_rows} equation{'s' * (closure.n_rows != 1)}){stated}")
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:

@@ -264,6 +264,7 @@ def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:
 
 def _closure(closure: Closure) -> dict[str, Any]:
     table: dict[str, Any] = {"name": closure.name, "type": closure.type}
+    table.update({"source": closure.source} if closure.source else {})
     if closure.type == COUPLING:
         return {**table, "joints": list(closure.joints), "ratio": closure.ratio,
                 "offset": closure.offset}

@@ -65,6 +65,7 @@ class Closure:
         joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
         equations: which of the pair's equations are asked for, None for all; the others must
             hold of themselves (planar loops).
+        source: where it is stated, if not as a closure of a mechanism file.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Closure:
     offset: float = 0.0
     equations: tuple[int, ...] | None = None
     between: tuple[str, ...] = ()
+    source: str = ""
 
     @property
     def pair(self) -> Pair:

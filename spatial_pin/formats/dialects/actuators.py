@@ -1,0 +1,31 @@
+"""Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+from spatial_pin.formats.dialects import drake
+from spatial_pin.formats.dialects.reading import Reading
+
+DRIVABLE = ("revolute", "continuous", "prismatic")  # one coordinate
+
+
+def read_transmission(element: ET.Element, reading: Reading) -> None:
+    """Read a `<transmission>`: `<joint name>`, or the same as text within."""
+    for joint in element.iter("joint"):
+        _drive(joint.get("name") or (joint.text or "").strip(), reading)
+    drake.read_armatures(element, reading)
+
+
+def read_ros2_control(element: ET.Element, reading: Reading) -> None:
+    """Read a `<ros2_control>`: what takes commands is driven."""
+    for joint in element.findall("joint"):
+        if joint.find("command_interface") is not None:
+            _drive(joint.get("name", ""), reading)
+
+
+def _drive(name: str, reading: Reading) -> None:
+    """Make a joint a driver, if it is one that a motor can drive by itself."""
+    joint = reading.joints.get(name)
+    if joint is not None and joint.get("type") in DRIVABLE and joint.find("mimic") is None:
+        reading.drive(name)

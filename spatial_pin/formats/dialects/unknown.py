@@ -1,0 +1,74 @@
+"""Elements that nobody reads: harmless ones are left, those that join links are refused by name."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+
+from spatial_pin.formats.dialects.reading import Reading, local
+
+KNOWN = ("link", "joint", "material")  # of URDF itself
+HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning
+    "sensor", "camera", "mujoco_camera", "frame", "fixed_frame", "mujoco", "collision_filter_group",
+    "collision_filter_groups", "disable_collisions", "enable_collisions",
+    "disable_default_collisions", "link_sphere_approximation", "group", "chain", "group_state",
+    "end_effector", "virtual_joint", "passive_joint", "joint_property", "self_collision_checking",
+)
+ROLES = (  # what the two ends of a joint are called
+    ("parent", "child"), ("predecessor", "successor"), ("link1", "link2"), ("link_1", "link_2"),
+    ("link_a", "link_b"), ("linka", "linkb"), ("body1", "body2"), ("body_1", "body_2"),
+    ("body_a", "body_b"), ("bodya", "bodyb"), ("body0", "body1"), ("link0", "link1"),
+    ("frame1", "frame2"), ("frame_a", "frame_b"), ("framea", "frameb"), ("site1", "site2"),
+    ("parent_link", "child_link"), ("base_link", "follower_link"), ("from", "to"),
+)
+
+
+def refuse_unread(reading: Reading) -> None:
+    """Refuse elements that nobody reads and that join links.
+
+    Directly in the robot these are all that name two links and are not known to be harmless; in
+    `<gazebo>`, where plugins name links for many reasons, those whose two ends are named as the
+    ends of a joint are.
+    """
+    links = set(reading.links)
+    for element in reading.robot:
+        if not isinstance(element.tag, str) or local(element) in (*KNOWN, *HARMLESS):
+            continue
+        if local(element) == "gazebo":
+            for inner in element.iter():
+                _refuse(inner, _ends(inner, links), reading)
+        else:
+            _refuse(element, list(dict.fromkeys(_named(element, links))), reading)
+
+
+def _refuse(element: ET.Element, ends: list[str], reading: Reading) -> None:
+    if len(ends) > 1:
+        raise reading.fail(element, f"joins the links {', '.join(map(repr, ends))} in a way that "
+                                    "is not known, and a loop is never dropped: take it out, or "
+                                    "write a [[closures]] entry for it in a .toml file instead")
+
+
+def _named(element: ET.Element, links: set[str]) -> Iterator[str]:
+    """Yield the links that an element names, in its attributes or text, at any depth."""
+    for inner in element.iter():
+        for key, value in inner.attrib.items():
+            if value in links and not (inner is element and key == "name"):
+                yield value
+        if (inner.text or "").strip() in links:
+            yield (inner.text or "").strip()
+
+
+def _ends(element: ET.Element, links: set[str]) -> list[str]:
+    """Return the links at the ends that an element itself gives, as attributes or children."""
+    named = {key.lower(): value for key, value in element.attrib.items() if value in links}
+    for child in element:
+        if isinstance(child.tag, str):
+            inner = ET.Element(local(child), child.attrib)
+            inner.text = child.text
+            found = list(_named(inner, links)) or [v for v in (child.get("name"),) if v in links]
+            if found:
+                named[local(child).lower()] = str(found[0])
+    for role in ROLES:
+        if all(key in named for key in role):
+            return list(dict.fromkeys(named[key] for key in role))
+    return []

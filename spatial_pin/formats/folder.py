@@ -1,0 +1,87 @@
+"""Robots that are a folder, or a YAML file beside their URDF: found, and read as that URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.dialects import gepetto, loop_closures
+from spatial_pin.formats.imported import Imported, Importer, Request
+from spatial_pin.formats.urdf import read_urdf
+from spatial_pin.mechanism.sources import is_file, shown
+from spatial_pin.mechanism.xacro_files import parse_xml
+
+PLACES = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether a folder holds a URDF."""
+    return bool(_candidates(path))
+
+
+def is_statement(path: Path) -> bool:
+    """Return whether a YAML file states the loops of a URDF."""
+    return path.name == loop_closures.NAME or gepetto.is_robot(path)
+
+
+def read_folder(request: Request) -> Imported:
+    """Read the robot of a folder.
+
+    Raises:
+        MechanismFileError: there is none, or several and none is named `robot` or as the folder.
+    """
+    return _read(_only(request.path), request, request.path.resolve().name)
+
+
+def read_statement(request: Request) -> Imported:
+    """Read the robot of a YAML file.
+
+    Raises:
+        MechanismFileError: it is about no file that is there.
+    """
+    path = request.path
+    if path.name == loop_closures.NAME:
+        folder = path.parent.parent if path.parent.name == "config" else path.parent
+        urdf, name = _only(folder), folder.resolve().name
+    else:
+        urdf = gepetto.urdf_of(path)
+        name = path.resolve().parent.name if path.stem == "robot" else path.stem
+    return _read(urdf, request, name, path)
+
+
+def _read(urdf: Path, request: Request, name: str, statement: Path | None = None) -> Imported:
+    imported = read_urdf(Request(urdf, request.parameters, request.trusted), statement)
+    robot = parse_xml(imported.urdf, urdf)
+    for mesh in robot.iter("mesh"):
+        file = mesh.get("filename", "")
+        if file and "://" not in file:  # relative to the URDF, not to what was asked for
+            mesh.set("filename", str(urdf.resolve().parent / file))
+    return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
+                    imported.notices)
+
+
+def _candidates(folder: Path) -> list[Path]:
+    """Return the URDFs of a folder, those of the first place that has any."""
+    for place in PLACES:
+        found = sorted(p for p in (folder / place).glob("*.urdf") if is_file(p))
+        if found:
+            return found
+    return []
+
+
+def _only(folder: Path) -> Path:
+    """Return the URDF that is meant by a folder."""
+    found = _candidates(folder)
+    names = ("robot", folder.resolve().name)
+    chosen = found if len(found) == 1 else [p for p in found if p.stem in names][:1]
+    if not chosen:
+        listed = ", ".join(p.name for p in found) or "none"
+        raise MechanismFileError(f"{shown(folder)}: which .urdf is meant? There are: {listed}; "
+                                 "load one of them by its own path")
+    return chosen[0]
+
+
+FOLDER = Importer("a folder with a URDF", ("/",), is_folder, read_folder)
+STATEMENT = Importer("robot.yaml or loop_closures.yaml beside a URDF", (".yaml", ".yml"),
+                     is_statement, read_statement)
