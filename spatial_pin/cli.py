@@ -112,6 +112,8 @@ def _parser() -> argparse.ArgumentParser:
                              metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
             sub.add_argument("--trusted", action="store_true",
                              help="its xacro files may read files outside their folder")
+            sub.add_argument("--free-flyer", action="store_true",
+                             help="a floating joint carries its root link")
         return sub
 
     listing = command("list", _list, "mechanisms and operators of the library, with their sources",
@@ -315,7 +317,7 @@ def _setting(text: str) -> tuple[str, float]:
 
 
 def _load(options: argparse.Namespace) -> sp.Mechanism:
-    return sp.load(options.mechanism, trusted=options.trusted,
+    return sp.load(options.mechanism, trusted=options.trusted, free_flyer=options.free_flyer,
                    **_unique(options, options.parameters))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin.accuracy.extended import EPS, Extended, Long
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.holding import still_entries
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem, close
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
@@ -88,6 +89,7 @@ class ExactRows:
         self.extended = Extended(mechanism)
         self.scale = mechanism.velocity_scale
         self.at = [c.q for c in driven]
+        self.moved = [*(c.v for c in driven), *still_entries(mechanism, driven)]
 
     def near(self, q: Array, turns: Array) -> Exact:
         """Return the exact rows nearest to rows q (N, nq), passive freedoms left as they are.
@@ -121,11 +123,11 @@ class ExactRows:
         closure = self.extended.rows(q, v, a, turns)
         spins = np.zeros((3, n, self.extended.n_spins), dtype=Long)
         spins[1:] = self.extended.spins(q, v, a)
-        drive = np.zeros((3, n, len(self.driven)), dtype=Long)
+        drive = np.zeros((3, n, len(self.moved)), dtype=Long)
         fill = np.zeros((3, n, systems.null.shape[1]), dtype=Long)
         for level, rates, asked in ((1, v, self.speed), (2, a, self.acceleration)):
             scaled = rates / self.scale
-            drive[level] = scaled[:, [c.v for c in self.driven]]
+            drive[level] = scaled[:, self.moved]
             drive[level, :, 0] -= asked / Long(self.scale[self.driven[0].v])
             fill[level] = np.einsum("nkv,nv->nk", systems.null, scaled)
         rows = np.broadcast_to(systems.rows, (3, *systems.rows.shape))
@@ -165,7 +167,7 @@ class ExactRows:
     def _system(self, evaluation: Evaluation, q: Array, k: int) -> SquareSystem | None:
         """Close row k of q, and return its system; None where there is none."""
         free = np.ones(self.mechanism.model.nv, dtype=bool)
-        free[[c.v for c in self.driven]] = False
+        free[self.moved] = False
         q[k], error = close(evaluation, q[k], free, 1e-14)
         if error > CLOSED:
             return None

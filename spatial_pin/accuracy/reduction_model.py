@@ -260,6 +260,7 @@ class Model:
         """Return the mechanism as it stands."""
         full = self.full
         content = content_of(full)
+        content["drivers"] = {d.name: {"joint": d.joint} for d in full.drivers.values()}
         named = {f for c in self.closures for f in (*c.frames, *c.between)}
         named |= {name for name in self.asked.frames if name in full.frame_ids}
         if self.dynamics:

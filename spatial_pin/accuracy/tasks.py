@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from spatial_pin.checks import mapping
 from spatial_pin.dynamics.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.assembly import assembled
@@ -167,7 +168,7 @@ def _sweep_task(mechanism: Mechanism, given: dict[str, Any]) -> SweepTask:
             given[name] = np.asarray(given[name], dtype=float)[:n]
     start = motion.state(0)
     driver = mechanism.driven_coordinate(given["driver"])
-    driven = prescribed_at(start, [driver.name, *(given.get("hold") or {})])
+    driven = prescribed_at(start, [driver.name, *mapping(given.get("hold"), "hold")])
     hold = {c.name: float(start.q[c.q]) for c in driven if c.name != driver.name}
     given.update(values=np.array(motion.swept), guess=start, hold=hold)
     return SweepTask(mechanism, start, given)

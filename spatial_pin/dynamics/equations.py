@@ -25,8 +25,8 @@ from spatial_pin.dynamics.reactions import Pairs, Poses
 from spatial_pin.dynamics.saddle import DOUBTFUL, ROUNDING, SINGULAR, Motions, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
-from spatial_pin.kinematics.mobility import is_in_loop
-from spatial_pin.kinematics.newton import Regular, lost_rank, passive_freedoms, rank_loss
+from spatial_pin.kinematics.newton import Regular, lost_rank, rank_loss
+from spatial_pin.kinematics.passive import is_in_loop, passive_freedoms
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.views import forces as force_view
 from spatial_pin.kinematics.views import joint_jacobian

@@ -21,7 +21,8 @@ import pinocchio as pin
 from spatial_pin.dynamics.least_constraint import cross
 from spatial_pin.dynamics.problem import Problem
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import close, passive_freedoms
+from spatial_pin.kinematics.newton import close
+from spatial_pin.kinematics.passive import driven_groups, passive_freedoms
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, null_space
 from spatial_pin.mechanism.resistance import resists
@@ -59,9 +60,10 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_rows])
     if len(freedoms) < 2 or "spherical" not in mechanism.pairs:
         return []
-    found = []
+    found, groups = [], driven_groups(mechanism)
     for name, velocities in passive_freedoms(evaluation, freedoms * problem.scale):
-        if len(velocities) == 1 and mechanism.pair_of(name) == "spherical":
+        is_one_body = groups.count(groups[mechanism.joint_id(name)]) == 1
+        if len(velocities) == 1 and mechanism.pair_of(name) == "spherical" and is_one_body:
             joint = mechanism.joint_id(name)
             at, iq = problem.model.idx_vs[joint], problem.model.idx_qs[joint]
             v = slice(at, at + 3)

@@ -14,6 +14,7 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion, warn
 from spatial_pin.formats import urdf
+from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.imported import Imported, Request
 from spatial_pin.formats.merging import merged
 from spatial_pin.formats.table import endings, importer_of
@@ -29,6 +30,7 @@ from spatial_pin.mechanism.mechanism import (
     Spring,
     add_frames,
     check_mechanism,
+    drivers_of_tree,
 )
 from spatial_pin.mechanism.pairs import (
     CLOSURE_TYPES,
@@ -84,7 +86,9 @@ def library_titles() -> dict[str, tuple[str, str]]:
     return found
 
 
-def load(source: str | Path, *, trusted: bool = False, **parameters: float) -> Mechanism:
+def load(
+    source: str | Path, *, trusted: bool = False, free_flyer: bool = False, **parameters: float
+) -> Mechanism:
     """Load a mechanism.
 
     A file need not be trusted to be loaded: nothing in it is run as a program. In a xacro file
@@ -101,27 +105,32 @@ def load(source: str | Path, *, trusted: bool = False, **parameters: float) -> M
         trusted: whether a xacro file may include xacro files and load YAML files from anywhere;
             otherwise only from below its own folder and from ROS packages (folders with a
             `package.xml`, or below those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH).
+        free_flyer: whether a floating joint, `root_joint`, carries the root link, as Pinocchio's
+            JointModelFreeFlyer does; what stands still is then the link `world`.
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
         The mechanism; its loops are not yet closed, see `assemble`.
 
     Raises:
-        MechanismFileError: a file cannot be used; says which key, joint or closure, and why.
-        TypeError: the source is neither a name nor a path, or `trusted` neither True nor False,
-            or a parameter is neither a number nor a text.
+        MechanismFileError: a file cannot be used; says which key, joint or closure, and why. Or
+            its root floats already where it is to be made floating.
+        TypeError: the source is neither a name nor a path, or `trusted` or `free_flyer` neither
+            True nor False, or a parameter is neither a number nor a text.
         ValueError: a parameter is NaN or infinite.
     """
     if not isinstance(source, str | PathLike) or isinstance(fspath(source), bytes):
         raise TypeError(f"a mechanism is loaded by its name or path, not {source!r}")
-    if not isinstance(trusted, bool | np.bool_):
-        raise TypeError(f"trusted is True or False, not {trusted!r}")
+    for key, given in (("trusted", trusted), ("free_flyer", free_flyer)):
+        if not isinstance(given, bool | np.bool_):
+            raise TypeError(f"{key} is True or False, not {given!r}")
     path = _find(source)
     if path.suffix == ".toml":
-        return _load_toml(path, parameters, trusted)
+        return _load_toml(path, parameters, trusted, free_flyer)
     importer = importer_of(path)
     assert importer is not None  # otherwise it was not found
-    return _imported(importer.read(Request(path, parameters, trusted)), path, parameters, trusted)
+    imported = importer.read(Request(path, parameters, trusted))
+    return _imported(imported, path, parameters, trusted, free_flyer)
 
 
 def _find(source: str | Path) -> Path:
@@ -141,17 +150,21 @@ def _find(source: str | Path) -> Path:
 
 
 def _imported(
-    imported: Imported, path: Path, parameters: Mapping[str, float], trusted: bool
+    imported: Imported, path: Path, parameters: Mapping[str, float], trusted: bool,
+    free_flyer: bool,
 ) -> Mechanism:
     """Return the mechanism of what an importer read."""
     for notice in imported.notices:
         warn(f"{shown(path)}: {notice}")
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    return _of_table(_Table(content, str(path)), path, imported.urdf, path, parameters, trusted)
+    urdf = _floated(imported.urdf, path, content) if free_flyer else imported.urdf
+    return _of_table(_Table(content, str(path)), path, urdf, path, parameters, trusted, free_flyer)
 
 
-def _load_toml(path: Path, parameters: Mapping[str, float], trusted: bool) -> Mechanism:
+def _load_toml(
+    path: Path, parameters: Mapping[str, float], trusted: bool, free_flyer: bool
+) -> Mechanism:
     top = _Table(parse_toml(read_text(path), path), str(path))
     top.text("name")
     file = path.parent / top.text("tree")
@@ -164,7 +177,16 @@ def _load_toml(path: Path, parameters: Mapping[str, float], trusted: bool) -> Me
     content, left_out = merged(top.content, tree.content)
     for notice in (*tree.notices, *left_out):
         warn(f"{shown(path)}: {notice}")
-    return _of_table(_Table(content, str(path)), file, tree.urdf, path, parameters, trusted)
+    text = _floated(tree.urdf, file, content) if free_flyer else tree.urdf
+    return _of_table(_Table(content, str(path)), file, text, path, parameters, trusted, free_flyer)
+
+
+def _floated(urdf: str, path: Path, content: Mapping[str, Any]) -> str:
+    """Return URDF text with a floating joint below its root."""
+    joints = content.get("joints")
+    tables = joints if isinstance(joints, dict) else {}
+    refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
+    return with_free_flyer(urdf, path, refined)
 
 
 def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
@@ -184,7 +206,7 @@ def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
 
 def _of_table(
     top: _Table, file: Path, urdf: str, path: Path, parameters: Mapping[str, float],
-    trusted: bool = False,
+    trusted: bool = False, free_flyer: bool = False,
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file `path`."""
     name, _ = top.text("name"), top.text("tree")
@@ -206,6 +228,7 @@ def _of_table(
     parts = {
         "tree": file,
         "trusted": trusted,
+        "free_flyer": free_flyer,
         "title": top.text("title", ""),
         "source": top.text("source", ""),
         "closures": tuple(_closure(table) for table in top.array("closures")),
@@ -218,17 +241,21 @@ def _of_table(
     }
     top.close()
     add_frames(tree.model, frames, str(path))
-    return _build(name, tree, parts, path, parameters)
+    return _build(name, tree, parts, path, parameters, "drivers" in top)
 
 
 def _build(
-    name: str, tree: Tree, parts: dict[str, Any], path: Path, parameters: Mapping[str, float]
+    name: str, tree: Tree, parts: dict[str, Any], path: Path, parameters: Mapping[str, float],
+    states_drivers: bool,
 ) -> Mechanism:
     mimics = tuple(
         Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
         for joint, source, ratio, offset in tree.mimics
     )
     parts["closures"] = (*parts.get("closures", ()), *mimics)
+    if not states_drivers:
+        joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
+        parts["drivers"] = drivers_of_tree(joints, parts["closures"])
     mechanism = Mechanism(
         name=name, model=tree.model, visual_model=tree.shapes.visual,
         collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,

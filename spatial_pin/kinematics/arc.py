@@ -107,7 +107,7 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
     ahead = _place(curve, point, _root(gap, length))
     ahead[at] = target
     free = np.ones(curve.model.nv, dtype=bool)
-    free[[c.v for c in curve.system.driven]] = False
+    free[[*curve.system.drive_at, *curve.system.still]] = False
     ahead, error = close(curve.evaluation, ahead, free, curve.tolerance)
     if error > 1e-11:
         return Arrival("lost", ahead, target)

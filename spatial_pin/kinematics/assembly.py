@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from spatial_pin.checks import checked, mapping
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
+from spatial_pin.kinematics.holding import still_entries
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.release import can_move, can_stand, least_motion
 from spatial_pin.kinematics.state import State
@@ -69,7 +70,8 @@ def assemble(
     them, at neutral if it says nothing of them; but where it says something of other joints and
     does not close with the drivers at neutral, where the loops take them. What else the guess
     names is held while the rest is solved first, then released; of the branches in reach the one
-    nearest to the named values is returned.
+    nearest to the named values is returned. A free base (a floating joint that carries alone all
+    that hangs together with its link) stays where the guess has it.
 
     Only where the loops cannot close so, the drivers that stand are let go, all by the least
     motion: the sum of squares of how far they go, angles in rad and slides by the characteristic
@@ -230,6 +232,8 @@ class _Search:
         self.limits, self.tolerance = limits, accuracy.tolerance
         table = self.mechanism.coordinate_table
         self.pinned = {name: x for name, x in self.held.items() if table[name].q < 0}
+        self.still = still_entries(self.mechanism, (
+            table[name] for name in (*self.held, *(let_go or {}))))
         self.free = self._free(name for name in self.held if name not in self.pinned)
         self.first = self.free & self._free(self.named)
         self.best: tuple[float, Array] | None = None
@@ -237,8 +241,9 @@ class _Search:
         self.found_at = -1
 
     def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
-        """Return (nv,) which velocities are left where coordinates are held."""
+        """Return (nv,) which velocities are left where coordinates and free bases are held."""
         free = np.ones(self.mechanism.model.nv, dtype=bool)
+        free[list(self.still)] = False
         free[[self.mechanism.coordinate_table[name].v for name in held]] = False
         return free
 
@@ -250,7 +255,8 @@ class _Search:
             release: whether to give up where the drivers that stand cannot.
         """
         most = MAX_STARTS
-        for k, start in enumerate(_starts(self.mechanism, q, self.held, self.named)):
+        starts = _starts(self.mechanism, q, self.held, self.named, self.still)
+        for k, start in enumerate(starts):
             if _size(self.mechanism, start)[0] * ROUND_OFF < 1.0:  # else no digit is left of it
                 self.attempt(start)
             if self.done(k):
@@ -567,9 +573,12 @@ def _as_given(
 
 
 def _starts(
-    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
+    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float],
+    still: Sequence[int] = (),
 ) -> Iterator[Array]:
     """Yield start configurations: the guess, then others that keep what it names.
+
+    The velocity entries that are `still` stay where they are, too.
 
     After half of the starts what is named is shaken too, first by up to a radian, in the end by
     any angle, and lengths in proportion; named lengths far beyond the mechanism's size are cut.
@@ -582,7 +591,7 @@ def _starts(
     nearer = {name: float(np.clip(value, -far, far)) for name, value in named.items()
               if table[name].unit == "m"}
     near = with_values(mechanism, fixed, {**nearer, **held})
-    is_held = np.array([name in held for name in table], dtype=bool)
+    is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
     is_named = np.array([name in named for name in table], dtype=bool)
     is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
     if not np.any(~is_held):

@@ -11,6 +11,7 @@ import pinocchio as pin
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.arc import Arrival, march
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.holding import BASE, Hold, divided
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.kinematics.rates import prescribed_at
 from spatial_pin.kinematics.spin import Spin
@@ -56,7 +57,7 @@ class Branch:
 
     def __init__(
         self, state: State, driven: Sequence[Coordinate], accuracy: Accuracy,
-        evaluation: Evaluation | None = None,
+        evaluation: Evaluation | None = None, still: Sequence[int] | None = None,
     ) -> None:
         self.mechanism = state.mechanism
         self.model = state.mechanism.model
@@ -69,7 +70,7 @@ class Branch:
         self.at = driven[0].q
         self.q = state.q.copy()
         self.s = self.values[driven[0].name]
-        self.system = SquareSystem(self.evaluation, driven, state.q)
+        self.system = SquareSystem(self.evaluation, driven, state.q, still)
         self.system.check_regular(state.q)
         self.scale = self.system.scale
         self.sign, pivot = self.system.pivots()
@@ -90,9 +91,10 @@ class Branch:
         self._set_rates()
 
     @classmethod
-    def along(cls, state: State, driver: str, accuracy: Accuracy) -> Branch:
+    def along(cls, state: State, driver: str, accuracy: Accuracy, hold: Hold = BASE) -> Branch:
         """Return the branch through a state along which one driver changes, the others held."""
-        return cls(state, prescribed_at(state, [driver]), accuracy)
+        driven = prescribed_at(state, [driver], hold)
+        return cls(state, driven, accuracy, still=divided(state.mechanism, driven, hold)[1])
 
     @property
     def tolerance(self) -> float:

@@ -42,7 +42,7 @@ class Curve:
         self.scale = system.scale
         self.tolerance = tolerance
         self.driver = system.driven[0]
-        self.drive = system.matrix[system.driver_rows][1:]
+        self.drive = system.matrix[system.prescribed_rows][1:]
         self.selected = system.rows
 
     def rows(self, q: Array) -> Array:

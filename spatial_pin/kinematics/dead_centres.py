@@ -75,7 +75,7 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
 
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
     output = mechanism.coordinate(name)
-    branch = Branch.along(motion.state(first), driver, Accuracy.named("reference"))
+    branch = Branch.along(motion.state(first), driver, Accuracy.named("reference"), motion.held)
 
     def rate(value: float) -> float:
         branch.reach(value)

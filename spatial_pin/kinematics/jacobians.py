@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, names_of
 from spatial_pin.kinematics.constraints import Constraints, Evaluation, evaluation_of
-from spatial_pin.kinematics.rates import square_system
+from spatial_pin.kinematics.holding import BASE, Hold, free_bases, held_by
+from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.kinematics.prescribed import rate_coordinates
+from spatial_pin.kinematics.rates import driven_coordinates, system_of
 from spatial_pin.kinematics.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.kinematics.views import frame_jacobian, own_jacobian
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array, needed
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, drivers_of_tree
 from spatial_pin.mechanism.pairs import PAIRS
 
 
@@ -40,28 +44,96 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
 
 
 @checked
-def jacobian(mechanism: Mechanism, state: State, name: str) -> Array:
-    """Return the closed-loop Jacobian (6, n_drivers) of a link, frame or joint.
+def jacobian(
+    mechanism: Mechanism, state: State, name: str, drivers: Iterable[str] | None = None, *,
+    hold: Hold = BASE,
+) -> Array:
+    """Return the closed-loop Jacobian (6, n) of a link, frame or joint.
 
     Column k is the frame's twist at its origin, world axes, linear above angular, per unit speed
-    of driver k of `mechanism.drivers` [m/s and rad/s per rad/s or m/s].
+    of driver k [m/s and rad/s per rad/s or m/s]. A joint of several freedoms has a column for each
+    entry of its velocity, as Pinocchio has it.
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration.
+        name: link, frame or joint.
+        drivers: the drivers, joints or coordinates that move it, in the order of the columns; the
+            rest follows. By default `mechanism.drivers`; in an open tree that names none, all
+            joints but free bases. Where there are more drivers than freedoms some must be chosen.
+        hold: what stands still, as for `solve_rates`; it has no column. A free base that is not
+            held has six more, the last: per unit of its velocity, as Pinocchio has it.
 
     Raises:
-        SingularError: the drivers do not determine the velocities there.
-        UnknownNameError: there is no such frame.
+        SingularError: the drivers do not determine the velocities there; says which depend on
+            others, or which freedoms are left.
+        UnknownNameError: a name does not exist.
+        ValueError: a driver is named twice.
     """
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
-    with square_system(state, ()) as system:
+    driven = moving_coordinates(mechanism, drivers, hold)
+    with system_of(state, driven, hold) as system:
         data = system.evaluation.data  # where the joints' Jacobians are known
         pin.updateFramePlacement(mechanism.model, data, frame)
         own = frame_jacobian(mechanism.model, data, frame)
-        return own @ system.driver_rates()
+        found: Array = own @ _columns(system, hold)
+        return found
+
+
+def _columns(system: SquareSystem, hold: Hold) -> Array:
+    """Return the joint velocities (nv, n) per unit speed of what moves, without what is held."""
+    held = held_by(system.evaluation.mechanism, hold, system.driven).coordinates
+    return system.driver_rates()[:, : len(system.driven) - len(held)]
+
+
+def moving_coordinates(
+    mechanism: Mechanism, drivers: Iterable[str] | None, hold: Hold
+) -> list[Coordinate]:
+    """Return what the columns of a Jacobian belong to, those of free bases last.
+
+    Args:
+        mechanism: the mechanism.
+        drivers: as for `jacobian`.
+        hold: likewise.
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: a driver is named twice.
+    """
+    if drivers is None:
+        chosen = _usual_coordinates(mechanism)
+    else:
+        chosen = [c for name in names_of(drivers, "drivers")
+                  for c in rate_coordinates(mechanism, name)]
+    for c in chosen:
+        if chosen.count(c) > 1:
+            raise ValueError(f"drivers: {c.name!r} is named twice")
+    moved = {c.joint for c in chosen}
+    names = () if hold is None else names_of(hold, "hold")
+    bases = [] if BASE in names else [x for x in free_bases(mechanism) if x not in moved]
+    return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
+
+
+def _usual_coordinates(mechanism: Mechanism) -> list[Coordinate]:
+    """Return the drivers; of an open tree that names none, all velocity entries but of bases."""
+    drivers = driven_coordinates(mechanism, ())
+    joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
+    whole = [mechanism.coordinate(name) for name in drivers_of_tree(joints, mechanism.closures)]
+    if drivers != whole:
+        return drivers
+    loose = [c for joint, pair in joints.items()
+             if not PAIRS[pair].is_linear and joint not in free_bases(mechanism)
+             for c in rate_coordinates(mechanism, joint)]
+    return sorted([*drivers, *loose], key=lambda c: c.v)
 
 
 @checked
-def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
-    """Return the time derivative (6, n_drivers) of `jacobian` as the state moves with its v.
+def jacobian_rate(
+    mechanism: Mechanism, state: State, name: str, drivers: Iterable[str] | None = None, *,
+    hold: Hold = BASE,
+) -> Array:
+    """Return the time derivative (6, n) of `jacobian` as the state moves with its v.
 
     With s the driver speeds, the frame's acceleration is jacobian @ s' + jacobian_rate @ s.
 
@@ -73,6 +145,8 @@ def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
         mechanism: the mechanism.
         state: from `solve_rates`.
         name: link, frame or joint.
+        drivers: as for `jacobian`.
+        hold: as for `jacobian`.
 
     Raises:
         SingularError: the drivers do not determine the velocities there.
@@ -80,11 +154,12 @@ def jacobian_rate(mechanism: Mechanism, state: State, name: str) -> Array:
     """
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
-    with square_system(state, ()) as system:
+    driven = moving_coordinates(mechanism, drivers, hold)
+    with system_of(state, driven, hold) as system:
         moving = _Moving(mechanism, state, frame)
         still = np.zeros(len(system.driven))
         columns = []
-        for w in system.driver_rates().T:
+        for w in _columns(system, hold).T:
             turned = _bracket(mechanism, state.v, w)
             polar = [system.acceleration(state.q, v, still) for v in (state.v + w, state.v - w)]
             system.evaluation.update(state.q)
@@ -161,20 +236,30 @@ class Influence(NamedTuple):
 
 
 @checked
-def influence(mechanism: Mechanism, state: State) -> Influence:
-    """Return the influence coefficients of a closed state with respect to all drivers.
+def influence(
+    mechanism: Mechanism, state: State, drivers: Iterable[str] | None = None, *,
+    hold: Hold = BASE,
+) -> Influence:
+    """Return the influence coefficients of a closed state with respect to its drivers.
 
     The second order is the closure's acceleration bias, a quadratic form in the joint velocities,
     polarised: B(u, w) = (b(u + w) - b(u - w))/4 [BenedictTesar1978].
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration.
+        drivers: as for `jacobian`.
+        hold: as for `jacobian`.
 
     Raises:
         SingularError: the drivers do not determine the velocities there.
     """
     state = of_mechanism(mechanism, state)
-    with square_system(state, ()) as system:
-        first = system.driver_rates()
+    driven = moving_coordinates(mechanism, drivers, hold)
+    with system_of(state, driven, hold) as system:
+        first = _columns(system, hold)
         n = first.shape[1]
-        still = np.zeros(n)
+        still = np.zeros(len(system.driven))
         second = np.empty((len(first), n, n))
         for i in range(n):
             for j in range(i + 1):

@@ -15,6 +15,7 @@ import pinocchio as pin
 from spatial_pin.checks import checked, finite_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.constraints import TWIST_MATRIX, Evaluation
+from spatial_pin.kinematics.holding import BASE, Hold
 from spatial_pin.kinematics.rates import square_system
 from spatial_pin.kinematics.split import split_of
 from spatial_pin.kinematics.state import State, center_of_mass, of_mechanism
@@ -84,7 +85,8 @@ class Jerks:
 
 @checked
 def solve_jerks(
-    mechanism: Mechanism, state: State, jerks: Mapping[str, float] | None = None
+    mechanism: Mechanism, state: State, jerks: Mapping[str, float] | None = None, *,
+    hold: Hold = BASE,
 ) -> Jerks:
     """Solve the third derivatives of all joints of a closed, moving state.
 
@@ -92,6 +94,7 @@ def solve_jerks(
         mechanism: the mechanism.
         state: from `solve_rates`; its v and a are taken as they are.
         jerks: third derivative of each driver or coordinate [rad/s³, m/s³]; default zero.
+        hold: what stands still, as for `solve_rates`.
 
     Returns:
         The Jerks, for any coordinate, frame or centre of mass.
@@ -106,7 +109,7 @@ def solve_jerks(
     j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
             for name, x in jerks.items()}
     bodies, columns = _body_jerks(mechanism, state)
-    with square_system(state, jerks) as system:
+    with square_system(state, jerks, hold) as system:
         drive = np.array([j_of.get(c.name, 0.0) for c in system.driven])
         j = system.rates_of(_row_jerks(system.evaluation, state, bodies), drive)
     return Jerks(state, j, bodies + columns @ j)

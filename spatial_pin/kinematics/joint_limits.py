@@ -203,7 +203,8 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
         Stopped: the branch of row k does not lead to row k + 1.
         SpatialPinError: the driver does not determine it.
     """
-    branch = Branch.along(motion.state(k), motion.driver_name, Accuracy.named("reference"))
+    branch = Branch.along(motion.state(k), motion.driver_name, Accuracy.named("reference"),
+                          motion.held)
     first, last = motion.swept[k : k + 2].tolist()
     branch.reach(last)
     moved = (branch.q - motion.q[k + 1])[branch.linear[0]] / branch.scale[branch.linear[1]]

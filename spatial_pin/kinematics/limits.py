@@ -17,7 +17,8 @@ from spatial_pin.kinematics.curve import Curve, CurvePoint
 from spatial_pin.kinematics.joint_range import within_joint_limits
 from spatial_pin.kinematics.locating import located, room_after, room_ahead
 from spatial_pin.kinematics.motion import Event, Motion
-from spatial_pin.kinematics.newton import SquareSystem, driven_groups, passive_freedoms
+from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.kinematics.passive import moved_bodies
 from spatial_pin.kinematics.ranges import Bound, Range
 from spatial_pin.kinematics.rates import prescribed_at
 from spatial_pin.kinematics.state import State
@@ -242,9 +243,7 @@ def _not_spinning(system: SquareSystem) -> list[int]:
     evaluation, mechanism = system.evaluation, system.evaluation.mechanism
     spinning = {joint for joint, _ in evaluation.constraints.spins}
     if len(system.passive):
-        free = passive_freedoms(evaluation, system.passive * system.scale)
-        names, groups = {name for name, _ in free}, driven_groups(mechanism)
-        spinning |= {i for i, first in enumerate(groups) if mechanism.model.names[first] in names}
+        spinning |= set(moved_bodies(evaluation, system.passive * system.scale))
     return [i for i in range(mechanism.model.njoints) if i not in spinning]
 
 

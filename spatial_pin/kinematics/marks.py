@@ -13,7 +13,7 @@ import numpy as np
 
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.mobility import IDLE
-from spatial_pin.kinematics.newton import driven_groups
+from spatial_pin.kinematics.passive import moved_bodies
 from spatial_pin.kinematics.rods import Line
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, row_space
@@ -53,8 +53,8 @@ def rows_of(marks: Mapping[int, Mark], n_joints: int, length: float) -> Array:
 def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, Mark]:
     """Return what passive freedoms leave at rest of the bodies that they move."""
     mechanism, marks = evaluation.mechanism, {}
-    for joint, velocities in idle:
-        for body in _group(mechanism, mechanism.joint_id(joint)):
+    for _, velocities in idle:
+        for body in moved_bodies(evaluation, velocities):
             points = _points(mechanism, body)
             speeds = _speeds(evaluation, body, points, velocities)
             speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
@@ -62,11 +62,6 @@ def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, 
             kept = points[speeds <= IDLE * fastest]
             marks[body] = Mark(kept, _steady(evaluation, body, velocities, fastest))
     return marks
-
-
-def _group(mechanism: Mechanism, joint: int) -> list[int]:
-    groups = driven_groups(mechanism)
-    return [i for i in range(1, len(groups)) if groups[i] == groups[joint]]
 
 
 def _twists(evaluation: Evaluation, body: int, velocities: Array) -> Array:

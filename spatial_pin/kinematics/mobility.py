@@ -14,7 +14,15 @@ from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import ACCEPTED, assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.newton import close, driven_groups, passive_freedoms, scaled_row
+from spatial_pin.kinematics.holding import free_bases, still_entries
+from spatial_pin.kinematics.newton import close, scaled_row
+from spatial_pin.kinematics.passive import (
+    chain_links,
+    driven_groups,
+    is_in_loop,
+    moved_bodies,
+    passive_freedoms,
+)
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, decompose, independent_rows, null_space, rank, row_space
@@ -147,7 +155,8 @@ class Mobility:
         if self.grubler != self.dof:
             notes.append(f"  note: no formula applies: special dimensions give {self.dof} "
                          f"instead of {self.grubler}")
-        missing = self.dof - len(self.passive) - len(self.mechanism.drivers)
+        missing = (self.dof - len(self.passive) - len(self.mechanism.drivers)
+                   - 6 * len(free_bases(self.mechanism)))
         if self.mechanism.drivers and missing > 0:
             notes.append(f"  note: {missing} more driver(s) needed to determine the motion")
         return notes
@@ -340,24 +349,14 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_rows
     evaluation.update(q)
-    drive = np.zeros((len(mechanism.drivers), len(scale)))
-    for row, driver in zip(drive, mechanism.drivers.values(), strict=True):
-        row[:] = scaled_row(mechanism, mechanism.coordinate(driver.joint), q)
-    tangents = null_space(np.vstack([evaluation.jacobian[:n], drive]), SINGULAR) * scale
+    driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
+    drive = [scaled_row(mechanism, c, q) for c in driven]
+    drive += list(np.eye(len(scale))[list(still_entries(mechanism, driven))])
+    tangents = null_space(np.vstack([evaluation.jacobian[:n], *drive]), SINGULAR) * scale
     if not len(tangents):
         return []
     return [(joint, velocities) for joint, velocities in passive_freedoms(evaluation, tangents)
             if is_in_loop(mechanism, joint)]
-
-
-def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
-    """Whether the body of a joint, with what drivers hold to it, carries more than one pair."""
-    if "in loops" not in mechanism.memo:
-        groups = np.array(driven_groups(mechanism))
-        pairs = np.bincount(groups, _pairs_of_bodies(mechanism))
-        mechanism.memo["in loops"] = (pairs[groups] > 1).tolist()
-    found: bool = mechanism.memo["in loops"][mechanism.joint_id(joint)]
-    return found
 
 
 def idle_freedoms(
@@ -380,18 +379,6 @@ def idle_freedoms(
         if idle:
             found.append((joint, np.array(idle)))
     return found
-
-
-def _pairs_of_bodies(mechanism: Mechanism) -> list[int]:
-    """Return how many pairs each body (by its joint's index) carries; couplings join none."""
-    model = mechanism.model
-    count = [0] + [1] * (model.njoints - 1)
-    for i in range(1, model.njoints):
-        count[model.parents[i]] += 1
-    for closure in mechanism.closures:
-        for frame in (*closure.frames, *closure.between):
-            count[mechanism.frame_on_joint(frame)[0]] += 1
-    return count
 
 
 def _spins_and_slides(evaluation: Evaluation, joint: str, velocities: Array) -> Array:
@@ -424,8 +411,36 @@ def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
     twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
         v * evaluation.constraints.support(i))
     pace = float(np.linalg.norm(size * twist))
-    evaluation.update(pin.integrate(evaluation.model, q, v * (FAR / pace)))
+    there = pin.integrate(evaluation.model, q, v * (FAR / pace))
+    if not chain_links(mechanism).isdisjoint(moved_bodies(evaluation, v[None])):
+        return _turns_on(evaluation, there, v, i, twist)
+    evaluation.update(there)
     return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
+
+
+def _turns_on(evaluation: Evaluation, q: Array, v: Array, body: int, twist: Array) -> bool:
+    """Whether a body comes to about q (nq,) along its axis, as chains of hinges that carry it let.
+
+    The hinges do not turn evenly as the body does: they close the loops again.
+    """
+    mechanism, data, model = evaluation.mechanism, evaluation.data, evaluation.model
+    moved = moved_bodies(evaluation, v[None])
+    rest = [k for k in range(1, model.njoints) if k not in moved]
+    before, places = data.oMi[body].copy(), evaluation.placements[rest].copy()
+    hinges = {model.names[k] for k in range(1, model.njoints)
+              if k in moved or model.parents[k] in moved}
+    driven = {mechanism.coordinate(d.joint) for d in mechanism.drivers.values()}
+    free = np.zeros(model.nv, dtype=bool)
+    free[[c.v for c in mechanism.coordinate_table.values()
+          if c.joint in hinges and c not in driven]] = True
+    error = close(evaluation, q, free, 1e-14)[1]
+    screw = pin.log6(data.oMi[body] * before.inverse()).vector
+    size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
+    along, way = size * twist / np.linalg.norm(size * twist), size * screw
+    off = way - along * (along @ way)
+    shifted = np.abs(evaluation.placements[rest] - places).max(initial=0.0)
+    return bool(error <= ACCEPTED and along @ way > MOVED * FAR
+                and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 
 
 def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
@@ -456,13 +471,12 @@ def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array)
     """Return the pairs of a body whose centres lie on an axis."""
     mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
     pin.updateFramePlacements(model, data)
-    centres = {model.names[body]: data.oMi[body].translation}
-    for i in range(1, model.njoints):
-        if model.parents[i] == body:
-            centres[model.names[i]] = data.oMi[i].translation
+    groups = driven_groups(mechanism)
+    centres = {model.names[i]: data.oMi[i].translation for i in range(1, model.njoints)
+               if groups[body] in (groups[i], groups[model.parents[i]])}
     for closure in mechanism.closures:
         for frame in (*closure.frames, *closure.between):
-            if mechanism.frame_on_joint(frame)[0] == body:
+            if groups[mechanism.frame_on_joint(frame)[0]] == groups[body]:
                 centres[closure.name] = data.oMf[mechanism.frame_id(frame)].translation
     limit = 1e-6 * mechanism.characteristic_length
     return [name for name, x in centres.items()

@@ -16,6 +16,7 @@ from spatial_pin.kinematics.assembly import _read_guess, _violated, assembled, s
 from spatial_pin.kinematics.batch import Batch
 from spatial_pin.kinematics.closing import close_many
 from spatial_pin.kinematics.constraints import Constraints
+from spatial_pin.kinematics.holding import free_bases
 from spatial_pin.kinematics.marks import Mark, rows_of
 from spatial_pin.kinematics.mobility import MOVED, SINGULAR, SMALL_PROBE
 from spatial_pin.kinematics.mode_check import SAME, Check, Kind
@@ -23,7 +24,12 @@ from spatial_pin.kinematics.mode_list import AssemblyModes, Continuum, missing_b
 from spatial_pin.kinematics.rods import Core, Rod, core_of, rods_of
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, null_space, null_vectors
-from spatial_pin.mechanism.configuration import finite_number, needed, with_values
+from spatial_pin.mechanism.configuration import (
+    coordinate_value,
+    finite_number,
+    needed,
+    with_values,
+)
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -118,10 +124,11 @@ def assembly_modes(
 def _held(
     mechanism: Mechanism, named: Mapping[str, float], free: Iterable[str]
 ) -> dict[str, float]:
-    """Return the coordinates that are held: those named, and drivers that stand at the guess."""
+    """Return the coordinates held: those named, drivers that stand at the guess, a free base."""
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
     standing = standing_drivers(mechanism, held, mechanism.start(held), free)
+    held |= _base(mechanism, held)
     for name in standing:
         mechanism.driven_coordinate(name)  # refuses components of balls and floating joints
     if standing:
@@ -132,6 +139,16 @@ def _held(
         gone = {mechanism.coordinate(name).name for name in state.released}
         standing = {name: value for name, value in standing.items() if name not in gone}
     return held | standing
+
+
+def _base(mechanism: Mechanism, held: Mapping[str, float]) -> dict[str, float]:
+    """Return where the guess has the free bases, by coordinate."""
+    bases = free_bases(mechanism)
+    if not bases:
+        return {}
+    q = _read_guess(mechanism, mechanism.start(held)).q
+    return {c.name: coordinate_value(mechanism, c, q)
+            for c in mechanism.coordinate_table.values() if c.joint in bases}
 
 
 def _moving(check: Check, continuum: Continuum) -> ContinuumError:

@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kinematics.holding import BASE
 from spatial_pin.kinematics.jerks import Jerks, solve_jerks
 from spatial_pin.kinematics.rates import rate_error
 from spatial_pin.kinematics.state import State, center_of_mass
@@ -120,6 +121,7 @@ class Motion:
         per: unit of what v and a are derivatives by: "s"; "rad" or "m" of the driver where it has
             no speed; "length" of the arc of a traced curve [rad, characteristic lengths]. Where
             it is not "s", forces are those at rest.
+        held: what was held by name as the driver was swept, see `sweep`.
     """
 
     mechanism: Mechanism
@@ -134,6 +136,7 @@ class Motion:
     events: list[Event] = field(default_factory=list)
     angles: Array = field(default_factory=lambda: np.empty((0, 0)))
     per: str = "s"
+    held: tuple[str, ...] = (BASE,)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -187,7 +190,7 @@ class Motion:
             raise SpatialPinError(
                 f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1" if n else
                 f"there is no row {row}: the motion has none")
-        lost = (partial(rate_error, self.driver_name, not self._is_continued(row))
+        lost = (partial(rate_error, self.driver_name, not self._is_continued(row), self.held)
                 if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],

@@ -13,14 +13,16 @@ from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
+from spatial_pin.kinematics.holding import still_entries
+from spatial_pin.kinematics.passive import is_in_loop, passive_freedoms
 from spatial_pin.kinematics.rotations import Rotations, rotations_of
-from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import (
     EPS,
     ROUND_OFF,
     Array,
     Factors,
     aligned,
+    common_rows,
     decompose,
     independent_rows,
     pivots_of,
@@ -53,8 +55,6 @@ SHUT = 1e-11  # closure error on the surface of independent rows where all loops
 CORRECTIONS = 8  # Newton steps to it, of which four do as a rule
 TRIALS = 4  # of which one nearly always closes
 SURE = 0.25  # part of the way on which the rows would turn to dependence that one is sure of
-FARTHEST = 0.1  # rad, characteristic lengths, of it at most
-STILL = 1e-8  # twist of a body that rests, by that of the one that moves most
 FARTHEST = 0.1  # rad, characteristic lengths, of it at most
 
 
@@ -218,30 +218,39 @@ def _polish(
 class SquareSystem:
     """The square linear system of a mechanism whose freedoms are all driven or passive.
 
-    Its rows are independent closure rows, resolved passive freedoms, drivers, and for each
-    passive freedom that is not resolved a row that asks for the least motion; its unknowns are
-    scaled velocities.
+    Its rows are independent closure rows, resolved passive freedoms, drivers, what stands still,
+    and for each passive freedom that is not resolved a row that asks for the least motion; its
+    unknowns are scaled velocities.
 
     Attributes:
         evaluation: the closure equations at the current configuration.
         driven: the prescribed coordinates.
+        still: places in the velocity vector that are zero.
         rows: indices of the independent closure rows.
         scale: (nv,) velocity of a unit of each unknown.
         passive: (k, nv) unresolved passive freedoms at the last `refresh_passive`, orthonormal.
         selected_pivot: smallest over largest pivot where the rows were selected.
         size: length of the longest independent closure row wherever they were selected.
+
+    Args:
+        evaluation: the closure equations.
+        driven: the prescribed coordinates.
+        q: (nq,) where rows are selected at once.
+        still: default those of the free bases that nobody drives.
     """
 
     def __init__(
-        self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array | None = None
+        self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array | None = None,
+        still: Sequence[int] | None = None,
     ) -> None:
         self.evaluation = evaluation
         self.driven = tuple(driven)
+        self.still = still_entries(evaluation.mechanism, driven) if still is None else tuple(still)
         self.scale = evaluation.mechanism.velocity_scale
         nv = evaluation.model.nv
-        self._drive = np.zeros((len(self.driven), nv))
-        for row, coordinate in zip(self._drive, self.driven, strict=True):
-            row[coordinate.v] = 1.0
+        self._drive = np.zeros((len(self.driven) + len(self.still), nv))
+        for row, v in zip(self._drive, (*self.drive_at, *self.still), strict=True):
+            row[v] = 1.0
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self.is_bent = any(c.q < 0 for c in self.driven)
         self._bent = [(k, c) for k, c in enumerate(self.driven)
@@ -267,7 +276,7 @@ class SquareSystem:
         evaluation = self.evaluation
         evaluation.update(q)
         self._aim()
-        n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.driven)
+        n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self._drive)
         self.rows = independent_rows(evaluation.jacobian[:n])
         r = len(self.rows)
         lengths = np.linalg.norm(evaluation.jacobian[self.rows], axis=1)
@@ -275,16 +284,18 @@ class SquareSystem:
         regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:], self._drive])
         svd = decompose(regular)
         if svd.rank < r + p + d:
-            raise SingularError(self._dependence(regular[: r + p]))
+            raise SingularError(self._dependence(np.delete(
+                regular, slice(r + p, r + p + len(self.driven)), axis=0)))
         self.passive = svd.null_space
         if len(self.passive):
             self._check_passive(q)
         self._whole = r == n and not len(self.passive)
         self._closure = slice(0, r)
         self._spin = slice(r, r + p)
-        self._drivers = slice(r + p, r + p + d)
+        self._drivers = slice(r + p, r + p + len(self.driven))
+        self._prescribed = slice(r + p, r + p + d)
         self._fill = slice(r + p + d, None)
-        self.matrix[self._drivers] = self._drive
+        self.matrix[self._prescribed] = self._drive
         self.matrix[self._fill] = self.passive
         if self._whole:  # let the evaluation write its Jacobian straight into the matrix
             evaluation.jacobian = self.matrix[: r + p]
@@ -312,17 +323,26 @@ class SquareSystem:
         return len(self.rows) < self.evaluation.constraints.n_rows
 
     def _dependence(self, closures: Array) -> str:
+        """Return why drivers are not independent, from the rows of all else."""
         names = ", ".join(repr(c.name) for c in self.driven)
         where = f"mechanism {self.evaluation.mechanism.name!r}: "
+        drive = self._drive[: len(self.driven)]
+        if self.still and decompose(closures).rank < len(closures):
+            return (f"{where}what is held cannot all stand still beside the loops and the base: "
+                    "they move it together; hold less")
         freedom = closures.shape[1] - decompose(closures).rank
         if freedom < len(self.driven):
             if closures.shape[1] - decompose(closures, NEARLY).rank >= len(self.driven):
                 return (f"{where}singular configuration: branches cross so near that round-off "
                         "hides which equations depend on others; start further from it")
+            moved = drive @ decompose(closures).null_space.T
+            kept = common_rows(moved[None], np.zeros((0, moved.shape[1])), freedom)
+            more = ", ".join(repr(c.name) for k, c in enumerate(self.driven) if k not in kept)
             return (f"{where}{len(self.driven)} coordinates are prescribed ({names}), but the "
                     f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
-                    f"prescribe fewer: leave out {len(self.driven) - freedom}")
-        moved = np.abs(self._drive @ decompose(closures).null_space.T).max(axis=1, initial=0.0)
+                    f"prescribe fewer: leave out {len(self.driven) - freedom}, such as {more}, "
+                    "which the others move")
+        moved = np.abs(drive @ decompose(closures).null_space.T).max(axis=1, initial=0.0)
         stuck = ", ".join(repr(c.name) for c, m in zip(self.driven, moved, strict=True)
                           if m < NEARLY)
         if stuck:
@@ -336,7 +356,8 @@ class SquareSystem:
     def _check_passive(self, q: Array) -> None:
         """Refuse freedoms that are not the motion of one link: somebody must drive them."""
         mechanism, null_space = self.evaluation.mechanism, self.passive
-        passive = sum(len(n) for _, n in passive_freedoms(self.evaluation, null_space * self.scale))
+        passive = sum(len(v) for joint, v in passive_freedoms(
+            self.evaluation, null_space * self.scale) if is_in_loop(mechanism, joint))
         missing = len(null_space) - passive
         if not missing:
             self._check_free()
@@ -386,7 +407,7 @@ class SquareSystem:
         k = self.matrix
         if self._bent:
             self._aim()
-            k[self._drivers] = self._drive
+            k[self._prescribed] = self._drive
         if not self._whole:
             jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
             k[self._closure] = jacobian[self.rows]
@@ -437,6 +458,11 @@ class SquareSystem:
         return self._drivers
 
     @property
+    def prescribed_rows(self) -> slice:
+        """Rows of the matrix that prescribe the drivers, then what stands still."""
+        return self._prescribed
+
+    @property
     def closure_rows(self) -> slice:
         """Rows of the matrix that close the loops."""
         return self._closure
@@ -452,7 +478,7 @@ class SquareSystem:
         matrices = np.empty((*self.matrix.shape, jacobians.shape[2]))
         matrices[self._closure] = jacobians[self.rows]
         matrices[self._spin] = jacobians[n:]
-        matrices[self._drivers] = self._drive[:, :, None]
+        matrices[self._prescribed] = self._drive[:, :, None]
         return matrices
 
     def put_bias(self, rhs: Array, bias: Array) -> None:
@@ -631,46 +657,3 @@ def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
         return f"{text}{nothing}{shaken}: it shakes, but goes nowhere (see sp.mobility)"
     return (f"{text}branches cross, so that the {motion} do not determine the motion; start "
             "beside this configuration")
-
-
-def driven_groups(mechanism: Mechanism) -> list[int]:
-    """Return for every body (by its joint's index) the first body that drivers hold it to.
-
-    The two halves of a driven telescopic leg are one body as long as the driver stands still.
-    """
-    model = mechanism.model
-    driven = {mechanism.prescribed_coordinate(d.joint).name for d in mechanism.drivers.values()}
-    groups = list(range(model.njoints))
-    for i in range(1, model.njoints):
-        names = [c.name for c in mechanism.coordinate_table.values() if c.joint == model.names[i]]
-        if driven.issuperset(names):
-            groups[i] = groups[model.parents[i]]
-    return groups
-
-
-def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[str, Array]]:
-    """Return (joint name, (k, nv) velocities) for the motions that move one body only.
-
-    Bodies that a driver holds together count as one, named by the first of them.
-
-    Args:
-        evaluation: at the configuration in question.
-        null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
-    """
-    model, mechanism = evaluation.model, evaluation.mechanism
-    columns = joint_jacobian(evaluation.data, model.nv) * evaluation.constraints.supports[1:, None]
-    size = np.array([1.0, 1.0, 1.0, *[mechanism.characteristic_length] * 3])
-    twists = (columns @ null_space.T) * size[:, None]  # (bodies, 6, k)
-    twists = twists / np.abs(twists).max(initial=1e-300)
-    groups = np.array(driven_groups(mechanism)[1:])
-    moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL
-    found: list[tuple[str, Array]] = []
-    for group in sorted(set(groups[moves].tolist()) - {0}):
-        others = twists[(groups != group) & moves].reshape(-1, len(null_space))
-        if len(null_space) == 1 and len(others):
-            continue
-        svd = decompose(others)
-        still = int(np.count_nonzero(svd.s > STILL))
-        if still < len(null_space):
-            found.append((model.names[group], svd.vt[still:] @ null_space))
-    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from spatial_pin.checks import checked, mapping
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
+from spatial_pin.kinematics.holding import BASE, Hold, divided, free_bases, held_by
 from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem, scaled_row
 from spatial_pin.kinematics.prescribed import (
     check_one_meaning,
@@ -38,35 +39,40 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     return list(dict.fromkeys(chosen))
 
 
-def prescribed_at(state: State, names: Iterable[str]) -> list[Coordinate]:
+def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list[Coordinate]:
     """Return the coordinates that are prescribed when `names` move, in that order, from a state on.
 
     The named ones, and the drivers that can stand still beside them: of redundant drivers those
     that the loops would move most are let go, as they have to move the least. Beside a coordinate
-    that is no driver all drivers stand or none does, for nobody says which.
+    that is no driver all drivers stand or none does, for nobody says which. Of a free base that is
+    driven by some components the others are prescribed too. What is held comes last; what of it
+    is an entry of the velocity is told by `holding.divided`.
     """
     mechanism, names = state.mechanism, list(names)
     wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
-    usual = driven_coordinates(mechanism, names)
+    wanted += [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
+    usual = driven_coordinates(mechanism, [c.name for c in wanted])
     usual = [*wanted, *(c for c in usual if c not in wanted)]
+    usual, still = divided(mechanism, usual, hold)
     try:
-        with square_system(state, names):
+        with _system(state, usual, still):
             return usual
     except SingularError:
-        return _with_standing(state, wanted) or usual
+        return _with_standing(state, wanted, hold) or usual
 
 
-def _with_standing(state: State, wanted: list[Coordinate]) -> list[Coordinate]:
+def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
     """Return coordinates and the drivers that can stand still beside them; none if they cannot."""
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
-    others = [c for c in drivers if c not in wanted]
+    wanted, still = divided(mechanism, wanted, hold)
+    others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
     n = evaluation.constraints.n_rows
     rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
-                      evaluation.jacobian[n:]])
+                      evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])
     own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
     held = np.vstack([rows, *own])
     svd = decompose(held)
@@ -88,25 +94,41 @@ def _with_standing(state: State, wanted: list[Coordinate]) -> list[Coordinate]:
 
 
 @contextmanager
-def square_system(state: State, names: Iterable[str]) -> Iterator[SquareSystem]:
+def square_system(
+    state: State, names: Iterable[str], hold: Hold = BASE
+) -> Iterator[SquareSystem]:
     """Lend the factored square system of a closed state with `names` prescribed.
 
     Raises:
         SingularError: the rates are not determined there.
     """
-    with _system(state, driven_coordinates(state.mechanism, names)) as system:
+    mechanism = state.mechanism
+    with _system(state, *divided(mechanism, driven_coordinates(mechanism, names), hold)) as system:
         yield system
 
 
 @contextmanager
-def _system(state: State, driven: list[Coordinate]) -> Iterator[SquareSystem]:
+def system_of(state: State, driven: list[Coordinate], hold: Hold = BASE) -> Iterator[SquareSystem]:
+    """Lend the factored square system of a closed state with just these coordinates prescribed.
+
+    Raises:
+        SingularError: the rates are not determined there.
+    """
+    with _system(state, *divided(state.mechanism, driven, hold)) as system:
+        yield system
+
+
+@contextmanager
+def _system(
+    state: State, driven: list[Coordinate], still: tuple[int, ...]
+) -> Iterator[SquareSystem]:
     """Lend the factored square system of a closed state with coordinates prescribed."""
     mechanism = state.mechanism
 
     def made() -> SquareSystem:
-        return SquareSystem(Evaluation(constraints_of(mechanism)), driven)
+        return SquareSystem(Evaluation(constraints_of(mechanism)), driven, still=still)
 
-    key = "system", tuple((c.v, isinstance(c, VelocityEntry)) for c in driven)
+    key = "system", tuple((c.v, isinstance(c, VelocityEntry)) for c in driven), still
     with lent(mechanism, key, made) as system:
         system.evaluation.turns[:] = state.angles
         try:
@@ -123,7 +145,7 @@ def _system(state: State, driven: list[Coordinate]) -> Iterator[SquareSystem]:
         yield system
 
 
-def _choices(state: State, named: list[Coordinate]) -> Iterator[list[Coordinate]]:
+def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
     """Yield what may be prescribed when some coordinates are named, the best first.
 
     The mechanism's drivers when all are drivers; if there are more of them than freedoms, those
@@ -134,42 +156,50 @@ def _choices(state: State, named: list[Coordinate]) -> Iterator[list[Coordinate]
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     if all(c in drivers for c in named):
         yield drivers
+        others, still = divided(mechanism, drivers, hold)
         with evaluation_of(mechanism, state.angles) as evaluation:
             evaluation.update(state.q)
-            closed = evaluation.jacobian[: evaluation.constraints.n_rows]
+            closed = _closed(evaluation, still)
             freedoms = mechanism.model.nv - rank(closed)
-        if len(drivers) > freedoms:
+        if len(others) > freedoms:
             yield named
         return
     beside = siblings(mechanism, named)
-    still = [c for c in drivers if c not in named and c not in beside]
-    for more in ([*beside, *still], beside, still):
-        if more and _are_independent(state, [*named, *more]):
+    still_drivers = [c for c in drivers if c not in named and c not in beside]
+    for more in ([*beside, *still_drivers], beside, still_drivers):
+        if more and _are_independent(state, [*named, *more], hold):
             yield [*named, *more]
     yield named
 
 
-def _are_independent(state: State, driven: list[Coordinate]) -> bool:
+def _closed(evaluation: Evaluation, still: tuple[int, ...]) -> Array:
+    """Return the closure rows, and a row for each velocity entry that stands still."""
+    rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+    return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
+
+
+def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool:
     """Whether coordinates can move independently of each other at a state."""
+    driven, still = divided(state.mechanism, driven, hold)
     with evaluation_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        closed = evaluation.jacobian[: evaluation.constraints.n_rows]
+        closed = _closed(evaluation, still)
         rows = [scaled_row(state.mechanism, c, state.q) for c in driven]
         return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
 
 
 @contextmanager
-def _determining(state: State, named: list[Coordinate]) -> Iterator[SquareSystem]:
+def _determining(state: State, named: list[Coordinate], hold: Hold) -> Iterator[SquareSystem]:
     """Lend the square system that determines the rates when some coordinates are named.
 
     Raises:
         SingularError: none does.
     """
     errors: list[SingularError] = []
-    for driven in _choices(state, list(dict.fromkeys(named))):
+    for driven in _choices(state, list(dict.fromkeys(named)), hold):
         with ExitStack() as stack:
             try:
-                system = stack.enter_context(_system(state, driven))
+                system = stack.enter_context(system_of(state, driven, hold))
             except SingularError as error:
                 errors.append(error)
                 continue
@@ -178,12 +208,27 @@ def _determining(state: State, named: list[Coordinate]) -> Iterator[SquareSystem
     raise errors[-1]
 
 
+def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
+    """Refuse rates of what is held.
+
+    Raises:
+        ValueError: names it.
+    """
+    moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
+    for c in named:
+        if c not in moving or c in held:
+            raise ValueError(f"mechanism {mechanism.name!r}: {c.name!r} is held, and given a rate "
+                             "too: choose one")
+
+
 @checked
 def solve_rates(
     mechanism: Mechanism,
     state: State,
     speeds: Mapping[str, Any] | None = None,
     accelerations: Mapping[str, Any] | None = None,
+    *,
+    hold: Hold = BASE,
 ) -> State:
     """Solve velocities and accelerations of all joints of a closed state.
 
@@ -202,6 +247,9 @@ def solve_rates(
             linear velocity in these axes before that, the others the rates of their coordinates.
         accelerations: likewise [rad/s², m/s²]: second derivatives of coordinates, derivatives of
             the joint's velocity.
+        hold: joints or coordinates that stand still. "base": a free base, a floating joint that
+            carries alone all that hangs together with its link, unless it is given rates;
+            "NAME.rotation" and "NAME.translation" are parts of a floating joint. None: nothing.
 
     Returns:
         The State with v and a, and `rate_error`.
@@ -218,7 +266,8 @@ def solve_rates(
     v_of = rates_given(mechanism, speeds, "speed")
     a_of = rates_given(mechanism, accelerations, "acceleration")
     check_one_meaning(mechanism, [*v_of, *a_of])
-    with _determining(state, [*v_of, *a_of]) as system:
+    check_not_held(mechanism, [*v_of, *a_of], hold)
+    with _determining(state, [*v_of, *a_of], hold) as system:
         drive_v = np.array([v_of.get(c, 0.0) for c in system.driven])
         drive_a = np.array([a_of.get(c, 0.0) for c in system.driven])
         rates = system.driver_rates()
@@ -283,16 +332,17 @@ def _unknown(system: SquareSystem, q: Array, rates: Array) -> float:
     return worst
 
 
-def rate_error(driver: str, solved: bool, state: State) -> float:
+def rate_error(driver: str, solved: bool, held: Hold, state: State) -> float:
     """Return `round_off` of rates that a driver makes; NaN where it does not determine them.
 
     Args:
         driver: its name.
         solved: whether rates were solved there, not continued across a crossing of branches.
+        held: what stands still, as for `solve_rates`.
         state: the closed state.
     """
     try:
-        with square_system(state, [driver]) as system:
+        with square_system(state, [driver], held) as system:
             return round_off(system, state.q, system.driver_rates(), solved)
     except SingularError:
         return float(np.nan)

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from spatial_pin.checks import as_array, checked, finite_array, mapping
+from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kinematics.arc import Arrival
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
 from spatial_pin.kinematics.constraints import evaluation_of
 from spatial_pin.kinematics.following import Record, follow, followed_in_order
+from spatial_pin.kinematics.holding import BASE, Hold, divided
 from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rated_limits import velocity_limit_events
-from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, prescribed_at
+from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, check_not_held, prescribed_at
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
@@ -40,7 +41,7 @@ def sweep(
     acceleration: Any = 0.0,
     *,
     guess: Mapping[str, Any] | State | Array | None = None,
-    hold: Mapping[str, float] | None = None,
+    hold: Mapping[str, float] | Hold = BASE,
     on_limit: str = "raise",
     on_crossing: str = "straight",
     accuracy: Accuracy | None = None,
@@ -60,8 +61,12 @@ def sweep(
             it (`kinetostatics`, `report`) are statics.
         acceleration: likewise [rad/s² or m/s²]; it needs a speed.
         guess: where to assemble, as for `assemble`.
-        hold: values of other drivers or coordinates. Drivers not named stand still where the
-            guess has them; those that the loops do not let stand are told by "released" events.
+        hold: values of other drivers or coordinates, a free base then stands still too; or names
+            of what stands still where it is assembled: joints, coordinates, "base" for a free base
+            (a floating joint that carries alone all that hangs together with its link),
+            "NAME.rotation" and "NAME.translation" for parts of a floating joint; None: nothing.
+            Drivers not named stand still where the guess has them; those that the loops do not let
+            stand are told by "released" events.
         on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
             with an event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes
@@ -99,16 +104,20 @@ def sweep(
     if speed is None and np.any(accels):
         raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
     coordinate = mechanism.prescribed_coordinate(driver)
-    hold = mapping(hold, "hold")
+    given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
+    held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
+        hold, Mapping) else tuple(names_of(hold, "hold"))
+    check_not_held(mechanism, [coordinate], held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
-    state = assembled(mechanism, {**hold, coordinate.name: values[0]}, guess, accuracy=tight)
-    driven = prescribed_at(state, [driver, *hold])
+    state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess, accuracy=tight)
+    driven = prescribed_at(state, [driver, *given], held)
+    still = divided(mechanism, driven, held)[1]
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
                disable=None if progress else True)
     with bar, evaluation_of(mechanism) as evaluation:
         def start() -> Branch:
-            return Branch(state, driven, accuracy, evaluation)
+            return Branch(state, driven, accuracy, evaluation, still)
 
         record = followed_in_order(start, values, bar) if accuracy.corrections is None else None
         if record is None:
@@ -121,9 +130,10 @@ def sweep(
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
+    motion.held = held
     if speed is None:
         motion.time, motion.per = None, coordinate.unit
-    motion.events += _released(state, driven, float(values[0]))
+    motion.events += _released(state, driven, still, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
                       *joint_limit_events(motion), *velocity_limit_events(motion)]
@@ -135,14 +145,16 @@ def sweep(
     return motion
 
 
-def _released(state: State, driven: Sequence[Coordinate], value: float) -> list[Event]:
+def _released(
+    state: State, driven: Sequence[Coordinate], still: Sequence[int], value: float
+) -> list[Event]:
     """Tell of the drivers that do not stand where the guess has them, nor at rest.
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event.
     """
     mechanism, texts = state.mechanism, []
     drivers = {d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
-    moving = {name for name, c in drivers.items() if c not in driven}
+    moving = {name for name, c in drivers.items() if c not in driven and c.v not in still}
     if len(moving) == len(drivers):
         return []
     for name, by in state.released.items():

@@ -13,7 +13,7 @@ import numpy as np
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import EPS, Array
-from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring, drivers_of_tree
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.mechanism.sources import is_file
@@ -108,7 +108,7 @@ def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
     content = {**content_of(mechanism), "tree": tree}
     content["closures"] = [table for table in content.get("closures", ())
                            if not (table["type"] == COUPLING and table["name"] in stated)]
-    return {key: value for key, value in content.items() if value}
+    return {key: value for key, value in content.items() if value or key == "drivers"}
 
 
 # ---------------------------------------------------------------- meshes
@@ -173,7 +173,11 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
                    for f in mechanism.frames.values()},
         "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
     }
-    return {key: value for key, value in content.items() if value}
+    joints = dict(zip(moving, mechanism.pairs, strict=True))
+    unsaid = drivers_of_tree(joints, mechanism.closures)
+    is_said = list(unsaid.values()) != list(mechanism.drivers.values())
+    return {key: value for key, value in content.items()
+            if (is_said if key == "drivers" else value)}
 
 
 def _plain(value: Any) -> Any:

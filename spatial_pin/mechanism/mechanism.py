@@ -190,6 +190,7 @@ class Mechanism:
         slip_speeds: (nv,) speed of each coordinate at which its dry friction is nearly whole, as
             in the file [rad/s, m/s]; NaN, or an empty array, for the default.
         trusted: whether its xacro files may read files from anywhere, see `load`.
+        free_flyer: whether `load` put a floating joint below its root link.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
 
@@ -213,6 +214,7 @@ class Mechanism:
     slip_speeds: Array = field(default_factory=lambda: np.empty(0))
     trusted: bool = False
     frames: Mapping[str, Frame] = field(default_factory=dict)
+    free_flyer: bool = False
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -537,6 +539,28 @@ class _MadeWhenAsked:
 
 for _name in ("visual_model", "collision_model"):
     setattr(Mechanism, _name, _MadeWhenAsked(_name))
+
+
+def drivers_of_tree(
+    joints: Mapping[str, str], closures: Iterable[Closure]
+) -> dict[str, Driver]:
+    """Return what drives an open tree of which nobody says: every coordinate, by its own name.
+
+    Those that couplings give are left out, and the components of balls and floating joints, which
+    are no entries of the configuration. Where loops are closed nobody knows: nothing is returned.
+
+    Args:
+        joints: pair by joint, in the order of the tree.
+        closures: the closures and couplings.
+    """
+    closures = list(closures)
+    if any(c.type != COUPLING for c in closures):
+        return {}
+    given = {c.joints[1] for c in closures}
+    names = [f"{joint}.{suffix}" if suffix else joint
+             for joint, pair in joints.items() if PAIRS[pair].is_linear
+             for suffix, _ in PAIRS[pair].coordinates]
+    return {name: Driver(name, name) for name in names if name not in given}
 
 
 def check_mechanism(mechanism: Mechanism, where: str) -> None:

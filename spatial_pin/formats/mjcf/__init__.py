@@ -33,9 +33,11 @@ def read_mjcf(request: Request) -> Imported:
     closures = read_closures(reading, shown(request.path))
     content: dict[str, Any] = {
         "name": name, "gravity": _gravity(reading), "joints": reading.refined,
-        "closures": closures, "drivers": read_drivers(reading, closures),
+        "closures": closures,
         "springs": read_springs(reading), "guess": read_guess(reading),
     }
+    if reading.model.nu:
+        content["drivers"] = read_drivers(reading, closures)
     notices = (*source.notices, *reading.notices, *left_out(reading))
     return Imported(reading.urdf.text(), content, notices)
 

@@ -1,0 +1,116 @@
+"""What stands still while a mechanism moves: its free bases, and joints held on purpose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from spatial_pin.checks import names_of
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.mechanism.pairs import COUPLING
+
+BASE = "base"
+Hold = str | Iterable[str] | None
+PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}  # of a joint's velocity
+
+
+class Held(NamedTuple):
+    """What is held.
+
+    Attributes:
+        entries: places in the velocity vector that are zero.
+        coordinates: single components of balls and floating joints, which are no such entries.
+    """
+
+    entries: tuple[int, ...] = ()
+    coordinates: tuple[Coordinate, ...] = ()
+
+
+def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the floating joints that carry, alone, all that hangs together with their link.
+
+    Such a link and all that is joined to it can go anywhere as one body. A floating joint whose
+    link closures tie to the ground, or to what other joints hold to it, is none.
+    """
+    if "free bases" not in mechanism.memo:
+        mechanism.memo["free bases"] = _free_bases(mechanism)
+    found: tuple[str, ...] = mechanism.memo["free bases"]
+    return found
+
+
+def _free_bases(mechanism: Mechanism) -> tuple[str, ...]:
+    model = mechanism.model
+    floating = [i for i, pair in enumerate(mechanism.pairs, start=1)
+                if pair == "floating" and model.parents[i] == 0]
+    if not floating:
+        return ()
+    ties = [(int(model.parents[i]), i) for i in range(1, model.njoints) if i not in floating]
+    for closure in mechanism.closures:
+        if closure.type != COUPLING:  # couplings tell of joints, not of the ground
+            bodies = [mechanism.frame_on_joint(f)[0] for f in (*closure.frames, *closure.between)]
+            ties += [(bodies[0], other) for other in bodies[1:]]
+    groups = list(range(model.njoints))
+    for one, other in ties:
+        low, high = sorted((groups[one], groups[other]))
+        groups = [low if g == high else g for g in groups]
+    return tuple(model.names[i] for i in floating
+                 if groups[i] and [groups[k] for k in floating].count(groups[i]) == 1)
+
+
+def still_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[int, ...]:
+    """Return the velocity entries of the free bases that nobody drives."""
+    moved = {c.joint for c in driven}
+    return tuple(v for joint in free_bases(mechanism) if joint not in moved
+                 for v in _entries(mechanism, joint))
+
+
+def _entries(mechanism: Mechanism, joint: str) -> range:
+    i = mechanism.joint_id(joint)
+    at = int(mechanism.model.idx_vs[i])
+    return range(at, at + int(mechanism.model.nvs[i]))
+
+
+def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
+    """Return what is held.
+
+    Args:
+        mechanism: the mechanism.
+        hold: names of joints, coordinates or drivers; "base" for the free bases, "NAME.rotation"
+            and "NAME.translation" for these parts of a floating joint. None: nothing.
+        driven: what moves: a base of which nothing is driven is held.
+
+    Raises:
+        UnknownNameError: a name does not exist.
+    """
+    entries: list[int] = []
+    single: list[Coordinate] = []
+    for name in () if hold is None else names_of(hold, "hold"):
+        joint, _, part = name.rpartition(".")
+        known = name in mechanism.coordinate_table or name in mechanism.drivers
+        if name == BASE and not known and not mechanism.model.existJointName(name):
+            entries += still_entries(mechanism, driven)
+        elif part in PARTS and mechanism.model.existJointName(joint) and (
+                mechanism.pair_of(joint) == "floating"):
+            entries += _entries(mechanism, joint)[PARTS[part]]
+        elif not known and mechanism.model.existJointName(name):
+            entries += _entries(mechanism, name)
+        elif (coordinate := mechanism.coordinate(name)).q < 0:
+            single.append(coordinate)
+        else:
+            entries.append(coordinate.v)
+    return Held(tuple(dict.fromkeys(entries)), tuple(dict.fromkeys(single)))
+
+
+def divided(
+    mechanism: Mechanism, driven: Iterable[Coordinate], hold: Hold
+) -> tuple[list[Coordinate], tuple[int, ...]]:
+    """Return what is prescribed, and the velocity entries that stand still, where some are held.
+
+    Held coordinates are not driven; single components of balls and floating joints are prescribed
+    after the driven ones.
+    """
+    driven = list(driven)
+    held = held_by(mechanism, hold, driven)
+    moving = [c for c in driven if c not in held.coordinates
+              and not (c.v in held.entries and (c.q >= 0 or isinstance(c, VelocityEntry)))]
+    return [*moving, *held.coordinates], held.entries

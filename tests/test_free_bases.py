@@ -1,0 +1,346 @@
+"""Free bases: floating joints that carry a whole mechanism, held or let go; bare URDFs driven."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.kinematics.holding import free_bases
+
+POSE = [0.3, -0.2, 0.5, 0.4, -0.3, 0.2]
+LIBRARY = ("four_bar", "rssr", "stewart", "delta", "double_cardan", "screw_press")
+KINDS = ("revolute", "continuous", "prismatic")
+
+
+def tree(seed: int, joints: int = 8) -> str:
+    """Return a random open tree as URDF text."""
+    rng = np.random.default_rng(seed)
+    lines = ['<robot name="tree"><link name="l0"/>']
+    for k in range(1, joints + 1):
+        xyz, rpy, axis = (" ".join(map(repr, x.tolist())) for x in rng.normal(size=(3, 3)))
+        lines.append(
+            f'<link name="l{k}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
+            f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{k}" '
+            f'type="{KINDS[rng.integers(3)]}"><parent link="l{rng.integers(k)}"/>'
+            f'<child link="l{k}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+            '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')
+    return "".join([*lines, "</robot>"])
+
+
+def loaded(folder: Path, text: str, **options: bool) -> sp.Mechanism:
+    file = folder / "tree.urdf"
+    file.write_text(text)
+    return sp.load(file, **options)
+
+
+def random_state(mechanism: sp.Mechanism, seed: int) -> sp.State:
+    rng = np.random.default_rng(seed)
+    q = pin.integrate(mechanism.model, mechanism.neutral, rng.normal(size=mechanism.model.nv))
+    return sp.assemble(mechanism, {}, q)
+
+
+def pinocchios(mechanism: sp.Mechanism, q: np.ndarray, name: str) -> np.ndarray:
+    model = mechanism.model
+    return pin.computeFrameJacobian(model, model.createData(), q, model.getFrameId(name),
+                                    pin.LOCAL_WORLD_ALIGNED)
+
+
+@pytest.fixture(params=LIBRARY)
+def pair(request: pytest.FixtureRequest) -> tuple[sp.Mechanism, sp.Mechanism]:
+    """The same mechanism on the ground, and on a free base."""
+    return sp.load(request.param), sp.load(request.param, free_flyer=True)
+
+
+def moved(mechanism: sp.Mechanism) -> dict[str, object]:
+    return {**mechanism.guess, "root_joint": POSE}
+
+
+# ---------------------------------------------------------------- bare URDFs
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_joint_of_a_bare_urdf_is_a_driver(seed: int, tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(seed))
+    assert list(mechanism.drivers) == list(mechanism.model.names)[1:]
+    state = random_state(mechanism, seed)
+    for link in ("l1", "l5", "l8"):
+        found = sp.jacobian(mechanism, state, link)
+        assert found == pytest.approx(pinocchios(mechanism, state.q, link), abs=1e-13)
+
+
+def test_one_joint_of_a_bare_urdf_moves_while_the_others_stand(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(1))
+    motion = sp.sweep(mechanism, "j3", np.linspace(0.0, 1.0, 20))
+    still = [k for k in range(8) if k != mechanism.coordinate("j3").v]
+    assert np.ptp(motion.q[:, still], axis=0) == pytest.approx(np.zeros(7), abs=0)
+    assert sp.solve_rates(mechanism, motion.state(3), {"j3": 2.0}).v == pytest.approx(
+        2.0 * np.eye(8)[mechanism.coordinate("j3").v], abs=1e-15)
+
+
+def test_the_efforts_of_a_bare_urdf_at_rest_are_pinocchios(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(2))
+    state = random_state(mechanism, 2)
+    gravity = pin.computeGeneralizedGravity(
+        mechanism.model, mechanism.model.createData(), state.q)
+    found = sp.inverse_dynamics(mechanism, state).efforts
+    assert list(found.values()) == pytest.approx(gravity, abs=1e-12)
+
+
+def test_a_mimicking_joint_of_a_bare_urdf_is_no_driver(tmp_path: Path) -> None:
+    text = tree(3).replace('<limit', '<mimic joint="j1" multiplier="-2"/><limit')
+    first = text.index("<mimic")
+    cut = text.index("/>", first) + 2
+    text = text[:first] + text[cut:]  # j1 itself mimics nothing
+    mechanism = loaded(tmp_path, text)
+    assert list(mechanism.drivers) == ["j1"]
+    state = sp.assemble(mechanism, {"j1": 0.2})
+    whole = pinocchios(mechanism, state.q, "l8")
+    expected = whole @ np.array([1.0, *[-2.0] * 7])
+    assert sp.jacobian(mechanism, state, "l8")[:, 0] == pytest.approx(expected, abs=1e-13)
+
+
+def test_components_of_joints_of_several_freedoms_have_columns_too(tmp_path: Path) -> None:
+    text = tree(4)
+    for joint, kind in (("j2", "floating"), ("j4", "planar")):
+        at = text.index('type="', text.index(f'joint name="{joint}"')) + 6
+        text = text[:at] + kind + text[text.index('"', at):]
+    mechanism = loaded(tmp_path, text)
+    state = random_state(mechanism, 4)
+    bodies = {c.joint for c in mechanism.coordinate_table.values()}
+    kept = [v for v, c in enumerate(mechanism.coordinate_table.values())
+            if c.joint not in free_bases(mechanism)]
+    assert "j2" in bodies
+    for link in ("l2", "l4", "l8"):
+        found = sp.jacobian(mechanism, state, link)
+        assert found == pytest.approx(pinocchios(mechanism, state.q, link)[:, kept], abs=1e-13)
+
+
+def test_drivers_may_be_any_of_the_joints_of_a_file_with_loops_and_no_drivers(
+    tmp_path: Path,
+) -> None:
+    source = Path(sp.load("four_bar").path or "").read_text()
+    lines = source.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("[drivers"))
+    del lines[at : at + 2]
+    for name in ("four_bar.urdf.xacro", "parts.xacro"):
+        tmp_path.joinpath(name).write_text(
+            Path(sp.load("four_bar").path or "").with_name(name).read_text())
+    tmp_path.joinpath("bare.toml").write_text("\n".join(lines))
+    bare, driven = sp.load(tmp_path / "bare.toml"), sp.load("four_bar")
+    joint = next(iter(driven.drivers.values())).joint
+    assert not bare.drivers
+    state = sp.assemble(bare, {joint: 0.3})
+    same = sp.assemble(driven, {joint: 0.3})
+    link = driven.links[-1]
+    assert sp.jacobian(bare, state, link, [joint]) == pytest.approx(
+        sp.jacobian(driven, same, link), abs=1e-14)
+    with pytest.raises(sp.SingularError, match="prescribe 1 more of"):
+        sp.jacobian(bare, state, link)
+
+
+# ---------------------------------------------------------------- loading
+
+
+def test_a_free_flyer_is_pinocchios(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(5), free_flyer=True)
+    model = pin.buildModelFromUrdf(str(tmp_path / "tree.urdf"), pin.JointModelFreeFlyer())
+    assert list(mechanism.model.names) == list(model.names)
+    assert mechanism.free_flyer and mechanism.model.nv == model.nv == 14
+    state = random_state(mechanism, 5)
+    q = pin.neutral(model)  # continuous joints have two entries there
+    q[:7] = state.q[:7]
+    for name in mechanism.drivers:
+        joint, angle = model.joints[model.getJointId(name)], state.coordinate(name).value
+        own = [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = own
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    for k, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.BODY and frame.name != "universe":
+            assert state.placement(frame.name).isApprox(data.oMf[k], 1e-13)
+
+
+def test_what_stands_still_beside_a_free_base_has_a_name(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(5), free_flyer=True)
+    assert mechanism.frame_on_joint("world")[0] == 0
+    taken = tree(5).replace('"l3"', '"world"')
+    assert loaded(tmp_path, taken, free_flyer=True).frame_on_joint("ground")[0] == 0
+
+
+def test_a_root_that_floats_already_is_not_made_floating(tmp_path: Path) -> None:
+    text = tree(5).replace('<link name="l0"/>', '<link name="w"/><link name="l0"/><joint name='
+                           '"up" type="floating"><parent link="w"/><child link="l0"/></joint>')
+    with pytest.raises(sp.MechanismFileError, match="'l0' floats on joint 'up' already"):
+        loaded(tmp_path, text, free_flyer=True)
+    assert free_bases(loaded(tmp_path, text)) == ("up",)
+
+
+def test_the_name_of_the_root_joint_must_be_free(tmp_path: Path) -> None:
+    with pytest.raises(sp.MechanismFileError, match="there is a joint 'root_joint' already"):
+        loaded(tmp_path, tree(5).replace('"j3"', '"root_joint"'), free_flyer=True)
+
+
+def test_free_flyer_is_true_or_false() -> None:
+    with pytest.raises(TypeError, match="free_flyer is True or False, not 1"):
+        sp.load("rssr", free_flyer=1)
+
+
+def test_a_mechanism_on_a_free_base_changes_its_dimensions() -> None:
+    mechanism = sp.load("rssr", free_flyer=True)
+    state = sp.assemble(mechanism, {"crank": 0.1})
+    fixed = sp.load("rssr")
+    there = sp.assemble(fixed, {"crank": 0.1})
+    found, expected = (sp.sensitivity(m, x, "rocker_pin", ["d"])
+                       for m, x in ((mechanism, state), (fixed, there)))
+    assert found.derivatives["d"] == pytest.approx(expected.derivatives["d"], rel=1e-8)
+
+
+# ---------------------------------------------------------------- held
+
+
+def test_which_floating_joints_are_free_bases() -> None:
+    assert free_bases(sp.load("four_bar")) == ()
+    assert free_bases(sp.load("stewart")) == ()
+    assert free_bases(sp.load("stewart", free_flyer=True)) == ("root_joint",)
+
+
+def test_a_held_base_is_the_ground(pair: tuple[sp.Mechanism, sp.Mechanism]) -> None:
+    fixed, free = pair
+    driver = next(iter(fixed.drivers))
+    c = fixed.coordinate(driver)
+    step = 0.3 if c.unit == "rad" else 0.05 * fixed.characteristic_length
+    values = sp.assemble(fixed).coordinate(driver).value + np.linspace(0.0, step, 30)
+    one = sp.sweep(fixed, driver, values, speed=2.0)
+    other = sp.sweep(free, driver, values, speed=2.0, guess=moved(free))
+    assert other.q[:, 7:] == pytest.approx(one.q, abs=1e-12)
+    for mine, theirs in ((one.v, other.v), (one.a, other.a)):
+        assert theirs[:, 6:] == pytest.approx(mine, abs=1e-12 * max(1.0, np.abs(mine).max()))
+        assert np.all(theirs[:, :6] == 0.0)
+    assert np.ptp(other.q[:, :7], axis=0) == pytest.approx(np.zeros(7), abs=1e-14)
+
+
+def test_the_jacobian_of_a_held_base_is_that_of_the_ground_turned(
+    pair: tuple[sp.Mechanism, sp.Mechanism]
+) -> None:
+    fixed, free = pair
+    one, other = sp.assemble(fixed), sp.assemble(free, {}, moved(free))
+    turn = np.kron(np.eye(2), pin.exp3(np.array(POSE[3:])))
+    link = fixed.links[-1]
+    expected = turn @ sp.jacobian(fixed, one, link)
+    assert sp.jacobian(free, other, link) == pytest.approx(expected, abs=1e-12)
+    whole = sp.jacobian(free, other, link, hold=None)
+    assert whole[:, :-6] == pytest.approx(expected, abs=1e-12)
+    tip = pinocchios(free, other.q, link)[:, :6]
+    assert whole[:, -6:] == pytest.approx(tip, abs=1e-12)
+
+
+def test_parts_of_a_base_are_held(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(0), free_flyer=True)
+    state = random_state(mechanism, 0)
+    whole = pinocchios(mechanism, state.q, "l8")
+    for hold, kept in (("base", []), ("root_joint", []), (None, range(6)), ([], range(6)),
+                       ("root_joint.rotation", range(3)), ("root_joint.translation", range(3, 6)),
+                       (["root_joint.translation", "root_joint.rotation"], [])):
+        found = sp.jacobian(mechanism, state, "l8", hold=hold)
+        assert found == pytest.approx(whole[:, [*range(6, 14), *kept]], abs=1e-13)
+
+
+def test_held_drivers_have_no_column(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(0))
+    state = random_state(mechanism, 0)
+    whole = pinocchios(mechanism, state.q, "l8")
+    found = sp.jacobian(mechanism, state, "l8", hold=["j2", "base"])
+    assert found == pytest.approx(np.delete(whole, mechanism.coordinate("j2").v, axis=1))
+    with pytest.raises(ValueError, match="'j2' is held, and given a rate too"):
+        sp.solve_rates(mechanism, state, {"j2": 1.0}, hold=["j2"])
+    with pytest.raises(sp.UnknownNameError, match="j22"):
+        sp.jacobian(mechanism, state, "l8", hold=["j22"])
+
+
+def test_a_base_goes_as_it_is_told(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(0), free_flyer=True)
+    state = random_state(mechanism, 0)
+    twist = np.arange(1.0, 7.0)
+    assert sp.solve_rates(mechanism, state, {"root_joint": twist}).v == pytest.approx(
+        [*twist, *np.zeros(8)], abs=1e-14)
+    motion = sp.sweep(mechanism, "root_joint.z", np.linspace(0.0, 0.5, 6))
+    assert motion.frame("l8").velocity == pytest.approx(np.tile([0.0, 0.0, 1.0], (6, 1)))
+
+
+def test_a_base_that_nobody_holds_is_not_determined(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(0), free_flyer=True)
+    with pytest.raises(sp.SingularError, match=r"6 of its freedoms are not .*root_joint\.rz"):
+        sp.sweep(mechanism, "j2", [0.0, 0.1], hold=None)
+    with pytest.raises(sp.SingularError, match=r"6 of its freedoms are not .*root_joint\.rz"):
+        sp.solve_rates(mechanism, sp.assemble(mechanism), {"j2": 1.0}, hold=None)
+
+
+def test_a_base_is_held_whatever_was_asked_before() -> None:
+    one, other = (sp.load("rssr", free_flyer=True) for _ in range(2))
+    states = [sp.assemble(m, {"crank": 0.3}) for m in (one, other)]
+    first = [sp.jacobian(one, states[0], "rocker", hold=h) for h in ("base", None)]
+    second = [sp.jacobian(other, states[1], "rocker", hold=h) for h in (None, "base")]
+    assert np.array_equal(first[0], second[1]) and np.array_equal(first[1], second[0])
+
+
+def test_values_and_a_base_are_held_together() -> None:
+    fixed, free = sp.load("delta"), sp.load("delta", free_flyer=True)
+    names = list(fixed.drivers)
+    start = sp.assemble(fixed)
+    hold = {names[1]: start.coordinate(names[1]).value + 0.05}
+    values = start.coordinate(names[0]).value + np.linspace(0.0, 0.1, 5)
+    one, other = (sp.sweep(m, names[0], values, hold=hold) for m in (fixed, free))
+    assert other.q[:, 7:] == pytest.approx(one.q, abs=1e-12)
+    by_name = sp.sweep(free, names[0], values, hold=["base", names[1]])
+    assert np.ptp(by_name.coordinate(names[1]).value) == 0.0
+
+
+def test_a_closed_mechanism_on_a_free_base_has_its_modes_and_limits() -> None:
+    fixed, free = sp.load("four_bar"), sp.load("four_bar", free_flyer=True)
+    driver = next(iter(fixed.drivers))
+    modes = [sp.assembly_modes(m, {driver: 0.4}) for m in (fixed, free)]
+    assert len(modes[0]) == len(modes[1]) == 2
+    for one, other in zip(*modes, strict=True):
+        assert other.q[7:] == pytest.approx(one.q, abs=1e-9)
+    assert str(sp.limits(free, driver)) == str(sp.limits(fixed, driver))
+
+
+def test_a_free_base_counts_six_freedoms_that_need_no_driver() -> None:
+    found = sp.mobility(sp.load("rssr", free_flyer=True))
+    assert (found.dof, len(found.passive)) == (8, 1)
+    assert "more driver(s) needed" not in str(found)
+
+
+def test_a_base_falls_while_its_joints_are_driven_by_nobody() -> None:
+    free = sp.load("four_bar", free_flyer=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = sp.forward_dynamics(free, sp.assemble(free))
+    masses = np.array([x.mass for x in free.model.inertias])
+    assert masses.sum() > 0.0
+    state = sp.assemble(free)
+    model, data = free.model, free.model.createData()
+    centre = pin.centerOfMass(model, data, state.q, state.v, found.a)
+    assert data.acom[0] == pytest.approx([0.0, 0.0, -9.81], abs=1e-9)
+    assert np.isfinite(centre).all()
+
+
+def test_a_tree_is_saved_with_the_drivers_it_has(tmp_path: Path) -> None:
+    bare = loaded(tmp_path, tree(5))
+    for drivers in (dict(bare.drivers), {"turn": sp.Driver("turn", "j2")}, {}):
+        mechanism = replace(bare, drivers=drivers)
+        again = sp.load(mechanism.save(tmp_path / f"saved_{len(drivers)}"))
+        assert again.drivers == drivers
+
+
+def test_a_free_base_is_saved(tmp_path: Path) -> None:
+    mechanism = sp.load("rssr", free_flyer=True)
+    again = sp.load(mechanism.save(tmp_path / "saved"))
+    assert list(again.coordinates) == list(mechanism.coordinates)
+    assert free_bases(again) == ("root_joint",)
