@@ -789,3 +789,14 @@ def test_a_nut_between_two_equal_threads_turns_and_advances(tmp_path):
         "second", "screw", "bolt", "face", lead=0.2)
     (passive,) = sp.mobility(load(tmp_path, "nut", tree, toml)).passive
     assert passive.kind == "screw" and "turns and advances" in str(passive)
+
+
+@pytest.mark.parametrize(("radius", "times"), [(1e-2, 1), (1e-3, 1), (1e-5, 1), (1e-2, 2)])
+def test_a_point_on_a_tiny_circle_moves(radius, times, tmp_path):
+    """It turns back within less than a long trial motion, said once or twice."""
+    tree = sliding("x", "ground", "block", axis=(1, 0, 0)) + sliding("y", "block", "pen")
+    tree += point("far", "ground", (0.0, 0.0, 1.0)) + point("start", "ground", (-radius, 0, 0))
+    toml = "".join(closure(f"string{k}", "distance", "start", "pen", length=radius)
+                   for k in range(times))
+    mobility = sp.mobility(load(tmp_path, "pen", tree, toml))
+    assert (mobility.instantaneous, mobility.dof) == (1, 1)

@@ -33,11 +33,13 @@ from spatial_pin.mechanism.pairs import COUPLING
 # A closed singular configuration is known to the square root of round-off only; what is nearer to
 # one than this counts as singular.
 SINGULAR = 1e-6
-PROBE = 0.05  # length of a finite trial motion [rad, characteristic lengths]
+# lengths of finite trial motions [rad, characteristic lengths], the shorter where links turn back;
+# still shorter ones would take a linkage that is shaky to third order for one that moves
+PROBES = (0.05, 0.005)
 MOVED = 0.3  # part of it that must be left after closing to count as motion
 FAR = 0.3  # rad, characteristic lengths, that a body idles on without opening a loop
-SMALL_PROBE = 0.005  # the same at a configuration that was reached by one
-PROBES = 6  # trial motions for each instantaneous freedom
+SMALL_PROBE = 0.005  # the same at a configuration that was reached by the longest
+TRIALS = 6  # trial motions for each instantaneous freedom
 ALGEBRA_TOLERANCE = 1e-8
 IDLE = 1e-7  # speed by that of the fastest that is none: passive freedoms are known to 1e-8
 MAX_NAMES = 8
@@ -198,7 +200,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     loops = tuple(_loop(evaluation, c) for c in mechanism.closures if c.type != COUPLING)
     couplings = len(evaluation.constraints.couplings)
     freedoms = nv + sum(6 - c.n_rows for c in mechanism.closures if c.type != COUPLING)
-    dof = _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
+    dof = nv - r if r == n else _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
     passive = [(joint, v) for joint, velocities in idle_freedoms(evaluation, x)
                for v in velocities]
     if dof < nv - r:  # leave out what is instantaneous only
@@ -227,24 +229,36 @@ def _finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
 
     A trial moves along a random tangent and closes the loops again. Where that leaves a real
     displacement, the point found is a generic one, and the nullity there is the dimension; where
-    every trial falls back to q, the freedoms are instantaneous only.
+    every trial falls back to q, the freedoms are instantaneous only. (Where no equation is
+    redundant, there is nothing to try: the nullity at q is the dimension.)
     """
-    mechanism = evaluation.mechanism
-    scale = mechanism.velocity_scale
+    rng = np.random.default_rng(1)
+    for probe in PROBES:
+        best = _trial_motions(evaluation, q, tangents, probe, rng)
+        if best:
+            return best
+    return 0
+
+
+def _trial_motions(
+    evaluation: Evaluation, q: Array, tangents: Array, probe: float, rng: np.random.Generator
+) -> int:
+    """Return the largest dimension of the closed configurations that trial motions come to."""
+    scale = evaluation.mechanism.velocity_scale
     free = np.ones(len(scale), dtype=bool)
     n = evaluation.constraints.n_rows
-    rng = np.random.default_rng(1)
     best = 0
-    for _ in range(PROBES * len(tangents)):
+    for _ in range(TRIALS * len(tangents)):
         direction = rng.normal(size=len(tangents)) @ tangents
-        step = PROBE * direction / np.linalg.norm(direction)
+        step = probe * direction / np.linalg.norm(direction)
         start = pin.integrate(evaluation.model, q, scale * step)
         found, error = close(evaluation, start, free, 1e-14)
         moved = pin.difference(evaluation.model, q, found) / scale
-        if error > ACCEPTED or np.linalg.norm(moved) < MOVED * PROBE:
+        if error > ACCEPTED or np.linalg.norm(moved) < MOVED * probe:
             continue
-        tangents_there = null_space(evaluation.jacobian[:n], SINGULAR)
-        best = max(best, finite_dimension(evaluation, found, tangents_there))
+        there = null_space(evaluation.jacobian[:n], SINGULAR)
+        small = probe * SMALL_PROBE / PROBES[0]
+        best = max(best, len(finite_motions(evaluation, found, there, probe=small)))
         if best == len(tangents):
             break
     return best
@@ -262,7 +276,8 @@ def finite_dimension(
 
 
 def finite_motions(
-    evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None
+    evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
+    probe: float = SMALL_PROBE,
 ) -> Array:
     """Return orthonormal scaled velocities (d, nv) that span what is left of trial motions.
 
@@ -271,15 +286,16 @@ def finite_motions(
         q: (nq,) closed configuration.
         tangents: (k, nv) scaled velocities that open no loop at q.
         free: (nv,) which velocities may close the loops again; default all.
+        probe: length of a trial motion.
     """
     scale = evaluation.mechanism.velocity_scale
     free = np.ones(len(scale), dtype=bool) if free is None else free
     left = [np.zeros(len(scale))]
     for tangent in tangents:
-        start = pin.integrate(evaluation.model, q, scale * SMALL_PROBE * tangent)
+        start = pin.integrate(evaluation.model, q, scale * probe * tangent)
         found, error = close(evaluation, start, free, 1e-14)
         if error <= ACCEPTED:
-            left.append(pin.difference(evaluation.model, q, found) / (scale * SMALL_PROBE))
+            left.append(pin.difference(evaluation.model, q, found) / (scale * probe))
     svd = decompose(np.array(left))
     return svd.vt[: np.count_nonzero(svd.s > MOVED)]
 
