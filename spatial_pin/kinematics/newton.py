@@ -520,7 +520,10 @@ class SquareSystem:
         np.negative(bias[:n] if self._whole else bias[self.rows], out=rhs[self._closure])
         np.negative(bias[n:], out=rhs[self._spin])
         rhs[self._drivers] = drive / self._drive_scale
-        return self.scale * self.solve(rhs)
+        rates: Array = self.scale * self.solve(rhs)
+        if not self._bent:
+            rates[self.drive_at] = drive  # as asked for, to the last digit
+        return rates
 
 
 class Regular(NamedTuple):
