@@ -204,7 +204,35 @@ def rows_solved(lu: Array, order: NDArray[np.int32], b: Array) -> Array:
     """Return the solution of a x = b, (n,) or (n, k), from `rows_factored` of a."""
     if not b.size:
         return b
-    x: Array = lapack.dgetrs(lu, order, b, 1)[0]
+    return _solved(lu, order, b, 1)
+
+
+def _solved(lu: Array, order: NDArray[np.int32], b: Array, transposed: int) -> Array:
+    """Return the solution for right-hand sides (n,) or (n, k), one after the other.
+
+    For two or more, however short, OpenBLAS asks its threads to help: on a busy machine they take
+    milliseconds to come.
+    """
+    if b.ndim == 1:
+        x: Array = lapack.dgetrs(lu, order, b, transposed)[0]
+        return x
+    columns = [lapack.dgetrs(lu, order, column, transposed)[0] for column in b.T]
+    return np.array(columns).T
+
+
+def upper_solved(upper: Array, b: Array, transposed: bool = False) -> Array:
+    """Return R^-1 b, or R^-T b, for an upper triangular R (n, n) and b (n,)."""
+    if not b.size:
+        return b
+    x: Array = lapack.dtrtrs(upper, b, trans=int(transposed))[0]
+    return x
+
+
+def upper_inverse(upper: Array) -> Array:
+    """Return the inverse of an upper triangular matrix (n, n)."""
+    if not upper.size:
+        return upper
+    x: Array = lapack.dtrtri(upper)[0]
     return x
 
 
@@ -225,8 +253,7 @@ class Factors:
         """Return the solution for right-hand sides (n,) or (n, k)."""
         if not b.size:
             return b
-        x: Array = lapack.dgetrs(self._lu, self._order, b)[0]
-        return x
+        return _solved(self._lu, self._order, b, 0)
 
     def blur(self, x: Array, known: Array, rounding: float) -> Array:
         """Return bounds on the errors of a solution, entry by entry [Higham2002, 7.2, 9.3].
@@ -246,8 +273,9 @@ class Factors:
 
     @cached_property
     def _inverse(self) -> Array:
-        """Sizes (n, n) of the entries of the inverse."""
-        return np.abs(self.solve(np.eye(len(self._lu))))
+        """Sizes (n, n) of the entries of the inverse; infinite where there is none."""
+        inverse, info = lapack.dgetri(self._lu, self._order)
+        return np.full_like(inverse, np.inf) if info else np.abs(inverse)
 
     @cached_property
     def _grown(self) -> Array:

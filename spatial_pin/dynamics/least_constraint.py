@@ -22,7 +22,15 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from spatial_pin.dynamics.saddle import HOLDS, ROUNDING, Blurred
-from spatial_pin.linalg import EPS, Array, decompose, null_space, row_space
+from spatial_pin.linalg import (
+    EPS,
+    Array,
+    decompose,
+    null_space,
+    row_space,
+    upper_inverse,
+    upper_solved,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -61,13 +69,18 @@ class LeastConstraint:
         gravity = float(np.linalg.norm(model.gravity.linear))
         size = mechanism.characteristic_length
         self._falling, self._per_size = gravity / size, np.repeat([1.0 / size, 1.0], 3)
-        self._bodies = []
-        for joint, body in enumerate(model.inertias):
-            if joint and (body.mass > 0.0 or np.any(body.inertia)):
-                moments, axes = np.linalg.eigh(body.inertia)
-                axes[:, 0] *= np.linalg.det(axes)  # right-handed: products of rates are to come
-                self._bodies.append((joint, body.lever.copy(), axes,
-                                     np.sqrt([body.mass] * 3 + np.maximum(moments, 0.0).tolist())))
+        heavy = [j for j, body in enumerate(model.inertias)
+                 if j and (body.mass > 0.0 or np.any(body.inertia))]
+        bodies = [model.inertias[j] for j in heavy]
+        moments, axes = np.linalg.eigh(np.reshape([b.inertia for b in bodies], (-1, 3, 3)))
+        axes[:, :, 0] *= np.linalg.det(axes)[:, None]  # right-handed: products of rates are to come
+        self._heavy, self._back = np.array(heavy, dtype=np.intp), axes.transpose(0, 2, 1)
+        self._levers = np.reshape([b.lever for b in bodies], (-1, 3))
+        self._across = skew(self._levers)
+        masses = np.repeat([b.mass for b in bodies], 3).reshape(-1, 3)
+        self._roots = np.sqrt(np.hstack([masses, np.maximum(moments, 0.0)]))  # (bodies, 6)
+        self._parents = [int(x) for x in model.parents]
+        self._starts = np.array(model.idx_vs[1:], dtype=np.intp)
         self._rotors = np.flatnonzero(model.armature)
         self._weights = np.sqrt(model.armature[self._rotors])
 
@@ -140,108 +153,139 @@ class LeastConstraint:
         some body moves by one: so scaled, no row is good for one freedom and too coarse for
         another.
         """
-        model, data = self._model, self._data
-        pin.forwardKinematics(model, data, q, v, a.value)
-        n = columns.value.shape[1]
-        twists, sizes = self._twists(columns, a, v)
-        rotors = slice(6 * len(self._bodies), None)
-        rows, known = np.zeros((2, rotors.start + len(self._rotors), n))
-        rest, rest_known = np.zeros((2, len(rows)))
-        turned = columns.value[self._rotors]
-        rows[rotors] = self._weights[:, None] * turned
-        known[rotors] = self._weights[:, None] * (
-            columns.blur[self._rotors] + ROUNDING * np.abs(turned))
-        rest[rotors] = self._weights * a.value[self._rotors]
-        rest_known[rotors] = self._weights * (a.blur + ROUNDING * np.abs(a.value))[self._rotors]
-        gravity = np.abs(model.gravity.linear)
-        pace = np.abs(turned / self._scale[self._rotors, None]).max(axis=0, initial=0.0)
-        for k, (joint, lever, axes, weights) in enumerate(self._bodies):
-            at, across = slice(6 * k, 6 * k + 6), pin.skew(lever)
-            local, size = twists[joint].copy(), sizes[joint].copy()
-            local[:3] -= across @ local[3:]
-            local[3:] = axes.T @ local[3:]
-            size[:3] += np.abs(across) @ size[3:]
-            size[3:] = np.abs(axes.T) @ size[3:]
-            moves = np.abs(local) * np.where(weights > 0.0, self._per_size, 0.0)[:, None]
-            np.maximum(pace, moves.max(axis=0), out=pace)
-            rows[at] = weights[:, None] * local
-            known[at] = weights[:, None] * size[:, :n]
-            rest[at] = weights * self._rest(joint, lever, axes)
-            rest[6 * k + 3 : 6 * k + 6] += _gyroscopic(weights[3:], axes.T @ data.v[joint].angular)
-            moving, turning = size[:3, n + 1].max(), size[3:, n + 1].max()  # by its velocity
-            size[:3, n] += moving * turning / ROUNDING + ROUNDING * (
-                np.abs(data.oMi[joint].rotation.T) @ gravity)
-            size[3:, n] += turning * turning / ROUNDING
-            rest_known[at] = weights * size[:, n]
+        pin.forwardKinematics(self._model, self._data, q, v, a.value)
+        rotors = self._of_rotors(columns, a)
+        bodies = self._of_bodies(columns, a, v)
+        rows, known, rest, rest_known = (
+            np.concatenate(pair) for pair in zip(bodies[:4], rotors[:4], strict=True))
+        pace = np.maximum(bodies[4], rotors[4])
         return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
 
-    def _twists(self, columns: Blurred, a: Blurred, v: Array) -> tuple[list[Array], list[Array]]:
-        """Return what every joint's body moves like (6, n) in unit freedoms, its own axes.
+    def _of_rotors(self, columns: Blurred, a: Blurred) -> tuple[Array, ...]:
+        """Return as `_rows`, of joints with an armature, and how fast they turn (n,)."""
+        at, weights = self._rotors, self._weights
+        turned, turning = columns.value[at], a.value[at]
+        known = columns.blur[at] + ROUNDING * np.abs(turned)
+        rest_known = a.blur[at] + ROUNDING * np.abs(turning)
+        pace = np.abs(turned / self._scale[at, None]).max(axis=0, initial=0.0)
+        return (weights[:, None] * turned, weights[:, None] * known, weights * turning,
+                weights * rest_known, pace)
+
+    def _of_bodies(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, ...]:
+        """Return as `_rows`, of bodies with mass, and how fast they move (n,)."""
+        data, n, roots = self._data, columns.value.shape[1], self._roots
+        twists, sizes = (x[self._heavy] for x in self._twists(columns, a, v))
+        twists[:, :3] -= self._across @ twists[:, 3:]
+        twists[:, 3:] = self._back @ twists[:, 3:]
+        sizes[:, :3] += np.abs(self._across) @ sizes[:, 3:]
+        sizes[:, 3:] = np.abs(self._back) @ sizes[:, 3:]
+        moves = np.abs(twists) * np.where(roots > 0.0, self._per_size, 0.0)[:, :, None]
+        heavy = self._heavy.tolist()
+        motion = np.reshape([data.v[j].vector for j in heavy], (-1, 6))
+        change = np.reshape([data.a[j].vector for j in heavy], (-1, 6))
+        down = np.reshape([data.oMi[j].rotation for j in heavy], (-1, 3, 3)).transpose(0, 2, 1)
+        fastest, rest_known = sizes[:, :, n + 1], sizes[:, :, n]
+        moving, turning = fastest[:, :3].max(axis=1), fastest[:, 3:].max(axis=1)
+        gravity = self._model.gravity.linear
+        rest_known[:, :3] += (moving * turning)[:, None] / ROUNDING + ROUNDING * (
+            np.abs(down) @ np.abs(gravity))
+        rest_known[:, 3:] += (turning * turning)[:, None] / ROUNDING
+        rest = roots * self._rest(motion, change, down @ gravity)
+        rest[:, 3:] += _gyroscopic(roots[:, 3:], (self._back @ motion[:, 3:, None])[:, :, 0])
+        return ((roots[:, :, None] * twists).reshape(-1, n),
+                (roots[:, :, None] * sizes[:, :, :n]).reshape(-1, n), rest.ravel(),
+                (roots * rest_known).ravel(), moves.max(axis=(0, 1), initial=0.0))
+
+    def _twists(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, Array]:
+        """Return what joints' bodies move like (njoints, 6, n) in unit freedoms, own axes.
 
         From body to body, which keeps what is nothing nothing, as a way by the world's axes does
-        not. And bounds on how far that is off (6, n + 2): of these, of accelerations and velocity.
+        not. And bounds on how far that is off (njoints, 6, n + 2): of these, of accelerations and
+        velocity.
         """
-        model, data = self._model, self._data
-        n = columns.value.shape[1]
+        data, n, count = self._data, columns.value.shape[1], self._model.njoints
         off = np.column_stack([columns.blur + ROUNDING * np.abs(columns.value),
                                a.blur + ROUNDING * np.abs(a.value), ROUNDING * np.abs(v)])
-        twists: list[Array] = [np.zeros((6, n))]
-        sizes: list[Array] = [np.zeros((6, n + 2))]
-        for joint in range(1, model.njoints):
-            parent, placed = model.parents[joint], data.liMi[joint]
-            back, across = placed.rotation.T, pin.skew(placed.translation)
-            entries = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
-            own = np.reshape(data.joints[joint].S, (6, -1))
-            twist, size = own @ columns.value[entries], np.abs(own) @ off[entries]
+        axes = np.hstack([np.reshape(data.joints[j].S, (6, -1)) for j in range(1, count)]).T
+        twists, sizes = np.zeros((count, 6, n)), np.zeros((count, 6, n + 2))
+        for all_of, own, given in ((twists, axes, columns.value), (sizes, np.abs(axes), off)):
+            np.add.reduceat(own[:, :, None] * given[:, None], self._starts, out=all_of[1:])
+        placed = np.array([data.liMi[j].homogeneous[:3] for j in range(count)])
+        back, across = placed[:, :, :3].transpose(0, 2, 1), skew(placed[:, :, 3])
+        grown, blurred = _bounds(back, across)
+        for joint in range(1, count):
+            parent = self._parents[joint]
             if parent:
-                before, bounds = twists[parent], sizes[parent]
-                twist[:3] += back @ (before[:3] - across @ before[3:])
-                twist[3:] += back @ before[3:]
-                turned = np.abs(back)
-                size[:3] += turned @ (bounds[:3] + np.abs(across) @ bounds[3:])
-                size[3:] += turned @ bounds[3:]
-                none, reach = _round_off(back), _round_off(across)
-                moved, spun = np.abs(before[:3]), np.abs(before[3:])
-                size[:3, :n] += none @ (moved + np.abs(across) @ spun) + turned @ (reach @ spun)
-                size[3:, :n] += none @ spun
-            twists.append(twist)
-            sizes.append(size)
+                before = twists[parent]
+                twists[joint, :3] += back[joint] @ (before[:3] - across[joint] @ before[3:])
+                twists[joint, 3:] += back[joint] @ before[3:]
+                sizes[joint] += grown[joint] @ sizes[parent]
+                sizes[joint, :, :n] += blurred[joint] @ np.abs(before)
         return twists, sizes
 
-    def _rest(self, joint: int, lever: Array, axes: Array) -> Array:
-        """Return the acceleration (6,) of a body's centre less gravity, and angular, own axes."""
-        data = self._data
-        w, turning = data.v[joint].angular, data.a[joint].angular
-        found = np.empty(6)
-        found[:3] = (data.a[joint].linear + cross(w, data.v[joint].linear)
-                     + cross(turning, lever) + cross(w, cross(w, lever))
-                     - data.oMi[joint].rotation.T @ self._model.gravity.linear)
-        found[3:] = axes.T @ turning
+    def _rest(self, motion: Array, change: Array, gravity: Array) -> Array:
+        """Return the accelerations (bodies, 6) of centres less gravity, and angular, own axes.
+
+        Args:
+            motion: (bodies, 6) spatial velocities.
+            change: (bodies, 6) spatial accelerations.
+            gravity: (bodies, 3).
+        """
+        w, lever = motion[:, 3:], self._levers
+        found = np.empty_like(motion)
+        found[:, :3] = (change[:, :3] + cross(w, motion[:, :3]) + cross(change[:, 3:], lever)
+                        + cross(w, cross(w, lever)) - gravity)
+        found[:, 3:] = (self._back @ change[:, 3:, None])[:, :, 0]
         return found
 
 
+def _bounds(back: Array, across: Array) -> tuple[Array, Array]:
+    """Return (m, 6, 6) how bounds on twists are carried on to the next body, and what that adds.
+
+    Args:
+        back: (m, 3, 3) rotations.
+        across: (m, 3, 3) cross product matrices of the arms.
+    """
+    turned, none, reach = np.abs(back), _round_off(back), _round_off(across)
+    grown, blurred = np.zeros((2, len(back), 6, 6))
+    grown[:, :3, :3] = grown[:, 3:, 3:] = turned
+    grown[:, :3, 3:] = turned @ np.abs(across)
+    blurred[:, :3, :3] = blurred[:, 3:, 3:] = none
+    blurred[:, :3, 3:] = none @ np.abs(across) + turned @ reach
+    return grown, blurred
+
+
 def _round_off(placed: Array) -> Array:
-    """Return the sizes of those entries of a rotation, or of arms, that may be none.
+    """Return the sizes of those entries of rotations, or of arms, that may be none.
 
     A quarter turn in a file leaves a cosine of 6e-17 where there should be a zero.
     """
     sizes = np.abs(placed)
-    return np.where(sizes < EPS * sizes.max(initial=0.0), sizes, 0.0)
+    return np.where(sizes < EPS * sizes.max(axis=(1, 2), keepdims=True), sizes, 0.0)
+
+
+def skew(arms: Array) -> Array:
+    """Return the matrices (m, 3, 3) of cross products with vectors (m, 3)."""
+    across = np.zeros((len(arms), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        across[:, j, i], across[:, i, j] = arms[:, k], -arms[:, k]
+    return across
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a x b; `np.cross` takes ten times as long."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-                     a[0] * b[1] - a[1] * b[0]])
+    """Return a x b of vectors (..., 3); `np.cross` takes ten times as long."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 
 
 def _gyroscopic(roots: Array, w: Array) -> Array:
-    """Return I^(-1/2) (w x I w) (3,), from the roots of the principal moments; 0 for none."""
+    """Return I^(-1/2) (w x I w) (m, 3), from the roots of the principal moments; 0 for none."""
     squares = roots * roots
-    moved = np.array([(squares[2] - squares[1]) * w[1] * w[2],
-                      (squares[0] - squares[2]) * w[2] * w[0],
-                      (squares[1] - squares[0]) * w[0] * w[1]])
-    return np.divide(moved, roots, out=np.zeros(3), where=roots > ROUNDING * roots.max())
+    i, j = [2, 0, 1], [1, 2, 0]
+    moved = (squares[:, i] - squares[:, j]) * w[:, j] * w[:, i]
+    held = roots > ROUNDING * roots.max(axis=1, keepdims=True, initial=0.0)
+    return np.divide(moved, roots, out=np.zeros_like(moved), where=held)
 
 
 class _Fit:
@@ -280,20 +324,21 @@ class _Fit:
         n = self._rows.shape[1]
         found = np.zeros((n, n - rank))
         found[self._order[rank:]] = np.eye(n - rank)
-        if rank:
-            found[self._order[:rank]] = -self._solve(rank, self._upper[:rank, rank:])
+        for k in range(rank, n):
+            found[self._order[:rank], k - rank] = -self._solve(rank, self._upper[:rank, k])
         return found
 
     def _solve(self, rank: int, b: Array, transposed: bool = False) -> Array:
-        """Return R^-1 b, or R^-T b, of the first unknowns."""
-        if not rank or not b.size:
-            return np.zeros((rank, *b.shape[1:]))
-        x: Array = lapack.dtrtrs(self._upper[:rank, :rank], b, trans=int(transposed))[0]
-        return x
+        """Return R^-1 b, or R^-T b, (rank,) of the first unknowns."""
+        return upper_solved(self._upper[:rank, :rank], b, transposed)
+
+    def _inverse(self, rank: int) -> Array:
+        """Return R^-1 (rank, rank) of the first unknowns."""
+        return upper_inverse(self._upper[:rank, :rank])
 
     def _pseudo(self, rank: int) -> Array:
         """Return the sizes (rank, m) of the pseudo-inverse of the first unknowns' columns."""
-        return np.abs(self._solve(rank, np.ascontiguousarray(self._basis.T[:rank])))
+        return np.abs(self._inverse(rank) @ self._basis.T[:rank])
 
     def solve(self, rest: Array, load: Array) -> Array:
         """Return z (n,) with rows^T (rows z - rest) = load, of least norm."""
@@ -325,7 +370,7 @@ class _Fit:
         wide = np.zeros(len(z))
         if not r:
             return wide
-        known, inverse = self._known[:m], np.abs(self._solve(r, np.eye(r)))
+        known, inverse = self._known[:m], np.abs(self._inverse(r))
         left = np.abs(self._left[:m])
         wide[first] = self._pseudo(r)[:, :m] @ (rest_known + known @ np.abs(z))
         wide[first] += inverse @ (inverse.T @ ((known.T @ left)[first] + load_known[first]))

@@ -34,6 +34,7 @@ WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the s
 MOST_CORRECTIONS = 8
 CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
 CLOSED = 1e-9  # residual at which round-off may end that
+WORN = 1e-2  # smallest over largest pivot below which other coordinates go on as they are
 SINGULAR = 1e-12  # smallest over largest singular value at which the loops have lost rank
 
 
@@ -79,6 +80,9 @@ class Projected:
         self.saddle.solve(problem.mass(self.q0), self.evaluation.jacobian[: self.n_rows],
                           none[0, : self.n], none[1, : self.n_rows])
         self._uneven = self.saddle.error > DOUBTFUL  # at the last place where the loops were closed
+        # coordinates whose motions without inertia go on as they are, the same all along a step
+        self._kept: tuple[int, ...] | None = None
+        self._worn = False
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
@@ -138,11 +142,27 @@ class Projected:
         problem, evaluation = self.problem, self.evaluation
         q, v = self._closed(q, v)
         gamma = self._bias(q, v)[self.selected]
-        motions = Motions(evaluation.jacobian[self.selected], self.scale, evaluation.closure_error)
-        if motions.pivot < SINGULAR:
-            raise Lost
+        motions = self._motions()
         return problem.least(q, v, motions.carried(gamma, v), motions.columns,
                              problem.given(t, q, v, evaluation)).a
+
+    def _motions(self) -> Motions:
+        """Return how coordinates move the others where the evaluation stands.
+
+        The same all along a step: what has no inertia goes on in them as it is, and would go
+        on otherwise in others.
+
+        Raises:
+            Lost: the loops lose rank.
+        """
+        evaluation = self.evaluation
+        rows = evaluation.jacobian[self.selected]
+        for free in dict.fromkeys((self._kept, None)):
+            motions = Motions(rows, self.scale, evaluation.closure_error, free)
+            if motions.pivot >= SINGULAR:
+                self._kept, self._worn = tuple(motions.free), motions.pivot < WORN
+                return motions
+        raise Lost
 
     def _bias(self, q: Array, v: Array) -> Array:
         """Return gamma (n_rows,), the evaluation standing at q."""
@@ -171,6 +191,8 @@ class Projected:
         n, y = self.n, np.array(solver.y)
         q, v = self._place(y)
         self._choose(q)
+        if self._worn:
+            self._kept = None
         allowed = min(max(OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
         try:
             q, v = self._closed(q, v, allowed)

@@ -163,6 +163,7 @@ class Motions:
         free: the coordinates; those that determine the others best if not given.
 
     Attributes:
+        free: the coordinates, in the order of the columns.
         columns: (nv, n) joint velocities, one of the free coordinates at its own unit each.
         pivot: smallest over largest pivot of their equations.
     """
@@ -174,9 +175,10 @@ class Motions:
         self._scale = scale
         if free is None:
             free = np.setdiff1d(np.arange(nv), independent_rows(rows.T, 0.0)).tolist()
+        self.free = free
         whole = np.zeros((nv, nv))
         whole[:r] = rows
-        whole[np.arange(r, nv), free] = 1.0
+        whole[np.arange(r, nv), list(free)] = 1.0
         self._largest = np.abs(rows).max(axis=1, initial=0.0)
         self._known = np.zeros((nv, nv))
         self._known[:r] = np.where(rows != 0.0, ROUNDING * self._largest[:, None], 0.0) + opened
