@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-import numpy as np
 import pinocchio as pin
 
+from spatial_pin.formats.open_tree import LARGE, numbers_text, origin
 from spatial_pin.linalg import Array
-
-NO_LIMIT = 1e308  # effort and speed that are not limited: as Pinocchio has it, nearly the largest
-
-
-def roll_pitch_yaw(rotation: Array) -> Array:
-    """Return the angles (3,) of URDF of a rotation (3, 3), exact to round-off for every pitch."""
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
-    rest = (pin.rpy.rpyToMatrix(0.0, pitch, yaw)).T @ rotation  # upright, a yaw of round-off
-    return np.array([math.atan2(rest[2, 1], rest[1, 1]), pitch, yaw])
-
-
-def words(values: Iterable[float]) -> str:
-    """Return numbers as text that reads back as the same numbers."""
-    return " ".join(repr(float(x)) for x in values)
 
 
 class UrdfText:
@@ -69,15 +53,15 @@ class UrdfText:
         name, link = unique(wanted, self._joints), self._link(child)
         self._joints.add(name)
         joint = ET.SubElement(self._robot, "joint", name=name, type=kind)
-        _origin(joint, placement)
+        joint.append(origin(placement))
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=link)
         if axis is not None:
-            ET.SubElement(joint, "axis", xyz=words(axis))
+            ET.SubElement(joint, "axis", xyz=numbers_text(axis))
         if limits is not None:
             ET.SubElement(joint, "limit", lower=repr(float(limits[0])),
-                          upper=repr(float(limits[1])), effort=repr(NO_LIMIT),
-                          velocity=repr(NO_LIMIT))
+                          upper=repr(float(limits[1])), effort=repr(LARGE),
+                          velocity=repr(LARGE))
         return name, link
 
     def frame(self, wanted: str, parent: str, placement: pin.SE3) -> str:
@@ -93,7 +77,7 @@ class UrdfText:
     def inertia(self, link: str, mass: float, placement: pin.SE3, moments: Array) -> None:
         """Give a link a mass [kg] and moments (3,) [kg·m²] about the axes of a central frame."""
         inertial = ET.SubElement(self._links[link], "inertial")
-        _origin(inertial, placement)
+        inertial.append(origin(placement))
         ET.SubElement(inertial, "mass", value=repr(float(mass)))
         xx, yy, zz = (repr(float(x)) for x in moments)
         ET.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
@@ -113,11 +97,11 @@ class UrdfText:
             rgba: (4,) its colour.
         """
         shape = ET.SubElement(self._links[link], kind)
-        _origin(shape, placement)
+        shape.append(origin(placement))
         ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
         if rgba is not None:
-            material = ET.SubElement(shape, "material", name=f"rgba {words(rgba)}")
-            ET.SubElement(material, "color", rgba=words(rgba))
+            material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}")
+            ET.SubElement(material, "color", rgba=numbers_text(rgba))
 
     def text(self) -> str:
         """Return the URDF."""
@@ -131,8 +115,3 @@ def unique(wanted: str, taken: Iterable[str]) -> str:
     while name in known:
         name, k = f"{wanted}_{k}", k + 1
     return name
-
-
-def _origin(element: ET.Element, placement: pin.SE3) -> None:
-    ET.SubElement(element, "origin", xyz=words(placement.translation),
-                  rpy=words(roll_pitch_yaw(placement.rotation)))

@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.mjcf.compiling import Compiled
-from spatial_pin.formats.urdf_text import UrdfText, unique, words
+from spatial_pin.formats.open_tree import numbers_text
+from spatial_pin.formats.urdf_text import UrdfText, unique
 from spatial_pin.linalg import Array
 
 WORLD = "world"
@@ -230,14 +231,15 @@ def _solid(reading: Reading, geom: int) -> tuple[str, dict[str, str], pin.SE3] |
     model, kinds, here = reading.model, reading.mujoco.mjtGeom, pin.SE3.Identity()
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == kinds.mjGEOM_SPHERE:
-        return "sphere", {"radius": words(size[:1])}, here
+        return "sphere", {"radius": numbers_text(size[:1])}, here
     if kind == kinds.mjGEOM_BOX:
-        return "box", {"size": words(2.0 * size)}, here
+        return "box", {"size": numbers_text(2.0 * size)}, here
     if kind == kinds.mjGEOM_CYLINDER or kind == kinds.mjGEOM_CAPSULE:
         tag = "cylinder" if kind == kinds.mjGEOM_CYLINDER else "capsule"
-        return tag, {"radius": words(size[:1]), "length": words(2.0 * size[1:2])}, here
+        sizes = {"radius": numbers_text(size[:1]), "length": numbers_text(2.0 * size[1:2])}
+        return tag, sizes, here
     if kind == kinds.mjGEOM_ELLIPSOID:
-        return "mesh", {"filename": str(SPHERE), "scale": words(size)}, here
+        return "mesh", {"filename": str(SPHERE), "scale": numbers_text(size)}, here
     return _mesh(reading, geom) if kind == kinds.mjGEOM_MESH else None
 
 
@@ -251,5 +253,5 @@ def _mesh(reading: Reading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | 
             reading.notices.append(told)
         return None
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
-    sizes = {"filename": str(asset.file), "scale": words(asset.scale)}
+    sizes = {"filename": str(asset.file), "scale": numbers_text(asset.scale)}
     return "mesh", sizes, centred.inverse() * asset.placement
