@@ -29,6 +29,7 @@ from spatial_pin.errors import (
     UnknownNameError,
 )
 from spatial_pin.formats.files import list_mechanisms, load
+from spatial_pin.formats.mjcf.export import export_mjcf
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.grashof import Grashof, grashof
@@ -137,6 +138,7 @@ __all__ = [
     "dead_centres",
     "dynamics_derivatives",
     "export_html",
+    "export_mjcf",
     "forward_dynamics",
     "grashof",
     "influence",

@@ -206,6 +206,8 @@ def _parser() -> argparse.ArgumentParser:
                         help="a folder that can be moved: mechanism file, URDF and meshes")
     target.add_argument("--urdf", metavar="F",
                         help="expanded URDF; closures go beside it as .toml")
+    target.add_argument("--mjcf", metavar="F",
+                        help="MuJoCo's format (.xml); closures become equalities")
     return parser
 
 
@@ -587,8 +589,12 @@ def _check(options: argparse.Namespace) -> None:
 
 def _export(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    written = ([mechanism.save(options.folder)] if options.folder is not None
-               else export_urdf(mechanism, options.urdf))
+    if options.folder is not None:
+        written = [mechanism.save(options.folder)]
+    elif options.mjcf is not None:
+        written = [sp.export_mjcf(mechanism, options.mjcf, sp.assemble(mechanism, {}))]
+    else:
+        written = export_urdf(mechanism, options.urdf)
     for path in written:
         print(f"wrote {path}")
 

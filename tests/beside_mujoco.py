@@ -152,3 +152,23 @@ def rank(matrix):
     if not matrix.size:
         return 0
     return int(np.linalg.matrix_rank(matrix, tol=1e-8 * np.linalg.norm(matrix, 2)))
+
+
+def accelerations(pair, q, rng):
+    """Acceleration (nv,) of the open tree at q and a random velocity, here and there.
+
+    A floating base turns but does not slide: the derivative of its linear velocity differs there.
+    """
+    import mujoco
+
+    put(pair, q)
+    v = rng.uniform(-1.0, 1.0, pair.mech.model.nv)
+    for ours, theirs in pair.joints:
+        if pair.model.jnt_type[theirs] == FREE:
+            at = pair.mech.model.idx_vs[ours]
+            v[at:at + 3] = 0.0
+    turn = velocities(pair)
+    pair.data.qvel[:] = turn @ v
+    mujoco.mj_forward(pair.model, pair.data)
+    state = sp.State(pair.mech, q, v, closure_error=0.0)
+    return sp.forward_dynamics(pair.mech, state).a, turn.T @ pair.data.qacc_smooth

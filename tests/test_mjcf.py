@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from beside_mujoco import (
+    accelerations,
     beside,
     equality_jacobian,
     mass_matrices,
@@ -230,6 +231,17 @@ def test_every_kind_of_joint_body_and_frame_stands_where_mujoco_has_it(tmp_path)
         ours, theirs = mass_matrices(pair, q)
         assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
     assert pair.mech.model.gravity.linear.tolist() == [0.0, 1.0, -3.0]
+
+
+def test_forces_are_mujocos(tmp_path):
+    """Weight, springs, dampers and armatures of an open tree, moving."""
+    text = ODD.replace('frictionloss=".3"', 'stiffness="3" springref="5"').replace(
+        "</worldbody>", """</worldbody><tendon><spatial name="rope" stiffness="30" damping="2"
+        springlength=".2"><site site="s1"/><site site="s2"/></spatial></tendon>""")
+    pair, rng = both(tmp_path, text), np.random.default_rng(7)
+    for _ in range(3):
+        ours, theirs = accelerations(pair, random_configuration(pair.mech, rng), rng)
+        assert np.abs(ours - theirs).max() < 1e-10 * np.abs(theirs).max()
 
 
 def test_joints_keep_mujocos_coordinates_limits_and_resistances(tmp_path):

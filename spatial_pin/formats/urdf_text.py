@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import pinocchio as pin
 
-from spatial_pin.formats.open_tree import LARGE, numbers_text, origin
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.urdf_elements import LARGE, numbers_text, origin
 
 
 class UrdfText:

@@ -32,7 +32,8 @@ def read_mjcf(request: Request) -> Imported:
     reading = read_tree(mujoco, source, name)
     closures = read_closures(reading, shown(request.path))
     content: dict[str, Any] = {
-        "name": name, "gravity": _gravity(reading), "joints": reading.refined,
+        "name": name, "gravity": _gravity(reading),
+        "order": [place.name for place in reading.joints], "joints": reading.refined,
         "closures": closures,
         "springs": read_springs(reading), "guess": read_guess(reading),
     }

@@ -16,16 +16,27 @@ from spatial_pin.mechanism.pairs import axes_from_z
 
 HOME = "home"  # the key that is the guess, if there is one
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
+ALIGNED = 1e-14  # of two unit vectors, by round-off
 TURN, SLIDE = 3, 2  # equations of a weld: no turn about its z, no slide along it
 
 
+class End(NamedTuple):
+    """One end of a closure: number of its body, its frame there, and the link that is this frame.
+
+    The link is "" where the file has no site for it.
+    """
+
+    body: int
+    at: pin.SE3
+    link: str = ""
+
+
 class Connect(NamedTuple):
-    """A ball between two bodies: its number, their numbers, and its point (3,) in each."""
+    """A ball between two bodies: its number, name and ends."""
 
     eq: int
     name: str
-    bodies: tuple[int, int]
-    points: tuple[Array, Array]
+    ends: tuple[End, End]
 
 
 def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
@@ -49,16 +60,15 @@ def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
             raise MechanismFileError(
                 f"{where}: equality {_called(reading, eq)} is of type {kind}, for which there is "
                 "no closure; take it out or set active=\"false\"")
-        (b1, at1), (b2, at2) = _ends(reading, eq, kind)
-        rigid = frozenset(int(model.body_weldid[body]) for body in (b1, b2))
+        ends = _ends(reading, eq, kind)
+        rigid = frozenset(int(model.body_weldid[end.body]) for end in ends)
         if len(rigid) == 1:
             reading.notices.append(f"equality {_called(reading, eq)} joins two bodies that are "
                                    "fixed to each other: left out")
         elif kind == "weld":
-            closures.append((eq, _closure(reading, name, "weld", (b1, at1), (b2, at2))))
+            closures.append((eq, _closure(reading, name, "weld", *ends)))
         else:
-            connects.setdefault(rigid, []).append(
-                Connect(eq, name, (b1, b2), (at1.translation, at2.translation)))
+            connects.setdefault(rigid, []).append(Connect(eq, name, ends))
     for group in connects.values():
         closures += [(group[0].eq, closure) for closure in _balls(reading, group)]
     closures.sort(key=lambda pair: pair[0])  # as in the file
@@ -93,25 +103,28 @@ def _uniquely_named(closures: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return closures
 
 
-def _ends(reading: Reading, eq: int, kind: str) -> list[tuple[int, pin.SE3]]:
-    """Return the two bodies of a connect or weld, each with its frame of the closure."""
+def _ends(reading: Reading, eq: int, kind: str) -> tuple[End, End]:
+    """Return the ends of a connect or weld."""
     model, data = reading.model, reading.model.eq_data[eq]
-    ids = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
+    one, two = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
     if model.eq_objtype[eq] == reading.mujoco.mjtObj.mjOBJ_SITE:
-        return [(int(model.site_bodyid[s]), pose(model.site_pos[s], model.site_quat[s]))
-                for s in ids]
+        return _site(reading, one), _site(reading, two)
     if kind == "connect":
-        return [(ids[0], shift(data[:3])), (ids[1], shift(data[3:6]))]
-    return [(ids[0], pose(data[3:6], data[6:10])), (ids[1], shift(data[:3]))]
+        return End(one, shift(data[:3])), End(two, shift(data[3:6]))
+    return End(one, pose(data[3:6], data[6:10])), End(two, shift(data[:3]))
 
 
-def _closure(
-    reading: Reading, name: str, kind: str, *ends: tuple[int, pin.SE3]
-) -> dict[str, Any]:
-    links = [reading.links[body] for body, _ in ends]
+def _site(reading: Reading, site: int) -> End:
+    model = reading.model
+    return End(int(model.site_bodyid[site]), pose(model.site_pos[site], model.site_quat[site]),
+               reading.sites.get(site, ""))
+
+
+def _closure(reading: Reading, name: str, kind: str, *ends: End) -> dict[str, Any]:
+    links = [reading.links[end.body] for end in ends]
     name = name or "_".join(links)
-    frames = [reading.urdf.frame(f"{name}_{k}", link, at)
-              for k, (link, (_, at)) in enumerate(zip(links, ends, strict=True), start=1)]
+    frames = [end.link or reading.urdf.frame(f"{name}_{k}", link, end.at)
+              for k, (link, end) in enumerate(zip(links, ends, strict=True), start=1)]
     return {"name": name, "type": kind, "frames": frames}
 
 
@@ -125,29 +138,33 @@ def _balls(reading: Reading, group: list[Connect]) -> list[dict[str, Any]]:
     distances differ between the bodies stay what they are.
     """
     first, *others = group
-    points = [np.array([p]) for p in first.points]
+    points = [np.array([end.at.translation]) for end in first.ends]
     for other in others:
-        moved = [_seen_from(reading, first.bodies[0], other.bodies, other.points),
-                 _seen_from(reading, first.bodies[1], other.bodies, other.points)]
+        moved = [_seen_from(reading, end.body, other.ends) for end in first.ends]
         points = [np.vstack([p, q]) for p, q in zip(points, moved, strict=True)]
     axes = [_axes(p - p[0]) for p in points]
     kinds = {kind for kind, _ in axes}
-    if len(kinds) > 1 or not _is_same_shape(*points):
-        return [_closure(reading, c.name, "spherical", *zip(c.bodies, map(shift, c.points),
-                                                            strict=True)) for c in group]
-    ends = [(body, pin.SE3(turn, p[0]))
-            for body, p, (_, turn) in zip(first.bodies, points, axes, strict=True)]
-    return [_closure(reading, first.name, kinds.pop(), *ends)]
+    if kinds == {"spherical"} or len(kinds) > 1 or not _is_same_shape(*points):
+        return [_closure(reading, c.name, "spherical", *c.ends) for c in group]
+    kind = kinds.pop()
+    ends = [_turned(end, turn, kind) for end, (_, turn) in zip(first.ends, axes, strict=True)]
+    return [_closure(reading, first.name, kind, *ends)]
 
 
-def _seen_from(
-    reading: Reading, body: int, bodies: tuple[int, int], points: tuple[Array, Array]
-) -> Array:
-    """Return the one of two points (3,) that is fixed to a body, in the body's frame."""
+def _turned(end: End, axes: Array, kind: str) -> End:
+    """Return an end with axes (3, 3) of its own; of a hinge only z counts."""
+    gap = end.at.rotation[:, 2] - axes[:, 2]
+    if kind == "revolute" and end.link and np.abs(gap).max() < ALIGNED:
+        return end
+    return End(end.body, pin.SE3(axes, end.at.translation))
+
+
+def _seen_from(reading: Reading, body: int, ends: tuple[End, End]) -> Array:
+    """Return the point (3,) of that of two ends which is fixed to a body, in the body's frame."""
     model = reading.model
-    own = model.body_weldid[bodies[0]] == model.body_weldid[body]
-    other, point = (bodies[0], points[0]) if own else (bodies[1], points[1])
-    seen: Array = (_in_rigid(reading, body).inverse() * _in_rigid(reading, other)).act(point)
+    end = next(e for e in ends if model.body_weldid[e.body] == model.body_weldid[body])
+    seen: Array = (_in_rigid(reading, body).inverse() * _in_rigid(reading, end.body)).act(
+        end.at.translation)
     return seen
 
 

@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.mjcf.compiling import Compiled
-from spatial_pin.formats.open_tree import numbers_text
 from spatial_pin.formats.urdf_text import UrdfText, unique
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.urdf_elements import numbers_text
 
 WORLD = "world"
 SPHERE = Path(__file__).with_name("unit_sphere.obj")
@@ -54,6 +54,7 @@ class Reading:
         links: name of the link of every body.
         joints: place of every joint.
         refined: what URDF cannot say of joints, by name.
+        sites: name of the link of every site, by its number.
         tendons: numbers of the tendons that are read as springs.
         notices: what was changed or left out.
     """
@@ -65,6 +66,7 @@ class Reading:
     links: list[str] = field(default_factory=lambda: [WORLD])
     joints: list[Place] = field(default_factory=list)
     refined: dict[str, dict[str, Any]] = field(default_factory=dict)
+    sites: dict[int, str] = field(default_factory=dict)
     tendons: set[int] = field(default_factory=set)
     notices: list[str] = field(default_factory=list)
 
@@ -159,7 +161,7 @@ def _add_joint(
     turns = None if written == "floating" else axis
     name, link = reading.urdf.joint(wanted, written, parent, child, placement, turns, limits)
     reading.joints.append(Place(name, parent, link, placement, axis))
-    refinement = {**refinement, **_resistances(reading, joint)}
+    refinement = {**refinement, **_resistances(reading, joint), **_effort(reading, joint)}
     if refinement:
         reading.refined[name] = refinement
     return link
@@ -183,6 +185,14 @@ def _resistances(reading: Reading, joint: int) -> dict[str, float]:
     return {key: float(x) for key, x in values.items() if x != 0.0}
 
 
+def _effort(reading: Reading, joint: int) -> dict[str, float]:
+    """Return the limits of what actuators do at a joint, as `[joints.X]` has them."""
+    if not reading.model.jnt_actfrclimited[joint]:
+        return {}
+    lower, upper = (float(x) for x in reading.model.jnt_actfrcrange[joint])
+    return {"effort": upper} if lower == -upper else {"effort": upper, "lower_effort": lower}
+
+
 def _add_inertia(reading: Reading, body: int) -> None:
     model = reading.model
     mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
@@ -192,12 +202,15 @@ def _add_inertia(reading: Reading, body: int) -> None:
 
 
 def _add_site(reading: Reading, site: int) -> None:
+    """Add a site as a frame; one that has the name and the frame of its body is that."""
     model = reading.model
-    name = model.site(site).name
-    if name:
-        link = reading.links[model.site_bodyid[site]]
+    name, body = model.site(site).name, model.site_bodyid[site]
+    placement = pose(model.site_pos[site], model.site_quat[site])
+    if name == model.body(body).name and placement.isIdentity(0.0):
+        reading.sites[site] = reading.links[body]
+    elif name:
         wanted = name if name not in reading.links else f"{name}_site"
-        reading.urdf.frame(wanted, link, pose(model.site_pos[site], model.site_quat[site]))
+        reading.sites[site] = reading.urdf.frame(wanted, reading.links[body], placement)
 
 
 # ---------------------------------------------------------------- shapes
