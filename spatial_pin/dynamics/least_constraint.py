@@ -151,7 +151,7 @@ class LeastConstraint:
 
         Each with bounds on how far its entries may be off, and units of the freedoms (n,) at which
         some body moves by one: so scaled, no row is good for one freedom and too coarse for
-        another.
+        another. What may be round-off is no such move.
         """
         pin.forwardKinematics(self._model, self._data, q, v, a.value)
         rotors = self._of_rotors(columns, a)
@@ -179,7 +179,8 @@ class LeastConstraint:
         twists[:, 3:] = self._back @ twists[:, 3:]
         sizes[:, :3] += np.abs(self._across) @ sizes[:, 3:]
         sizes[:, 3:] = np.abs(self._back) @ sizes[:, 3:]
-        moves = np.abs(twists) * np.where(roots > 0.0, self._per_size, 0.0)[:, :, None]
+        sure = np.where(np.abs(twists) > sizes[:, :, :n], np.abs(twists), 0.0)
+        moves = sure * np.where(roots > 0.0, self._per_size, 0.0)[:, :, None]
         heavy = self._heavy.tolist()
         motion = np.reshape([data.v[j].vector for j in heavy], (-1, 6))
         change = np.reshape([data.a[j].vector for j in heavy], (-1, 6))
