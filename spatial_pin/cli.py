@@ -114,6 +114,9 @@ def _parser() -> argparse.ArgumentParser:
                              help="its xacro files may read files outside their folder")
             sub.add_argument("--free-flyer", action="store_true",
                              help="a floating joint carries its root link")
+            sub.add_argument("--package", dest="packages", action="append", default=[],
+                             type=_package, metavar="NAME=FOLDER",
+                             help="where package://NAME lies, as its files name meshes")
         return sub
 
     listing = command("list", _list, "mechanisms and operators of the library, with their sources",
@@ -318,8 +321,16 @@ def _setting(text: str) -> tuple[str, float]:
 # ---------------------------------------------------------------- commands
 
 
+def _package(text: str) -> tuple[str, str]:
+    name, separator, folder = text.partition("=")
+    if not (name and separator and folder):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
+    return name, folder
+
+
 def _load(options: argparse.Namespace) -> sp.Mechanism:
     return sp.load(options.mechanism, trusted=options.trusted, free_flyer=options.free_flyer,
+                   packages=dict(options.packages),
                    **_unique(options, options.parameters))
 
 
@@ -577,6 +588,8 @@ def _report(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     mechanism = _load(options)
+    for notice in mechanism.notices:
+        print(f"note: {notice}")
     state = sp.assemble(mechanism)
     print(f"{mechanism.path}: good: {len(mechanism.links)} links, "
           f"{len(mechanism.coordinates)} coordinates, {len(mechanism.closures)} closures; "

@@ -606,15 +606,8 @@ def test_a_mesh_is_found_from_the_file_and_in_packages(write, tmp_path, monkeypa
     assert mesh.meshScale.tolist() == [2, 2, 2]
 
 
-@pytest.mark.parametrize(("file", "content"), [
-    ("gone.stl", None), ("package://gone/part.stl", None), ("", None), ("part.stl", b""),
-    ("part.stl", b"not a mesh"),
-])
-def test_a_mesh_that_cannot_be_used_is_a_warning_and_the_rest_is_drawn(
-    write, tmp_path, file, content
-):
-    if content is not None:
-        (tmp_path / "part.stl").write_bytes(content)
+@pytest.mark.parametrize("file", ["gone.stl", "package://gone/part.stl", ""])
+def test_a_mesh_that_is_not_found_is_a_warning_and_the_rest_is_drawn(write, file):
     path = write(meshed(file))
     with pytest.warns(UserWarning, match=rf"bench\.urdf: link 'g': mesh '{file}'"):
         mechanism = sp.load(path)
@@ -699,7 +692,6 @@ REFUSED = {
     # XML and structure
     "XML that does not parse": bad("</robot>", "", "not well-formed XML", "line"),
     "another XML": bad('<robot name="bench">', "<sdf>", "XML"),
-    "two roots": bad("<!--end-->", link("loose"), "2 root links", "base, loose"),
     "two links of one name": bad("<!--end-->", link("rod"), "two links are named 'rod'"),
     "two joints of one name": bad(
         "<!--end-->", link("x") + joint("pin", "fixed", "base", "x"),
@@ -722,20 +714,13 @@ REFUSED = {
     "shape with too few numbers": bad('size="1 1 1"', 'size="1 1"', "'base'", "size"),
     "NaN in a mass": bad('value="2"', 'value="nan"', "'crank'", "mass", "nan"),
     "mass that is text": bad('value="2"', 'value="2 kg"', "'crank'", "mass", "2 kg"),
-    "negative mass": bad('value="2"', 'value="-2"', "'crank'", "mass", "negative"),
     "NaN in an inertia": bad('ixy="0.001"', 'ixy="nan"', "'crank'", "ixy", "nan"),
-    "inertia below zero": bad('iyy="0.03"', 'iyy="-0.03"', "'crank'", "moments? of inertia"),
-    "inertia that lacks an entry": bad('izz="0.04"', "", "'crank'", "izz"),
     "NaN in an axis": bad('<axis xyz="0 1 0"/>', '<axis xyz="0 nan 0"/>', "'pin'", "axis"),
     "zero axis in the URDF": bad('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "'pin'", "axis"),
     "NaN in a limit": bad('lower="-3"', 'lower="nan"', "'hinge'", "limit", "lower"),
     "infinite limit": bad('lower="-3"', 'lower="-inf"', "'hinge'", "limit", "lower"),
-    "limits the wrong way round": bad(
-        'lower="-3" upper="3"', 'lower="3" upper="-3"', "'hinge'", "lower", "upper"),
     "negative effort": bad('effort="1"', 'effort="-1"', "'hinge'", "effort"),
     "revolute joint without limits": bad(HINGE_LIMIT, "", "'hinge'", "limit"),
-    "mimic of a joint that does not exist": bad(
-        HINGE_LIMIT, HINGE_LIMIT + '<mimic joint="pim"/>', "hinge", "'pim'", "did you mean 'pin'"),
     "mimic with NaN": bad(HINGE_LIMIT, HINGE_LIMIT + '<mimic joint="pin" multiplier="nan"/>',
                           "'hinge'", "mimic", "multiplier"),
     # keys and their types

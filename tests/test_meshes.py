@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.mechanism import meshes
+from spatial_pin.mechanism import meshes, shapes
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
@@ -45,7 +45,7 @@ def ply(points: int = len(CORNERS), faces: int = len(FACES), last: str = "3 1 2 
 
 
 GOOD = {"part.stl": stl(), "text.STL": stl_text(), "part.obj": obj(), "part.ply": ply()}
-SEEN = {  # what is seen to be no mesh when the mechanism is loaded
+SEEN = {  # what is seen to be no mesh by how it begins
     "empty.stl": b"", "short.stl": stl()[:-7], "words.stl": b"not a mesh", "words.ply": b"ply\n",
     "longer.ply": ply(points=10**9), "other.ply": obj(), "words.obj": b"not a mesh",
     "other.dae": obj(), "other.glb": obj(), "count.stl": bytes(80) + b"\xff" * 100,
@@ -96,16 +96,9 @@ def test_a_mesh_has_its_points_its_scale_and_its_place_among_the_shapes(load, na
     assert not getattr(mechanism, "collision_model" if kind == "visual" else "visual_model").ngeoms
 
 
-@pytest.mark.parametrize("name", SEEN)
-def test_what_does_not_begin_as_a_mesh_is_left_out_when_loaded(load, name):
-    with pytest.warns(sp.SpatialPinWarning, match=rf"link 'g': mesh '{name}' cannot be read"):
-        mechanism = load(name, SEEN[name])
-    assert kinds(mechanism.visual_model) == [coal.Sphere, coal.Box]
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_what_its_reading_shows_to_be_broken_is_left_out_when_asked_for(load, name):
-    mechanism = load(name, BROKEN[name])
+@pytest.mark.parametrize("name", [*SEEN, *BROKEN])
+def test_what_is_no_mesh_is_left_out_when_asked_for(load, name):
+    mechanism = load(name, {**SEEN, **BROKEN}[name])
     with pytest.warns(sp.SpatialPinWarning, match=rf"link 'g': mesh '{name}' cannot be read"):
         geometry = mechanism.visual_model
     assert kinds(geometry) == [coal.Sphere, coal.Box]
@@ -114,16 +107,18 @@ def test_what_its_reading_shows_to_be_broken_is_left_out_when_asked_for(load, na
 
 def test_good_meshes_beside_a_broken_one_are_read(tmp_path):
     names = []
-    for name, content in {**BROKEN, **GOOD}.items():
+    broken = {**BROKEN, **SEEN}
+    for name, content in {**broken, **GOOD}.items():
         (tmp_path / name).write_bytes(content)
         names.append(str(tmp_path / name))
     read = meshes.read_meshes(names)
     assert [isinstance(found, str) for found in read.values()] == (
-        [True] * len(BROKEN) + [False] * len(GOOD))
+        [True] * len(broken) + [False] * len(GOOD))
 
 
 def test_loading_and_moving_read_no_mesh(load, monkeypatch):
-    monkeypatch.setattr(meshes, "read_meshes", None)
+    monkeypatch.setattr(shapes, "read_meshes", None)
+    monkeypatch.setattr(meshes, "fault", None)
     mechanism = load("part.stl", stl())
     assert sp.assemble(mechanism).closure_error == 0.0
 

@@ -18,7 +18,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
+from spatial_pin.dynamics.forces import (
+    Forces,
+    Law,
+    external_wrenches,
+    generalised,
+    refuse_negative_inertias,
+)
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.native import NativeDynamics, native_of
 from spatial_pin.dynamics.reactions import Pairs, Poses
@@ -62,6 +68,7 @@ class Equations:
     error = 0.0
 
     def __init__(self, mechanism: Mechanism) -> None:
+        refuse_negative_inertias(mechanism)
         self.mechanism, self.model = mechanism, mechanism.model
         self.pairs = Pairs(mechanism)
         self._laws: tuple[dict[str, Law], SlipSpeed | None] = {}, None

@@ -11,7 +11,7 @@ from scipy.linalg import lapack
 
 from spatial_pin.checks import mapping
 from spatial_pin.dynamics.embedding import Lost
-from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.dynamics.forces import Forces, Law, joint_efforts, refuse_negative_inertias
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.saddle import Blurred
 from spatial_pin.dynamics.simulation import Energies, Projection
@@ -78,6 +78,7 @@ class Problem:
         drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
         slip_speed: SlipSpeed | None = None,
     ) -> None:
+        refuse_negative_inertias(mechanism)
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
         self.data = self.model.createData()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,6 +22,8 @@ from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.urdf_loops import without_loops
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import joint_values
+from spatial_pin.mechanism.faults import Faults
+from spatial_pin.mechanism.inertia import impossible_inertias
 from spatial_pin.mechanism.mechanism import (
     Closure,
     Driver,
@@ -87,7 +90,8 @@ def library_titles() -> dict[str, tuple[str, str]]:
 
 
 def load(
-    source: str | Path, *, trusted: bool = False, free_flyer: bool = False, **parameters: float
+    source: str | Path, *, trusted: bool = False, free_flyer: bool = False,
+    packages: Mapping[str, str | Path] | None = None, **parameters: float,
 ) -> Mechanism:
     """Load a mechanism.
 
@@ -104,19 +108,25 @@ def load(
             in a `robot.yaml` or `loop_closures.yaml` beside it, or of a folder with these.
         trusted: whether a xacro file may include xacro files and load YAML files from anywhere;
             otherwise only from below its own folder and from ROS packages (folders with a
-            `package.xml`, or below those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH).
+            `package.xml`, or below those of ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and `packages`).
         free_flyer: whether a floating joint, `root_joint`, carries the root link, as Pinocchio's
             JointModelFreeFlyer does; what stands still is then the link `world`.
+        packages: folders of ROS packages by name, such as {"talos_data": "robots/talos_data"}, in
+            which `package://NAME/...` and `$(find NAME)` lie; they go before ROS_PACKAGE_PATH,
+            AMENT_PREFIX_PATH, the folders round the file, and installed packages of data.
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
-        The mechanism; its loops are not yet closed, see `assemble`.
+        The mechanism; its loops are not yet closed, see `assemble`. A warning tells of faults in
+        the file that it could be loaded with; `Mechanism.notices` has them all. Meshes are read
+        when `visual_model` or `collision_model` is first asked for.
 
     Raises:
         MechanismFileError: a file cannot be used; says which key, joint or closure, and why. Or
             its root floats already where it is to be made floating.
         TypeError: the source is neither a name nor a path, or `trusted` or `free_flyer` neither
-            True nor False, or a parameter is neither a number nor a text.
+            True nor False, or `packages` no dictionary of paths, or a parameter is neither a
+            number nor a text.
         ValueError: a parameter is NaN or infinite.
     """
     if not isinstance(source, str | PathLike) or isinstance(fspath(source), bytes):
@@ -124,13 +134,32 @@ def load(
     for key, given in (("trusted", trusted), ("free_flyer", free_flyer)):
         if not isinstance(given, bool | np.bool_):
             raise TypeError(f"{key} is True or False, not {given!r}")
-    path = _find(source)
-    if path.suffix == ".toml":
-        return _load_toml(path, parameters, trusted, free_flyer)
-    importer = importer_of(path)
+    folders = _folders(packages or {})
+    request = Request(_find(source), parameters, trusted, folders, free_flyer)
+    if request.path.suffix == ".toml":
+        return _load_toml(request)
+    importer = importer_of(request.path)
     assert importer is not None  # otherwise it was not found
-    imported = importer.read(Request(path, parameters, trusted))
-    return _imported(imported, path, parameters, trusted, free_flyer)
+    return _imported(importer.read(request), request)
+
+
+def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
+    """Return the folders of packages, absolute.
+
+    Raises:
+        TypeError: they are no folders by name.
+        MechanismFileError: one is not there.
+    """
+    if not isinstance(packages, Mapping):
+        raise TypeError(f"packages are folders by name, not {packages!r}")
+    folders = {}
+    for name, folder in packages.items():
+        if not isinstance(name, str) or not isinstance(folder, str | Path):
+            raise TypeError(f"packages are folders by name, not {name!r}: {folder!r}")
+        if not os.path.isdir(folder):  # unlike Path.is_dir, false for names that are too long
+            raise MechanismFileError(f"packages: {name!r}: there is no folder {shown(folder)!r}")
+        folders[name] = Path(folder).resolve()
+    return folders
 
 
 def _find(source: str | Path) -> Path:
@@ -149,22 +178,21 @@ def _find(source: str | Path) -> Path:
     )
 
 
-def _imported(
-    imported: Imported, path: Path, parameters: Mapping[str, float], trusted: bool,
-    free_flyer: bool,
-) -> Mechanism:
+def _imported(imported: Imported, request: Request) -> Mechanism:
     """Return the mechanism of what an importer read."""
+    path, faults = request.path, Faults()
     for notice in imported.notices:
-        warn(f"{shown(path)}: {notice}")
+        faults.note(notice)
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    urdf = _floated(imported.urdf, path, content) if free_flyer else imported.urdf
-    return _of_table(_Table(content, str(path)), path, urdf, path, parameters, trusted, free_flyer)
+    text = _floated(imported.urdf, path, content) if request.free_flyer else imported.urdf
+    made = _of_table(_Table(content, str(path)), path, text, request, faults)
+    _tell(path, faults)
+    return made
 
 
-def _load_toml(
-    path: Path, parameters: Mapping[str, float], trusted: bool, free_flyer: bool
-) -> Mechanism:
+def _load_toml(request: Request) -> Mechanism:
+    path, faults = request.path, Faults()
     top = _Table(parse_toml(read_text(path), path), str(path))
     top.text("name")
     file = path.parent / top.text("tree")
@@ -173,12 +201,20 @@ def _load_toml(
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(top.text('tree'))!r}: {error}")
     read = (importer_of(file) or urdf.IMPORTER).read
-    tree = read(Request(file, parameters, trusted, alone="closures" not in top))
+    tree = read(replace(request, path=file, alone="closures" not in top))
     content, left_out = merged(top.content, tree.content)
     for notice in (*tree.notices, *left_out):
-        warn(f"{shown(path)}: {notice}")
-    text = _floated(tree.urdf, file, content) if free_flyer else tree.urdf
-    return _of_table(_Table(content, str(path)), file, text, path, parameters, trusted, free_flyer)
+        faults.note(notice)
+    text = _floated(tree.urdf, file, content) if request.free_flyer else tree.urdf
+    made = _of_table(_Table(content, str(path)), file, text, request, faults)
+    _tell(path, faults)
+    return made
+
+
+def _tell(path: Path, faults: Faults) -> None:
+    told = faults.told()
+    if told:
+        warn(f"{shown(path)}: {told}")
 
 
 def _floated(urdf: str, path: Path, content: Mapping[str, Any]) -> str:
@@ -200,25 +236,25 @@ def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
     Raises:
         MechanismFileError: as `load`.
     """
-    made = _of_table(_Table(dict(content), name), Path(name), urdf, Path(name), {})
-    return replace(made, path=None, tree=None)
+    path = Path(name)
+    made = _of_table(_Table(dict(content), name), path, urdf, Request(path), Faults())
+    return made.with_fields(path=None, tree=None)
 
 
 def _of_table(
-    top: _Table, file: Path, urdf: str, path: Path, parameters: Mapping[str, float],
-    trusted: bool = False, free_flyer: bool = False,
+    top: _Table, file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
-    """Return the mechanism of the expanded URDF of `file` and the table of the file `path`."""
+    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     name, _ = top.text("name"), top.text("tree")
     refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
-    cut = without_loops(urdf, top.content, refinements, file)
+    cut = without_loops(urdf, top.content, refinements, file, faults)
     if cut is not None:
         for notice in cut.notices:
-            warn(f"{shown(path)}: {notice}")
+            faults.note(notice)
         urdf, top = cut.urdf, _Table(cut.content, top.where)
         name, _ = top.text("name"), top.text("tree")
         refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
-    tree = tree_of(urdf, file, refinements, top.names("order"))
+    tree = tree_of(urdf, file, refinements, faults, request.packages, top.names("order"))
     if "gravity" in top:
         tree.model.gravity.linear = top.vector("gravity")
     if isinstance(top.get("frames", {}), list):
@@ -227,8 +263,6 @@ def _of_table(
     frames = {key: _frame(key, table) for key, table in top.tables("frames").items()}
     parts = {
         "tree": file,
-        "trusted": trusted,
-        "free_flyer": free_flyer,
         "title": top.text("title", ""),
         "source": top.text("source", ""),
         "closures": tuple(_closure(table) for table in top.array("closures")),
@@ -240,14 +274,15 @@ def _of_table(
         "guess": top.table("guess").values(),
     }
     top.close()
-    add_frames(tree.model, frames, str(path))
-    return _build(name, tree, parts, path, parameters, "drivers" in top)
+    add_frames(tree.model, frames, str(request.path))
+    return _build(name, tree, parts, request, faults, "drivers" in top)
 
 
 def _build(
-    name: str, tree: Tree, parts: dict[str, Any], path: Path, parameters: Mapping[str, float],
+    name: str, tree: Tree, parts: dict[str, Any], request: Request, faults: Faults,
     states_drivers: bool,
 ) -> Mechanism:
+    where = str(request.path)
     mimics = tuple(
         Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
         for joint, source, ratio, offset in tree.mimics
@@ -259,13 +294,27 @@ def _build(
     mechanism = Mechanism(
         name=name, model=tree.model, visual_model=tree.shapes.visual,
         collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
-        parameters=dict(parameters), path=path, urdf=tree.urdf, slip_speeds=tree.slip_speeds,
+        parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
+        slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
+        free_flyer=request.free_flyer,
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
-    check_mechanism(mechanism, str(path))
-    _check_guess(mechanism, str(path))
-    return mechanism
+    check_mechanism(mechanism, where)
+    _check_guess(mechanism, where)
+    _judge_inertias(mechanism, faults)
+    return mechanism.with_fields(notices=faults.notices())
+
+
+def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
+    found = impossible_inertias(mechanism)
+    for kind, links in (
+        ("below zero, which no body has: motion is computed, forces are refused", found.negative),
+        ("no body has these moments of inertia, one is above the sum of the other two",
+         found.lopsided),
+    ):
+        for link, words in links.items():
+            faults.note(kind, f"link {link!r}: {words}")
 
 
 def _check_guess(mechanism: Mechanism, where: str) -> None:

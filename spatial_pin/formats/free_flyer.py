@@ -8,7 +8,7 @@ from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.mechanism.sources import shown
-from spatial_pin.mechanism.xacro_files import parse_xml
+from spatial_pin.mechanism.xacro_files import parse_urdf
 
 ROOT_JOINT = "root_joint"  # as Pinocchio names it
 GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
@@ -28,12 +28,15 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     Raises:
         MechanismFileError: all that the root carries floats already.
     """
-    robot = parse_xml(urdf, path)
+    robot = parse_urdf(urdf, path)
     joints = robot.findall("joint")
     roots = _roots(robot)
-    if len(roots) != 1:
-        return urdf  # no tree: told by whoever reads it
     where = f"{shown(path)}: free_flyer=True"
+    if not roots:
+        return urdf  # no tree: told by whoever reads it
+    if len(roots) > 1:
+        raise MechanismFileError(f"{where}: several links have no parent: {', '.join(roots)}; join "
+                                 "those that float together by a fixed joint")
     on_root = [joint for joint in joints if _link(joint, "parent") == roots[0]]
     if on_root and _is_bare(robot, roots[0]) and all(
             x.get("type") == "floating" and x.get("name", "") not in refined for x in on_root):

@@ -16,12 +16,16 @@ class Request:
         path: the file, or the folder for formats that are one.
         parameters: values of xacro arguments [SI, rad]; other formats have none.
         trusted: whether the file may read files from anywhere, see `load`.
+        packages: folders of ROS packages, by name, absolute; go before all others.
+        free_flyer: whether a floating joint is put below the root of what is read.
         alone: whether no mechanism file with closures says more of it.
     """
 
     path: Path
     parameters: Mapping[str, float] = field(default_factory=dict)
     trusted: bool = False
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    free_flyer: bool = False
     alone: bool = True
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from spatial_pin.formats.dialects import Reading, gepetto, read_dialects
 from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.mechanism.xacro_files import expand, parse_xml
+from spatial_pin.mechanism.xacro_files import expand, parse_urdf
 
 
 def is_urdf(path: Path) -> bool:
@@ -25,8 +25,8 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     Raises:
         MechanismFileError: it cannot be read, or joins links in a way that is not known.
     """
-    text = expand(request.path, request.parameters, request.trusted)
-    reading = Reading(parse_xml(text, request.path), request.path)
+    text = expand(request.path, request.parameters, request.trusted, request.packages)
+    reading = Reading(parse_urdf(text, request.path), request.path)
     before = ET.tostring(reading.robot, encoding="unicode")
     read_dialects(reading, beside)
     if request.alone and not reading.content.get("closures"):

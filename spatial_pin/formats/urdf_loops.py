@@ -13,6 +13,7 @@ import pinocchio as pin
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.joint_graph import Joint, JointGraph, Link
 from spatial_pin.formats.open_tree import open_tree
+from spatial_pin.mechanism.faults import Faults
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.urdf import (
     CONTAINED_PAIRS,
@@ -21,13 +22,14 @@ from spatial_pin.mechanism.urdf import (
     joint_axes,
 )
 from spatial_pin.mechanism.urdf_checks import check_joint, numbers
-from spatial_pin.mechanism.xacro_files import parse_xml
+from spatial_pin.mechanism.xacro_files import parse_urdf
 
 LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
 
 
 def without_loops(
-    urdf: str, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement], path: Path
+    urdf: str, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement], path: Path,
+    faults: Faults,
 ) -> Imported | None:
     """Return a URDF with its loops cut, and what a mechanism file then says beside it.
 
@@ -36,6 +38,7 @@ def without_loops(
         content: what a mechanism file says beside it.
         refinements: what it says of joints.
         path: where the URDF comes from.
+        faults: notes what is wrong in it and can be lived with.
 
     Returns:
         None where there is no loop, or where the URDF cannot be used for other reasons.
@@ -44,13 +47,13 @@ def without_loops(
         MechanismFileError: a joint has impossible numbers, or something refers to the coordinate
             of every joint at which a loop could be cut.
     """
-    robot = parse_xml(urdf, path)
+    robot = parse_urdf(urdf, path)
     if not _has_loop(robot):
         return None
     joints = []
     for element in robot.findall("joint"):
         where = f"{path}: joint {element.get('name')!r}"
-        check_joint(element, where)
+        check_joint(element, path, faults)
         kind = element.get("type", "")
         refined = refinements.get(element.get("name", ""))
         pair = (refined.type if refined else None) or PAIR_OF_URDF_TYPE.get(kind, kind)

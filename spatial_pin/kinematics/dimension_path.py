@@ -29,8 +29,7 @@ def varied(mechanism: Mechanism, dimensions: Mapping[str, float]) -> Mechanism:
     """Return the mechanism with some dimensions changed, loaded anew from its files."""
     if mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
-    return load(mechanism.path, trusted=mechanism.trusted, free_flyer=mechanism.free_flyer,
-                **{**mechanism.parameters, **dimensions})
+    return load(mechanism.path, **{**mechanism.loading, **dimensions})
 
 
 def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) -> State:

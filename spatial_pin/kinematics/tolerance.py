@@ -192,9 +192,7 @@ def _solved(
             bar.update(int(np.count_nonzero(is_closed[some])))
     rest = np.flatnonzero(~is_closed)
     start, mark = (np.array(state.q), np.array(state.angles)), uuid4().hex
-    loading = {**mechanism.parameters, "trusted": mechanism.trusted,
-               "free_flyer": mechanism.free_flyer}
-    jobs = [_Job(str(mechanism.path), loading,
+    jobs = [_Job(str(mechanism.path), mechanism.loading,
                  dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
     futures = [executor.submit(_sample, job) for job in jobs] if executor else []

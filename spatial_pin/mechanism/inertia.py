@@ -1,15 +1,16 @@
-"""Inertias of bodies lighter than 2.2e-16 kg, a nanometre machine's, which Pinocchio adds wrongly.
+"""Inertias: of any size, and those that no body has.
 
-The centre of mass of a sum of two `pin.Inertia` is divided by a mass of at least that much, in the
-parser of URDF, in `appendBodyToJoint` and in `crba`. Here masses are counted in a power of two that
-makes the lightest about one, which changes no digit of any other.
+Bodies lighter than 2.2e-16 kg, a nanometre machine's, Pinocchio adds wrongly: the centre of mass of
+a sum of two `pin.Inertia` is divided by a mass of at least that much, in the parser of URDF, in
+`appendBodyToJoint` and in `crba`. Here masses are counted in a power of two that makes the lightest
+about one, which changes no digit of any other.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 SAFE = 1e-3  # kg, of the lightest body, above which nothing is lost
 LARGE = 1e100  # kg, of the heaviest, below which no product of two is too large
+ROUNDED = 1e-6  # of mass times length squared: inertias are written with six digits or more
 WIDEST = 600  # powers of two between masses that numbers have room for, with squares of lengths
 
 
@@ -36,7 +38,7 @@ def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
 
 
 def _sum(inertias: Iterable[pin.Inertia]) -> pin.Inertia:
-    given = list(inertias)
+    given = sorted(inertias, key=lambda x: x.mass < 0.0)  # no sum below zero on the way
     unit = _unit(x.mass for x in given)
     total = pin.Inertia.Zero()
     for inertia in given:
@@ -51,7 +53,72 @@ def _unit(masses: Iterable[float]) -> float:
 
 
 def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
-    return pin.Inertia(inertia.mass * factor, inertia.lever, inertia.inertia * factor)
+    return inertia_of(inertia.mass * factor, inertia.lever, inertia.inertia * factor)
+
+
+def inertia_of(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
+    """Return an inertia as it is given, which Pinocchio's constructor refuses below zero.
+
+    Args:
+        mass: [kg].
+        lever: (3,) centre of mass [m].
+        matrix: (3, 3) about it [kg·m²].
+    """
+    made = pin.Inertia(mass, lever, np.zeros((3, 3)))
+    made.inertia = matrix
+    return made
+
+
+class Impossible(NamedTuple):
+    """Inertias of moving bodies that no body has, by the link at fault, in words.
+
+    Attributes:
+        negative: a mass or a principal moment of inertia is below zero.
+        lopsided: a principal moment is more than the sum of the other two.
+    """
+
+    negative: dict[str, str]
+    lopsided: dict[str, str]
+
+
+def impossible_inertias(mechanism: Mechanism) -> Impossible:
+    """Return the links whose bodies have inertias that no body has.
+
+    Links that are fixed to one another are one body, of which it is judged; what round-off of the
+    file's numbers can do to a moment, relative to mass times length squared, is let pass.
+    """
+    if "impossible inertias" not in mechanism.memo:
+        mechanism.memo["impossible inertias"] = _impossible(mechanism)
+    found: Impossible = mechanism.memo["impossible inertias"]
+    return found
+
+
+def _impossible(mechanism: Mechanism) -> Impossible:
+    model, length = mechanism.model, mechanism.characteristic_length
+    found = Impossible({}, {})
+    for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
+        for joint in map(int, np.flatnonzero(kinds) + 1):
+            links = [f.name for f in model.frames
+                     if f.type == pin.FrameType.BODY and f.parentJoint == joint]
+            own = [x for x in links if x in mechanism.inertias]
+            at_fault = [x for x in own if np.any(_kinds([mechanism.inertias[x]], length))]
+            for name in at_fault or own[:1] or [model.names[joint]]:
+                kind[name] = _words(mechanism.inertias.get(name, model.inertias[joint]))
+    return found
+
+
+def _kinds(bodies: list[pin.Inertia], length: float) -> Array:
+    """Return which bodies have negative, and which else lopsided inertias, shape (2, N)."""
+    mass = np.array([x.mass for x in bodies])
+    a, b, c = np.linalg.eigvalsh(np.array([x.inertia for x in bodies]).reshape(-1, 3, 3)).T
+    slack = ROUNDED * np.maximum(np.maximum(abs(a), abs(c)), abs(mass) * length**2)
+    negative = (mass < 0.0) | (a < -slack)
+    return np.array([negative, ~negative & (a + b < c - slack)])
+
+
+def _words(body: pin.Inertia) -> str:
+    moments = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(body.inertia))
+    return f"mass {body.mass:.4g} kg, principal moments {moments} kg·m²"
 
 
 def has_inertia(mechanism: Mechanism) -> bool:

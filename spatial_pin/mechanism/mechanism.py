@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -189,7 +190,8 @@ class Mechanism:
         urdf: the expanded URDF text.
         slip_speeds: (nv,) speed of each coordinate at which its dry friction is nearly whole, as
             in the file [rad/s, m/s]; NaN, or an empty array, for the default.
-        trusted: whether its xacro files may read files from anywhere, see `load`.
+        trusted, packages: how its files may be read and found, see `load`.
+        notices: faults of the file that it was loaded with, a sentence for each kind.
         free_flyer: whether `load` put a floating joint below its root link.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
@@ -213,6 +215,8 @@ class Mechanism:
     urdf: str = ""
     slip_speeds: Array = field(default_factory=lambda: np.empty(0))
     trusted: bool = False
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
     free_flyer: bool = False
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -222,12 +226,24 @@ class Mechanism:
         kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral")}
         return {**kept, "memo": {}}
 
+    def with_fields(self, **fields: Any) -> Mechanism:
+        """Return a copy with other values of some fields; unlike `replace` it reads no mesh."""
+        other = copy(self)
+        other.__dict__.update(fields)
+        return other
+
+    @property
+    def loading(self) -> dict[str, Any]:
+        """What `load` was given besides the file."""
+        return {**self.parameters, "trusted": self.trusted, "packages": self.packages,
+                "free_flyer": self.free_flyer}
+
     @cached_property
     def dimensions(self) -> dict[str, float]:
         """Value of every named dimension (xacro argument), given or by default [SI, rad]."""
         if self.tree is None:
             return {}
-        return dimensions(self.tree, self.parameters, self.trusted)
+        return dimensions(self.tree, self.parameters, self.trusted, self.packages)
 
     # ------------------------------------------------------------ coordinates
 

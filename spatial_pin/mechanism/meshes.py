@@ -1,6 +1,6 @@
-"""Shapes of an open tree; meshes are read when shapes are asked for, in a process of their own.
+"""Meshes: where they lie, and their reading, in a process of its own, when shapes are asked for.
 
-Loading a mechanism only looks whether a mesh is there and begins as its format does.
+Loading a mechanism only looks whether a mesh is there.
 """
 
 from __future__ import annotations
@@ -11,126 +11,34 @@ import struct
 import subprocess
 import sys
 import tempfile
-import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, warn
+from spatial_pin.errors import MechanismFileError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism import mesh_reader
-from spatial_pin.mechanism.sources import is_file, package_folders, shown
+from spatial_pin.mechanism.sources import is_file, package_folders
 
 LEAST_TIME = 20.0  # s for meshes to be read, the start of the process with it
 TIME_OF_A_BYTE = 2e-6  # s, ten times what was seen
-KINDS = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
-STAND_IN = {"radius": "1"}  # the sphere that stands where a mesh is not yet read
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """A mesh in a URDF.
-
-    Attributes:
-        where: file, link and mesh, for messages.
-        kind: "visual" or "collision".
-        shape: name of the geometry object that Pinocchio makes of it.
-        file: the mesh file.
-        scale: along x, y and z.
-    """
-
-    where: str
-    kind: str
-    shape: str
-    file: str
-    scale: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Shapes:
-    """The shapes of an open tree.
-
-    Attributes:
-        model: the open tree.
-        urdf: its URDF text, spheres in place of meshes.
-        meshes: what belongs in their place.
-        where: the file, for messages.
-    """
-
-    model: pin.Model
-    urdf: str
-    meshes: tuple[Mesh, ...]
-    where: str
-
-    def visual(self) -> pin.GeometryModel:
-        """What is drawn.
-
-        Raises:
-            MechanismFileError: Pinocchio cannot make it.
-        """
-        return self._made("visual")
-
-    def collision(self) -> pin.GeometryModel:
-        """What bodies collide with.
-
-        Raises:
-            MechanismFileError: Pinocchio cannot make it.
-        """
-        return self._made("collision")
-
-    def _made(self, kind: str) -> pin.GeometryModel:
-        try:
-            geometry = pin.buildGeomFromUrdfString(self.model, self.urdf, KINDS[kind])
-        except Exception as error:
-            reason = " ".join(str(error).split())
-            raise MechanismFileError(f"{self.where}: Pinocchio cannot read it: {reason}") from error
-        wanted = [mesh for mesh in self.meshes if mesh.kind == kind]
-        read = read_meshes(mesh.file for mesh in wanted)
-        for mesh in wanted:
-            found = read[mesh.file]
-            if isinstance(found, str):
-                _tell(mesh.where, f"cannot be read ({found})")
-                geometry.removeGeometryObject(mesh.shape)
-                continue
-            shape = geometry.geometryObjects[geometry.getGeometryId(mesh.shape)]
-            points, corners = found
-            shape.geometry = _solid(points * np.array(mesh.scale), corners)
-            shape.meshPath, shape.meshScale = mesh.file, np.array(mesh.scale)
-        return geometry
-
-
-def _tell(where: str, why: str) -> None:
-    warn(f"{where} {why}, left out")
-
-
-def _solid(points: Array, corners: Array) -> pin.CollisionGeometry:
-    import coal
-
-    solid = coal.BVHModelOBBRSS()
-    solid.beginModel(len(corners), len(points))
-    solid.addVertices(points)
-    solid.addTriangles(corners)
-    solid.endModel()
-    solid.computeLocalAABB()
-    return solid
 
 
 def read_meshes(files: Iterable[str]) -> dict[str, tuple[Array, Array] | str]:
     """Return points (N, 3) and triangles (M, 3) of mesh files, or why one cannot be read."""
-    names = list(dict.fromkeys(files))
+    read: dict[str, tuple[Array, Array] | str] = {file: fault(Path(file)) for file in files}
+    names = [name for name, why in read.items() if not why]
     if not names:
-        return {}
+        return read
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-P", mesh_reader.__file__, folder, *names]
         time = LEAST_TIME + TIME_OF_A_BYTE * sum(map(os.path.getsize, names))
         for _ in names:  # each run that ends too soon has at least begun one more
             if not _ended_too_soon(command, time):
                 break
-        return {name: _outcome(Path(folder), k) for k, name in enumerate(names)}
+        return read | {name: _outcome(Path(folder), k) for k, name in enumerate(names)}
 
 
 def _ended_too_soon(command: list[str], time: float) -> bool:
@@ -169,53 +77,32 @@ def _reason(text: str) -> str:
     return " ".join(lines[0].split())[:200]
 
 
-# ---------------------------------------------------------------- in a URDF
+# ---------------------------------------------------------------- where they lie
 
 
-def take_meshes(robot: ET.Element, path: Path) -> tuple[Mesh, ...]:
-    """Make mesh paths absolute; report and leave out those that are not there.
+def mesh_file(name: str, folder: Path, packages: Mapping[str, Path]) -> Path | None:
+    """Return where a mesh lies, None where it is not found; it is not opened.
 
-    Returns:
-        The meshes that stay.
+    Args:
+        name: as a URDF gives it: a path, `file://...`, or `package://NAME/...`.
+        folder: of the URDF.
+        packages: folders of packages, by name.
     """
-    meshes = []
-    for link in robot.findall("link"):
-        for kind in KINDS:
-            kept = 0
-            for shape in link.findall(kind):
-                mesh = shape.find("geometry/mesh")
-                if mesh is not None:
-                    name = mesh.get("filename", "")
-                    where = f"{path}: link {link.get('name')!r}: mesh {shown(name)!r}"
-                    file = _mesh_file(name, path.parent)
-                    reason = "not found" if file is None else fault(file)
-                    if reason:
-                        _tell(where, reason)
-                        link.remove(shape)
-                        continue
-                    mesh.set("filename", str(file))
-                    scale = tuple(map(float, mesh.get("scale", "1 1 1").split()))
-                    meshes.append(Mesh(where, kind, f"{link.get('name')}_{kept}", str(file), scale))
-                kept += 1
-    return tuple(meshes)
-
-
-def put_stand_ins(robot: ET.Element) -> None:
-    """Put spheres in the place of meshes."""
-    for geometry in robot.iterfind("link/*/geometry"):
-        mesh = geometry.find("mesh")
-        if mesh is not None:
-            geometry.remove(mesh)
-            ET.SubElement(geometry, "sphere", STAND_IN)
-
-
-def _mesh_file(name: str, folder: Path) -> Path | None:
-    if name.startswith("package://"):
-        package, _, rest = name.removeprefix("package://").partition("/")
-        candidates = [found / rest for found in package_folders(package, folder)]
-    else:
+    package = package_of(name)
+    if package is None:
         candidates = [folder / name.removeprefix("file://")]
+    else:
+        candidates = [found / package[1] for found in package_folders(package[0], folder, packages)]
     return next((file.resolve() for file in candidates if is_file(file)), None)
+
+
+def package_of(name: str) -> tuple[str, str] | None:
+    """Return the package that a mesh is in, and its path there; None where it is in none."""
+    for scheme in ("package://", "model://"):
+        if name.startswith(scheme):
+            package, _, rest = name.removeprefix(scheme).lstrip("/").partition("/")
+            return package, rest
+    return None
 
 
 # ---------------------------------------------------------------- how formats begin
@@ -228,11 +115,11 @@ def fault(file: Path) -> str:
         with file.open("rb") as stream:
             size, head = os.fstat(stream.fileno()).st_size, stream.read(1 << 16)
     except OSError as error:
-        return f"cannot be read ({error.strerror})"
+        return str(error.strerror)
     if not head:
-        return "cannot be read (it is empty)"
+        return "it is empty"
     check = FORMATS.get(kind)
-    return "" if check is None or check(head, size) else f"cannot be read (it is no {kind} file)"
+    return "" if check is None or check(head, size) else f"it is no {kind} file"
 
 
 def _is_stl(head: bytes, size: int) -> bool:

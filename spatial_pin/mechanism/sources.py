@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from spatial_pin.errors import MechanismFileError
 
@@ -68,17 +70,21 @@ def read_text(path: Path) -> str:
 # ---------------------------------------------------------------- packages
 
 MANIFEST = "package.xml"
+NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 
 
-def package_folders(name: str, folder: Path) -> Iterator[Path]:
+def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> Iterator[Path]:
     """Yield the folders that may be the ROS package of that name, the surest first.
 
     Args:
         name: of the package.
         folder: of the file that asks for it.
+        packages: folders of packages, by name, as `load` was given them.
     """
     if not name or Path(name).name != name:
         return
+    if name in packages:
+        yield packages[name]
     for root in (*_listed("ROS_PACKAGE_PATH"),
                  *(prefix / "share" for prefix in _listed("AMENT_PREFIX_PATH"))):
         yield root / name
@@ -88,6 +94,15 @@ def package_folders(name: str, folder: Path) -> Iterator[Path]:
         if parent.name == name or _manifest_name(parent) == name:
             yield parent
         yield parent / name
+    for root in _installed():
+        yield root / name
+
+
+def _installed() -> Iterator[Path]:
+    """Yield the folders in which Python packages install ROS packages, such as robots' data."""
+    for place in dict.fromkeys(sys.path):
+        yield Path(place) / "cmeel.prefix" / "share"
+    yield Path(sys.prefix) / "share"
 
 
 def _listed(variable: str) -> list[Path]:
@@ -106,8 +121,8 @@ def _manifest_name(folder: Path) -> str:
     return found[1] if found else ""
 
 
-def is_installed(folder: Path) -> bool:
-    """Return whether a folder is a ROS package: it says so itself, or the environment lists it."""
-    roots = [*_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH")]
+def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
+    """Return whether a folder is a ROS package: it says so, or environment or caller name it."""
+    roots = [*_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH"), *packages.values()]
     return is_file(folder / MANIFEST) or any(r.resolve() in (folder, *folder.parents)
                                              for r in roots)

@@ -19,17 +19,20 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.faults import Faults
 from spatial_pin.mechanism.inertia import put_inertias
-from spatial_pin.mechanism.meshes import Shapes, put_stand_ins, take_meshes
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
+from spatial_pin.mechanism.shapes import Shapes, take_shapes
+from spatial_pin.mechanism.sources import NO_PACKAGES
 from spatial_pin.mechanism.urdf_checks import (
+    UNBOUNDED,
     check_joint,
     check_links,
     check_structure,
     end_of,
     numbers,
 )
-from spatial_pin.mechanism.xacro_files import parse_xml
+from spatial_pin.mechanism.xacro_files import parse_urdf
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "floating": JOINT_TYPES,
@@ -97,7 +100,8 @@ class Tree:
 
 
 def tree_of(
-    urdf: str, path: Path, refinements: Mapping[str, JointRefinement], order: Sequence[str] = ()
+    urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
+    packages: Mapping[str, Path] = NO_PACKAGES, order: Sequence[str] = (),
 ) -> Tree:
     """Build the open tree of plain URDF text.
 
@@ -105,43 +109,75 @@ def tree_of(
         urdf: the text.
         path: where it comes from, for relative paths and errors.
         refinements: what a mechanism file says of joints.
+        faults: notes what is wrong in it and can be lived with.
+        packages: folders of ROS packages, by name, in which meshes lie.
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
 
     Raises:
         MechanismFileError: it is not a tree, or has impossible numbers.
     """
-    robot = parse_xml(urdf, path)
-    check_structure(robot, path)
-    inertias = check_links(robot, path)
-    mimics = _mimics(robot, path)
+    robot = parse_urdf(urdf, path)
+    _drop_foreign(robot)
+    check_structure(robot, path, faults)
+    inertias = check_links(robot, path, faults)
     pairs = _joint_pairs(robot, refinements, path)
+    mimics = _mimics(robot, pairs, path, faults)
     for joint in robot.findall("joint"):
-        check_joint(joint, f"{path}: joint {joint.get('name')!r}")
-    meshes = take_meshes(robot, path)
-    text = ET.tostring(robot, encoding="unicode")
-    if meshes:
-        urdf = text  # with absolute paths, so that it can be exported to another folder
-        put_stand_ins(robot)
-        text = ET.tostring(robot, encoding="unicode")
-    try:
-        model = pin.buildModelFromXML(text)
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
+        check_joint(joint, path, faults)
+    shapes = take_shapes(robot, path, packages, faults)
+    whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
-    rebuilt = _rebuild(model, pairs, elements, refinements, _ordered(model, order, path), path)
-    _limit(rebuilt, refinements)
-    slip_speeds = _resist(rebuilt, refinements)
+    plain = _read(robot, path)
+    model = _rebuild(plain, pairs, elements, refinements, _ordered(plain, order, path), path)
+    _limit(model, refinements)
+    slip_speeds = _resist(model, refinements)
     try:
-        put_inertias(rebuilt, inertias)
+        put_inertias(model, inertias)
     except (RuntimeError, ValueError) as error:
         raise MechanismFileError(
             f"{path}: inertias leave the range of numbers: it is too large or too heavy"
         ) from error
-    order = tuple(pairs[name] for name in list(rebuilt.names)[1:])
-    shapes = Shapes(rebuilt, text, meshes, str(path))
-    return Tree(rebuilt, shapes, order, inertias, mimics, urdf, slip_speeds)
+    of_joints = tuple(pairs[name] for name in list(model.names)[1:])
+    return Tree(model, Shapes(model, shapes, str(path)), of_joints, inertias, mimics, whole,
+                slip_speeds)
+
+
+def _drop_foreign(robot: ET.Element) -> None:
+    """Take out what is no URDF: elements and attributes of other namespaces, left by xacro."""
+    for parent in list(robot.iter()):
+        for key in [key for key in parent.attrib if "}" in key]:
+            del parent.attrib[key]
+        for child in [child for child in parent if "}" in child.tag]:
+            parent.remove(child)
+
+
+def _plain(element: ET.Element) -> ET.Element:
+    """Return a joint without mimic and limits; a continuous one as a revolute one.
+
+    Then it has one coordinate.
+    """
+    kind = element.get("type", "")
+    joint = ET.Element("joint", {**element.attrib, "type": PAIR_OF_URDF_TYPE.get(kind, kind)})
+    joint.extend(part for part in element if part.tag not in ("mimic", "limit"))
+    ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
+    return joint
+
+
+def _read(robot: ET.Element, path: Path) -> pin.Model:
+    """Return Pinocchio's model of a URDF without its shapes."""
+    bare = ET.Element("robot", name=robot.get("name") or path.stem)
+    for element in robot:
+        if element.tag == "link":
+            link = ET.SubElement(bare, "link", element.attrib)
+            link.extend(element.findall("inertial"))
+        elif element.tag == "joint":
+            bare.append(_plain(element))
+    try:
+        return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
 
 
 # ---------------------------------------------------------------- joints
@@ -204,7 +240,10 @@ def _rebuild(
         axis, axis2 = joint_axes(pair, elements[name], refinements.get(name), where)
         lead = refinements[name].lead if name in refinements else 0.0
         assert pair.joint is not None
-        joint = pair.joint(axis, axis2, lead)
+        kind = elements[name].get("type", "")
+        as_read = PAIR_OF_URDF_TYPE.get(kind, kind) == pairs[name] \
+            and pairs[name] in ("revolute", "prismatic") and not _given_axis(refinements.get(name))
+        joint = model.joints[i] if as_read else pair.joint(axis, axis2, lead)
         places[i] = new.addJoint(places[model.parents[i]], joint, model.jointPlacements[i], name,
                                  *stated_limits(elements[name], joint.nq, joint.nv))
     new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
@@ -212,6 +251,10 @@ def _rebuild(
         frame.parentJoint = places[frame.parentJoint]
         new.addFrame(frame, False)
     return new
+
+
+def _given_axis(refined: JointRefinement | None) -> bool:
+    return refined is not None and refined.axis is not None
 
 
 def urdf_order(robot: ET.Element) -> list[str]:
@@ -304,7 +347,8 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
     limit, dynamics, kind = element.find("limit"), element.find("dynamics"), element.get("type")
 
     def scalar(source: ET.Element | None, key: str, default: float) -> float:
-        return float(source.get(key, default)) if source is not None else default
+        value = float(source.get(key, default)) if source is not None else default
+        return value if abs(value) < UNBOUNDED else math.copysign(math.inf, value)
 
     def filled(count: int, value: float) -> Array:
         return np.full(count, value)
@@ -386,14 +430,24 @@ def _resist(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Arr
     return slip_speeds
 
 
-def _mimics(robot: ET.Element, path: Path) -> tuple[tuple[str, str, float, float], ...]:
+def _mimics(
+    robot: ET.Element, pairs: Mapping[str, str], path: Path, faults: Faults
+) -> tuple[tuple[str, str, float, float], ...]:
     mimics = []
     for joint in robot.findall("joint"):
-        mimic = joint.find("mimic")
+        mimic, name = joint.find("mimic"), joint.get("name", "")
         if mimic is None:
             continue
-        where = f"{path}: joint {joint.get('name')!r}"
+        source, where = mimic.get("joint", ""), f"{path}: joint {name!r}"
         ratio = numbers(mimic, "multiplier", 1, where)[0] if "multiplier" in mimic.attrib else 1.0
         offset = numbers(mimic, "offset", 1, where)[0] if "offset" in mimic.attrib else 0.0
-        mimics.append((joint.get("name", ""), mimic.get("joint", ""), float(ratio), float(offset)))
+        if pairs[name] == "fixed":
+            faults.note("fixed, its <mimic> says nothing", f"joint {name!r}")
+        elif source not in pairs:
+            faults.note("mimics a joint that does not exist, moves on its own",
+                        f"joint {name!r} (of {source!r}, {suggestion(source, pairs)})")
+        elif pairs[source] == "fixed" or source == name:
+            faults.note("mimics a fixed joint or itself, moves on its own", f"joint {name!r}")
+        else:
+            mimics.append((name, source, float(ratio), float(offset)))
     return tuple(mimics)

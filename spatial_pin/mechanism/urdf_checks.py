@@ -1,27 +1,36 @@
 """What a URDF must be before Pinocchio reads it: a tree, with possible numbers.
 
-URDF readers drop joints, shapes and bounds without a word, or say only that the file is not valid.
+URDF readers drop joints and bounds without a word, or say only that the file is not valid. What
+can be lived with is noted, the rest is refused.
 """
 
 from __future__ import annotations
 
+import math
+import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, suggestion, warn
+from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.faults import Faults
+from spatial_pin.mechanism.inertia import inertia_of
 
 LIGHTEST = 1e-200  # kg
+UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
 
 # ---------------------------------------------------------------- structure
 
 
-def check_structure(robot: ET.Element, path: Path) -> None:
-    """Refuse what is not a tree: URDF readers drop and duplicate joints without a word."""
+def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
+    """Refuse what is not a tree: URDF readers drop and duplicate joints without a word.
+
+    Several trees are made one.
+    """
     if robot.tag != "robot":
         raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
     links = _names(robot.findall("link"), "link", path)
@@ -50,10 +59,39 @@ def check_structure(robot: ET.Element, path: Path) -> None:
             )
         parent_joint[child] = joint
     roots = [link for link in links if link not in parent_joint]
-    if len(roots) != 1:
-        found = f"{len(roots)} root links ({', '.join(roots)})" if roots else "no root link"
-        raise MechanismFileError(f"{path}: {found}; a tree has exactly one link without a parent")
-    _check_connected(roots[0], links, parent_joint, path)
+    if not roots:
+        raise MechanismFileError(f"{path}: no root link; a tree has one link without a parent")
+    root = roots[0]
+    if len(roots) > 1:
+        root = _join(robot, roots, links, parent_joint, faults)
+        links = {**links, root: robot}
+    _check_connected(root, links, parent_joint, path)
+
+
+def _join(
+    robot: ET.Element, roots: Sequence[str], links: Mapping[str, ET.Element],
+    parent_joint: dict[str, ET.Element], faults: Faults,
+) -> str:
+    """Fix several roots to one link, the world; return its name."""
+    taken = {*links, *(joint.get("name", "") for joint in parent_joint.values())} - set(roots)
+    world = _free("world", taken)
+    if world not in links:
+        ET.SubElement(robot, "link", name=world)
+    for root in roots:
+        if root == world:
+            continue
+        joint = ET.SubElement(robot, "joint", name=_free(f"{world}_to_{root}", taken), type="fixed")
+        ET.SubElement(joint, "parent", link=world)
+        ET.SubElement(joint, "child", link=root)
+        parent_joint[root] = joint
+        faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
+    return world
+
+
+def _free(name: str, taken: Container[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
 
 
 def _check_connected(
@@ -110,58 +148,65 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     return values
 
 
-def _placement(element: ET.Element | None, where: str) -> pin.SE3:
+def placement(element: ET.Element | None, where: str) -> pin.SE3:
+    """Return the placement that an <origin> gives; none is the identity.
+
+    Raises:
+        MechanismFileError: its numbers are not finite, or not three.
+    """
     if element is None:
         return pin.SE3.Identity()
     xyz = numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
     rpy = numbers(element, "rpy", 3, where) if "rpy" in element.attrib else np.zeros(3)
-    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+    return pin.SE3(_quaternion(*(0.5 * rpy).tolist()).matrix(), xyz)
 
 
-def check_links(robot: ET.Element, path: Path) -> dict[str, pin.Inertia]:
-    """Refuse impossible shapes and inertias; return the own inertia of the links that have one."""
+def _quaternion(a: float, b: float, c: float) -> pin.Quaternion:
+    """Return the turn of half roll, pitch and yaw [rad], rounded as URDF readers round it."""
+    (sa, ca), (sb, cb), (sc, cc) = ((math.sin(x), math.cos(x)) for x in (a, b, c))
+    turn = pin.Quaternion(ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc,
+                          ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc)
+    turn.normalize()
+    return turn
+
+
+def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.Inertia]:
+    """Return the own inertia of the links that have one.
+
+    Raises:
+        MechanismFileError: one is no number.
+    """
     inertias = {}
     for link in robot.findall("link"):
-        where = f"{path}: link {link.get('name')!r}"
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            _placement(shape.find("origin"), where)
-            _check_shape(shape, where)
-        inertial = link.find("inertial")
-        if inertial is not None:
-            inertias[link.get("name", "")] = _inertia(inertial, where)
+        name, inertial = link.get("name", ""), link.find("inertial")
+        if inertial is None:
+            continue
+        lacks = [what for what in (*MASS, *MOMENTS) if not _has(inertial, *what)]
+        if not lacks:
+            inertias[name] = _inertia(inertial, f"{path}: link {name!r}")
+        elif len(inertial):
+            faults.note(INCOMPLETE, f"link {name!r} (no <{' '.join(lacks[0])}>)")
     return inertias
 
 
-SHAPE_SIZES = {  # shape -> its attributes with their number of entries
-    "box": {"size": 3}, "sphere": {"radius": 1}, "mesh": {},
-    "cylinder": {"radius": 1, "length": 1}, "capsule": {"radius": 1, "length": 1},
-}
+MASS = (("mass", "value"),)
+MOMENTS = tuple(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+INCOMPLETE = "<inertial> not whole, counts as massless"
 
 
-def _check_shape(shape: ET.Element, where: str) -> None:
-    """Refuse what the URDF reader would leave out."""
-    geometry = shape.find("geometry")
-    solid = next(iter(geometry), None) if geometry is not None else None
-    if solid is None or solid.tag not in SHAPE_SIZES:
-        raise MechanismFileError(
-            f"{where}: <{shape.tag}> needs a <geometry> with one of: {', '.join(SHAPE_SIZES)}"
-        )
-    for attribute, count in SHAPE_SIZES[solid.tag].items():
-        if np.any(numbers(solid, attribute, count, where) < 0.0):
-            raise MechanismFileError(f"{where}: <{solid.tag}> has a negative {attribute}")
-    if "scale" in solid.attrib:
-        numbers(solid, "scale", 3, where)
-    colour = shape.find("material/color")
-    if colour is not None:
-        numbers(colour, "rgba", 4, where)
+def _has(inertial: ET.Element, tag: str, attribute: str) -> bool:
+    element = inertial.find(tag)
+    return element is not None and attribute in element.attrib
 
 
-def check_joint(joint: ET.Element, where: str) -> None:
+def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:
     """Refuse numbers that the URDF reader refuses without saying where, or takes as they are."""
-    _placement(joint.find("origin"), where)
+    name = joint.get("name")
+    where = f"{path}: joint {name!r}"
+    placement(joint.find("origin"), where)
     axis, limit, dynamics = (joint.find(tag) for tag in ("axis", "limit", "dynamics"))
     kind = joint.get("type", "")
-    if axis is not None:
+    if axis is not None and kind != "fixed":
         numbers(axis, "xyz", 3, where)
     if limit is None and kind in ("revolute", "prismatic"):
         raise MechanismFileError(
@@ -174,8 +219,9 @@ def check_joint(joint: ET.Element, where: str) -> None:
                 raise MechanismFileError(f"{where}: <limit {attribute}> is negative")
         lower, upper = (float(numbers(limit, key, 1, where)[0]) if key in limit.attrib else 0.0
                         for key in ("lower", "upper"))
-        if lower > upper:
-            raise MechanismFileError(f"{where}: limit: lower {lower} is above upper {upper}")
+        if lower > upper and kind in ("revolute", "prismatic"):
+            faults.note("lower limit above the upper one, counts as no limit", f"joint {name!r}")
+            limit.attrib.update(lower=repr(-UNBOUNDED), upper=repr(UNBOUNDED))
     for attribute in ("damping", "friction"):
         if dynamics is not None and attribute in dynamics.attrib \
                 and numbers(dynamics, attribute, 1, where)[0] < 0.0:
@@ -183,27 +229,13 @@ def check_joint(joint: ET.Element, where: str) -> None:
 
 
 def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
-    placement = _placement(inertial.find("origin"), where)
-    mass_element, matrix_element = inertial.find("mass"), inertial.find("inertia")
-    if mass_element is None or matrix_element is None:
-        raise MechanismFileError(f"{where}: <inertial> needs <mass> and <inertia>")
-    mass = float(numbers(mass_element, "value", 1, where)[0])
-    if mass < 0.0:
-        raise MechanismFileError(f"{where}: mass {mass} kg is negative")
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (float(numbers(matrix_element, k, 1, where)[0]) for k in keys)
-    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    a, b, c = np.linalg.eigvalsh(matrix)
-    if a < -1e-12 * abs(c):
-        raise MechanismFileError(
-            f"{where}: a principal moment of inertia is negative: {a:.4g} kg·m²"
-        )
-    if a + b < c * (1.0 - 1e-9):
-        warn(f"{where}: no body has the principal moments of inertia {a:.4g}, {b:.4g}, {c:.4g} "
-             "kg·m² (each must be at most the sum of the other two)")
-    rotation = placement.rotation
-    if mass and not LIGHTEST <= mass <= 1.0 / LIGHTEST:
+    place = placement(inertial.find("origin"), where)
+    (mass,), (xx, xy, xz, yy, yz, zz) = (
+        [float(numbers(element, key, 1, where)[0]) for tag, key in keys
+         if (element := inertial.find(tag)) is not None] for keys in (MASS, MOMENTS))
+    if mass and not LIGHTEST <= abs(mass) <= 1.0 / LIGHTEST:
         raise MechanismFileError(
             f"{where}: a mass of {mass:.3g} kg; only 0 and masses from {LIGHTEST:g} to "
             f"{1.0 / LIGHTEST:g} kg can be worked with")
-    return pin.Inertia(mass, placement.translation, rotation @ matrix @ rotation.T)
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return inertia_of(mass, place.translation, place.rotation @ matrix @ place.rotation.T)

@@ -40,6 +40,7 @@ from spatial_pin.mechanism.expressions import (
     measure,
 )
 from spatial_pin.mechanism.sources import (
+    NO_PACKAGES,
     check_file,
     is_file,
     is_installed,
@@ -64,7 +65,10 @@ if hasattr(os, "register_at_fork"):  # a child must not be born while an import 
                         after_in_child=_IMPORTING.release)
 
 
-def expand(path: Path, parameters: Mapping[str, float], trusted: bool = False) -> str:
+def expand(
+    path: Path, parameters: Mapping[str, float], trusted: bool = False,
+    packages: Mapping[str, Path] = NO_PACKAGES,
+) -> str:
     """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in.
 
     Raises:
@@ -79,15 +83,15 @@ def expand(path: Path, parameters: Mapping[str, float], trusted: bool = False) -
                 f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
             )
         return read_text(path)
-    mappings = _checked_parameters(path, parameters, trusted) if parameters else {}
-    expansion = Expansion(path, trusted)
+    mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
+    expansion = Expansion(path, trusted, packages)
     return expansion.guarded(lambda xacro: xacro.process_file(str(path), mappings=mappings).toxml())
 
 
 def _checked_parameters(
-    path: Path, parameters: Mapping[str, float], trusted: bool
+    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
 ) -> dict[str, str]:
-    valid = xacro_arguments(path, trusted)
+    valid = xacro_arguments(path, trusted, packages)
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
@@ -114,10 +118,12 @@ def _xacro_text(value: object) -> str:
     return repr(float(value))  # type: ignore[arg-type]
 
 
-def xacro_arguments(path: Path, trusted: bool = False) -> dict[str, str]:
+def xacro_arguments(
+    path: Path, trusted: bool = False, packages: Mapping[str, Path] = NO_PACKAGES
+) -> dict[str, str]:
     """Return names and defaults of the arguments that a xacro file and its includes declare."""
     arguments: dict[str, str] = {}
-    expansion = Expansion(path, trusted)
+    expansion = Expansion(path, trusted, packages)
     files, seen = [path], set()
     while files:
         file = files.pop()
@@ -134,13 +140,14 @@ def xacro_arguments(path: Path, trusted: bool = False) -> dict[str, str]:
 
 
 def dimensions(
-    path: Path, parameters: Mapping[str, float], trusted: bool = False
+    path: Path, parameters: Mapping[str, float], trusted: bool = False,
+    packages: Mapping[str, Path] = NO_PACKAGES,
 ) -> dict[str, float]:
     """Return the value of every xacro argument that is a number, given or by default."""
-    arguments = xacro_arguments(path, trusted) if path.suffix == ".xacro" else {}
+    arguments = xacro_arguments(path, trusted, packages) if path.suffix == ".xacro" else {}
     texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
     if not all(_is_number(text) for text in texts.values()):
-        texts = _evaluated(texts, path, trusted)
+        texts = _evaluated(texts, path, trusted, packages)
     return {name: float(text) for name, text in texts.items() if _is_number(text)}
 
 
@@ -151,7 +158,9 @@ def _is_number(value: str | float) -> bool:
         return False
 
 
-def _evaluated(texts: Mapping[str, str], path: Path, trusted: bool) -> dict[str, str]:
+def _evaluated(
+    texts: Mapping[str, str], path: Path, trusted: bool, packages: Mapping[str, Path]
+) -> dict[str, str]:
     """Evaluate `${...}` in defaults as xacro does in a file."""
     document = minidom.parseString(EMPTY)
     root = document.documentElement
@@ -166,7 +175,7 @@ def _evaluated(texts: Mapping[str, str], path: Path, trusted: bool) -> dict[str,
         xacro.init_stacks(str(path))
         xacro.process_doc(document)
 
-    Expansion(path, trusted).guarded(process)
+    Expansion(path, trusted, packages).guarded(process)
     found = document.getElementsByTagName("dimension")
     return {e.getAttribute("name"): e.getAttribute("value") for e in found}
 
@@ -188,6 +197,20 @@ def parse_xml(text: str, path: Path) -> ET.Element:
             raise MechanismFileError(
                 f"{shown(path)}: more than {DEEPEST} elements within one another; URDF has ten")
     return root
+
+
+def parse_urdf(text: str, path: Path) -> ET.Element:
+    """Return the root element of URDF text; a namespace of all of URDF is left out of its names.
+
+    Raises:
+        MechanismFileError: as `parse_xml`.
+    """
+    robot = parse_xml(text.lstrip(), path)
+    if robot.tag.endswith("}robot"):
+        namespace = robot.tag.removesuffix("robot")
+        for element in robot.iter():
+            element.tag = element.tag.removeprefix(namespace)
+    return robot
 
 
 def _parsed(text: str) -> ET.Element:
@@ -241,8 +264,8 @@ _PARAMETER = re.compile(
 class Expansion:
     """One run of xacro over a file and what it includes."""
 
-    def __init__(self, path: Path, trusted: bool) -> None:
-        self.path, self.trusted = path, trusted
+    def __init__(self, path: Path, trusted: bool, packages: Mapping[str, Path]) -> None:
+        self.path, self.trusted, self.packages = path, trusted, packages
         self.home = path.parent.resolve()
         self.budget = Budget()
         self.xacro: Any = None
@@ -351,10 +374,12 @@ class Expansion:
     def package(self, name: str) -> str:
         """Return the folder of a package."""
         folder = Path(self.file).parent.resolve()
-        found = next((p for p in package_folders(name, folder) if os.path.isdir(p)), None)
+        found = next((p for p in package_folders(name, folder, self.packages)
+                      if os.path.isdir(p)), None)
         if found is None:
             raise RefusedError(f"no package {name!r}: neither round this file nor below the "
-                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH")
+                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
+                               f"lies: load(..., packages={{{name!r}: FOLDER}})")
         return str(found.resolve())
 
     def absolute(self, name: str, file: str | None = None) -> str:
@@ -372,7 +397,7 @@ class Expansion:
         except (OSError, ValueError, RuntimeError) as error:
             raise MechanismFileError(f"{shown(self.file)}: {shown(name)}: {error}") from error
         if not (self.trusted or path.is_relative_to(self.home)
-                or any(is_installed(parent) for parent in path.parents)):
+                or any(is_installed(parent, self.packages) for parent in path.parents)):
             raise MechanismFileError(
                 f"{shown(self.file)}: {shown(name)} lies neither below {shown(self.home)} nor in "
                 f"an installed package; {REMEDY}")

@@ -1,0 +1,42 @@
+"""Faults that a file can be read with: noted while it is read, told together in one sentence."""
+
+from __future__ import annotations
+
+TOLD = 3  # faults of one kind that a warning names
+
+
+class Faults:
+    """What is wrong in a file that is read all the same, kind by kind."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, list[str]] = {}
+
+    def note(self, kind: str, what: str = "") -> None:
+        """Note a fault.
+
+        Args:
+            kind: what is wrong and what was made of it.
+            what: the link, joint or file that has it; "" where `kind` says it.
+        """
+        found = self._found.setdefault(kind, [])
+        if what and what not in found:
+            found.append(what)
+
+    def notices(self, most: int | None = None) -> tuple[str, ...]:
+        """Return a sentence for each kind, with all its faults or the first few."""
+        return tuple(_sentence(kind, found, most) for kind, found in self._found.items())
+
+    def told(self) -> str:
+        """Return one line for a warning, "" where nothing is wrong."""
+        notices = self.notices(TOLD)
+        if len(notices) < 2:
+            return "".join(notices)
+        return "; ".join(f"({k}) {notice}" for k, notice in enumerate(notices, start=1))
+
+
+def _sentence(kind: str, found: list[str], most: int | None) -> str:
+    if not found:
+        return kind
+    rest = len(found) - len(found[:most])
+    more = f" and {rest} more" if rest else ""
+    return f"{', '.join(found[:most])}{more}: {kind}"
