@@ -383,7 +383,7 @@ def test_three_revolutes_through_a_point_with_massless_links_between_are_a_ball(
     with pytest.warns(sp.SpatialPinWarning) as told:
         mech = loaded(tmp_path, hanging())
     assert "i, j, k meet in one point" in str(told[0].message)
-    assert "'i+j+k'" in str(told[0].message) and "cut at joint" in str(told[1].message)
+    assert "'i+j+k'" in str(told[0].message) and "cut at joint" in str(told[0].message)
     assert sorted([*mech.pairs, *(c.type for c in mech.closures)]) == ["spherical", "spherical"]
     assert "x" not in mech.frame_ids and sp.mobility(mech).dof == 1
 

@@ -65,7 +65,7 @@ def inertia_of(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
         matrix: (3, 3) about it [kg·m²].
     """
     made = pin.Inertia(mass, lever, np.zeros((3, 3)))
-    made.inertia = matrix
+    made.inertia = 0.5 * (matrix + matrix.T)
     return made
 
 
