@@ -6,6 +6,7 @@ import mechanisms as known
 import numpy as np
 import odd_mechanisms as odd
 import pytest
+from masses import heavy
 
 import spatial_pin as sp
 
@@ -161,3 +162,18 @@ def test_one_joint_is_a_mechanism(name, wrap, tmp_path):
     a = [sp.forward_dynamics(mechanism, sp.assemble(mechanism, {"one": 0.4 + x})).a[0]
          for x in (-step, step)]
     assert found[0, 0] == pytest.approx((a[1] - a[0]) / (2 * step), abs=1e-5)
+
+
+@pytest.mark.parametrize("mass", [0.0, 1.0, 1e13])
+def test_a_triangle_of_any_masses_stands_still(mass, tmp_path):
+    """No freedom is left, whichever way the accelerations are looked for."""
+    tree = known.turning("left", "ground", "first", axis=(0, 1, 0))
+    tree += known.turning("right", "ground", "second", (1, 0, 0), axis=(0, 1, 0))
+    tree += known.point("first_end", "first", (0.4, 0, 0.7))
+    tree += known.point("second_end", "second", (-0.6, 0, 0.7))
+    tree = heavy(tree, first=(1.0, (0.2, 0, 0.3), (0.1, 0.2, 0.1)),
+                 second=(mass, (-0.1, 0, 0.2), (mass, mass, mass)))
+    mechanism = known.load(tmp_path, "triangle", tree,
+                           known.closure("ridge", "spherical", "first_end", "second_end"))
+    found = sp.forward_dynamics(mechanism, sp.assemble(mechanism))
+    np.testing.assert_allclose(found.a, 0.0, rtol=0.0, atol=1e-12)

@@ -193,8 +193,9 @@ class LeastConstraint:
         rest_known[:, 3:] += (turning * turning)[:, None] / ROUNDING
         rest = roots * self._rest(motion, change, down @ gravity)
         rest[:, 3:] += _gyroscopic(roots[:, 3:], (self._back @ motion[:, 3:, None])[:, :, 0])
-        return ((roots[:, :, None] * twists).reshape(-1, n),
-                (roots[:, :, None] * sizes[:, :, :n]).reshape(-1, n), rest.ravel(),
+        flat = (6 * len(heavy), n)  # either may be 0
+        return ((roots[:, :, None] * twists).reshape(flat),
+                (roots[:, :, None] * sizes[:, :, :n]).reshape(flat), rest.ravel(),
                 (roots * rest_known).ravel(), moves.max(axis=(0, 1), initial=0.0))
 
     def _twists(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, Array]:
