@@ -69,8 +69,8 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
         return Decomposition(np.empty((m, 0)), np.empty(0), np.empty((0, 0)), 0)
     u, s, vt, info = lapack.dgesdd(a, 1, m < n)  # vt is to span the null space too
     if info:
-        raise SingularError("the equations have entries that are no numbers: rates overflow, "
-                            "or the configuration is singular")
+        raise SingularError("the equations have entries that are no finite numbers: a position or "
+                            "a rate has grown beyond all numbers")
     rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF)))
     return Decomposition(u, s, vt, rank)
 

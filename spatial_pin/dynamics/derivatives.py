@@ -29,7 +29,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.jacobians import closure_jacobian
 from spatial_pin.kinematics.split import split_of
 from spatial_pin.kinematics.state import State, moving_in_time
-from spatial_pin.linalg import Array, independent_rows
+from spatial_pin.linalg import Array, independent_rows, null_space
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -153,6 +153,16 @@ def dynamics_derivatives(
     return Derivatives(a, chosen, lam, ReactionChanges(answer, moving, a, lam, chosen))
 
 
+def _lightest(state: State, mass: Array, scaled: Array) -> list[str]:
+    """Return the names of the coordinates of the motion that has the least inertia."""
+    scale = state.mechanism.velocity_scale
+    freedoms = null_space(scaled) * scale
+    motion = np.linalg.eigh(freedoms @ mass @ freedoms.T)[1][:, 0] @ freedoms
+    sizes = np.abs(motion / scale)
+    return [c for c, s in zip(state.mechanism.coordinates, sizes, strict=True)
+            if s > 1e-6 * sizes.max()]
+
+
 def _changes(
     answer: Dynamics, terms: _Terms, jacobian: Array, chosen: NDArray[np.intp], multipliers: Array
 ) -> Array:
@@ -188,6 +198,7 @@ def _changes(
     x = np.vstack(system.solve(mass, scaled, work, gamma))
     if system.pivot < SINGULAR:
         raise SingularError(
-            f"mechanism {state.mechanism.name!r}: {state}: a motion has no inertia, or too little "
-            "beside others: accelerations have no derivatives there", state=state)
+            f"mechanism {state.mechanism.name!r}: {state}: beside others a motion of "
+            f"{', '.join(_lightest(state, mass, scaled))} has no inertia, so accelerations have no "
+            "derivatives there: give its links more mass", state=state)
     return np.stack(np.split(x, 3, axis=1))

@@ -151,8 +151,8 @@ class Mobility:
         notes = []
         if self.instantaneous > self.dof:
             notes.append(
-                f"  note: {self.instantaneous - self.dof} freedom(s) are instantaneous only (a "
-                "singular configuration, or a linkage that is shaky but does not move)"
+                f"  note: {self.instantaneous - self.dof} freedom(s) are instantaneous only "
+                "(they lead to no closed configuration)"
             )
         if self.grubler != self.dof:
             notes.append(f"  note: no formula applies: special dimensions give {self.dof} "
