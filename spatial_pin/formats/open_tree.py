@@ -14,12 +14,14 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.joint_graph import WORLD, Joint, JointGraph, Link, SpanningTree, span
+from spatial_pin.formats.posture import coordinates_at
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.urdf_elements import finite_text, joint_element, numbers_text
 
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
 GROUND = "world"  # the link that stands for the world
 SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
+DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 TWIN = 1e-9  # relative gap between two links that two fixed joints place
 PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
 RESISTANCES = ("damping", "friction", "armature")
@@ -64,6 +66,7 @@ class _Writer:
         self.joints: dict[str, dict[str, Any]] = {}
         self.closures: list[dict[str, Any]] = []
         self.springs: list[dict[str, Any]] = []
+        self.guess: dict[str, Any] = {}
         self.bodies: dict[str, tuple[str, pin.SE3]] = {}  # link -> first link fixed to it, place
         self.ground = self.fresh(GROUND)
         self.bases: list[str] = []
@@ -83,6 +86,8 @@ class _Writer:
             self.joint(joint)
         for joint in self.tree.cut:
             self.closure(joint)
+        self.tell_parallel()
+        self.posture()
         self.tell_bases()
         self.tell_cut()
 
@@ -180,6 +185,31 @@ class _Writer:
             self.springs.append({"name": f"{joint.name}_spring", "joint": joint.name,
                                  "stiffness": joint.stiffness, free: joint.reference})
 
+    def posture(self) -> None:
+        """Guess the coordinates at which the file draws the links."""
+        ground = pin.SE3.Identity()
+        drawn = {WORLD: ground, **{x.name: x.placement for x in self.graph.links}}
+        off: dict[str, float] = {}
+        places = [x.translation for x in drawn.values() if x is not None]
+        size = float(np.ptp(places, axis=0).max()) or 1.0
+        for joint in self.tree.joints:
+            one, two = drawn[joint.parent], drawn[joint.child]
+            if one is None or two is None:
+                continue
+            relative = (one * joint.on_parent).inverse() * two * joint.on_child
+            values, reached = coordinates_at(joint, relative)
+            gap = reached.inverse() * relative
+            away = max(np.abs(gap.translation).max() / size, np.abs(pin.log3(gap.rotation)).max())
+            if away > DRAWN * self.graph.rounding:
+                off[joint.name] = float(away)
+            if max(map(abs, values), default=0.0) > 10.0 * self.graph.rounding:
+                self.guess[joint.name] = values if len(values) > 1 else values[0]
+        if off:
+            name = max(off, key=off.__getitem__)
+            self.notices.append(
+                f"links are not drawn where their joints hold them, at {len(off)} joints, most at "
+                f"{name!r}, by {off[name]:.2g} of the size or rad: the joints count")
+
     # ------------------------------------------------------------ cut joints
 
     def closure(self, joint: Joint) -> None:
@@ -224,6 +254,16 @@ class _Writer:
         self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
                             "already: it is left out")
 
+    def tell_parallel(self) -> None:
+        """Tell of several joints between the same two links: each of them holds."""
+        between: dict[frozenset[str], list[str]] = {}
+        for joint in self.graph.joints:
+            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
+        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
+        if several:
+            self.notices.append("several joints join the same two links, and each of them holds: "
+                                f"{several}")
+
     def tell_cut(self) -> None:
         """Tell which joints are cut."""
         cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
@@ -241,6 +281,7 @@ class _Writer:
         merged = {**self.given, "joints": joints}
         for key, new in (("closures", self.closures), ("springs", self.springs)):
             merged[key] = [*self.given.get(key, []), *new]
+        merged["guess"] = {**self.guess, **self.given.get("guess", {})}
         return merged
 
 

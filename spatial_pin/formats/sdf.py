@@ -67,7 +67,7 @@ def read_sdf(request: Request) -> Imported:
     if request.parameters:
         raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
                                  ".xacro files have any")
-    root = parse_xml(_with_prefixes(read_text(path)), path)
+    root = parse_xml(read_text(path), path)
     version = _version(root, path)
     model, content, notices = _one_model(root, path)
     reader = _Model(model, f"{path}: model {model.get('name', '')!r}", version)
@@ -77,14 +77,6 @@ def read_sdf(request: Request) -> Imported:
     graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
     content = {"name": model.get("name") or path.stem, **content}
     return open_tree(graph, str(path), content, (*notices, *reader.notices))
-
-
-def _with_prefixes(text: str) -> str:
-    """Return XML text that declares its prefixes, as readers of SDFormat do not ask for."""
-    used = set(re.findall(r"[<\s/]([A-Za-z_][\w.-]*):[A-Za-z_]", text))
-    missing = used - set(re.findall(r"xmlns:([\w.-]+)", text)) - {"xml", "xmlns"}
-    names = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in sorted(missing))
-    return re.sub(r"<sdf\b", lambda found: found[0] + names, text, count=1)
 
 
 def _version(root: ET.Element, path: Path) -> tuple[int, int]:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats import folder, mjcf, sdf, urdf
+from spatial_pin.formats import folder, mjcf, sdf, urdf, usd
 from spatial_pin.formats.imported import Importer
 from spatial_pin.mechanism.sources import check_file, shown
 
@@ -15,6 +15,7 @@ FOLDER = "/"  # the ending of a folder's name
 IMPORTERS: dict[str, Importer] = {
     "urdf": urdf.IMPORTER,
     "sdf": sdf.IMPORTER,
+    "usd": usd.IMPORTER,
     "mjcf": mjcf.IMPORTER,
     "folder": folder.FOLDER,
     "statement": folder.STATEMENT,

@@ -1,0 +1,93 @@
+"""The coordinates of joints at the placements in which a file draws its links."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.formats.joint_graph import Joint
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.pairs import axes_from_z
+
+
+def coordinates_at(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    """Return a joint's coordinates nearest to a placement of its frames, and that they give.
+
+    Args:
+        joint: the joint, of a pair that a tree can have.
+        relative: placement of its frame on the child in its frame on the parent.
+    """
+    values, reached = _OF_PAIR[joint.type](joint, relative)
+    return [float(x) for x in values], reached
+
+
+def _turn(axis: Array, relative: pin.SE3) -> float:
+    """Return the angle about an axis that comes nearest to a rotation."""
+    across = axes_from_z(axis)
+    turned = across.T @ relative.rotation @ across
+    return math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
+
+
+def _placed(rotation: Array, translation: Array) -> pin.SE3:
+    return pin.SE3(pin.exp3(rotation), translation)
+
+
+def _fixed(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    return [], pin.SE3.Identity()
+
+
+def _revolute(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    angle = _turn(joint.axis, relative)
+    return [angle], _placed(angle * joint.axis, np.zeros(3))
+
+
+def _prismatic(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    slide = joint.axis @ relative.translation
+    return [slide], _placed(np.zeros(3), slide * joint.axis)
+
+
+def _screw(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    angle = _turn(joint.axis, relative)
+    if joint.lead:  # the slide tells how many turns
+        slide = joint.axis @ relative.translation
+        angle += 2.0 * math.pi * round(slide / joint.lead - angle / (2.0 * math.pi))
+    return [angle], _placed(angle * joint.axis, angle / (2.0 * math.pi) * joint.lead * joint.axis)
+
+
+def _cylindrical(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    angle, slide = _turn(joint.axis, relative), joint.axis @ relative.translation
+    return [angle, slide], _placed(angle * joint.axis, slide * joint.axis)
+
+
+def _planar(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    angle = _turn(joint.axis, relative)
+    x, y, _ = axes_from_z(joint.axis).T
+    at = [x @ relative.translation, y @ relative.translation]
+    return [*at, angle], _placed(angle * joint.axis, at[0] * x + at[1] * y)
+
+
+def _universal(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    one, two, third = joint.axis, joint.axis2, np.cross(joint.axis, joint.axis2)
+    pin2, pin1 = relative.rotation @ two, relative.rotation.T @ one
+    first = math.atan2(pin2 @ third, pin2 @ two)
+    second = math.atan2(pin1 @ third, pin1 @ one)
+    return [first, second], pin.SE3(pin.exp3(first * one) @ pin.exp3(second * two), np.zeros(3))
+
+
+def _spherical(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    vector = pin.log3(relative.rotation)
+    return list(vector), _placed(vector, np.zeros(3))
+
+
+def _floating(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    return [*relative.translation, *pin.log3(relative.rotation)], relative
+
+
+_OF_PAIR: dict[str, Callable[[Joint, pin.SE3], tuple[list[float], pin.SE3]]] = {
+    "fixed": _fixed, "revolute": _revolute, "prismatic": _prismatic, "screw": _screw,
+    "cylindrical": _cylindrical, "planar": _planar, "universal": _universal,
+    "spherical": _spherical, "floating": _floating,
+}

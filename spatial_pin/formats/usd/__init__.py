@@ -1,0 +1,39 @@
+"""USD, read through OpenUSD's own package: the joint graph that UsdPhysics states."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.imported import Imported, Importer, Request
+from spatial_pin.mechanism.sources import shown
+
+
+def is_usd(path: Path) -> bool:
+    """Return whether a file is one; its name says so."""
+    return True
+
+
+def read_usd(request: Request) -> Imported:
+    """Read a USD file.
+
+    Raises:
+        MechanismFileError: `pxr` is not installed, or the file cannot be used.
+    """
+    where = shown(request.path)
+    if request.parameters:
+        raise MechanismFileError(f"{where}: parameters {sorted(request.parameters)} given, but "
+                                 "only .xacro files have any")
+    try:
+        from pxr import UsdPhysics  # noqa: F401
+    except ImportError as error:
+        raise MechanismFileError(f"{where}: reading USD needs OpenUSD: pip install "
+                                 "'spatial_pin[usd]'") from error
+    from spatial_pin.formats.usd.reading import read_stage
+
+    return read_stage(request)
+
+
+IMPORTER = Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), is_usd, read_usd)
+
+__all__ = ["IMPORTER", "read_usd"]

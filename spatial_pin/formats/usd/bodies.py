@@ -1,0 +1,271 @@
+"""USD: rigid bodies, their inertias and their shapes."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from pxr import Gf, UsdGeom, UsdPhysics
+
+from spatial_pin.formats.usd.stage import Stage
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.urdf_elements import inertial, numbers_text, origin
+
+AXES = {"X": pin.utils.rotate("y", np.pi / 2), "Y": pin.utils.rotate("x", -np.pi / 2),
+        "Z": np.eye(3)}  # rotations that take z to an axis
+EVEN = 1e-6  # relative difference of scales that a round shape can have
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body.
+
+    Attributes:
+        prim: its prim.
+        name: of its link.
+        placement: in the world [m], without its scale.
+        scale: (3,) of its prim.
+        held: whether it stands still in the world.
+    """
+
+    prim: Any
+    name: str
+    placement: pin.SE3
+    scale: Array
+    held: bool
+
+
+def read_bodies(stage: Stage) -> dict[str, Body]:
+    """Return the rigid bodies of a stage by path; they are named as briefly as is unambiguous."""
+    prims = [prim for prim in stage.prims() if prim.HasAPI(UsdPhysics.RigidBodyAPI)
+             and UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get()]
+    names = [prim.GetName() for prim in prims]
+    bodies = {}
+    for prim, name in zip(prims, names, strict=True):
+        path = str(prim.GetPath())
+        unique = names.count(name) == 1 and name != "universe"
+        held = UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get()
+        placement, scale = stage.placement(prim)
+        bodies[path] = Body(prim, name if unique else path.strip("/"), placement, scale, bool(held))
+    return bodies
+
+
+def body_of(prim: Any, bodies: dict[str, Body]) -> Body | None:
+    """Return the body that a prim belongs to, None for what stands in the world."""
+    while prim and not prim.IsPseudoRoot():
+        found = bodies.get(str(prim.GetPath()))
+        if found is not None:
+            return found
+        prim = prim.GetParent()
+    return None
+
+
+# ---------------------------------------------------------------- shapes
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A shape.
+
+    Attributes:
+        element: of URDF.
+        placement: on its body [m].
+        volume: [m³].
+        moments: (3, 3) matrix of inertia about its centre at density 1, in its own axes [m⁵].
+    """
+
+    element: ET.Element
+    placement: pin.SE3
+    volume: float
+    moments: Array
+
+
+def solid_of(stage: Stage, prim: Any, body: Body) -> Solid | None:
+    """Return the shape of a prim on a body; None where URDF has none such."""
+    size = _size(prim)
+    if size is None:
+        return None
+    placement, scale = stage.placement(prim, mirrored=True)  # each of these is its own image
+    on_body = body.placement.actInv(placement)
+    kind, numbers = size
+    numbers = {key: stage.metre * value for key, value in numbers.items()}
+    if kind == "box":
+        sides = numbers["size"] * scale
+        squares = sides * sides
+        volume = float(np.prod(sides))
+        moments = np.diag(squares.sum() - squares) * volume / 12.0
+        return Solid(ET.Element("box", size=numbers_text(sides)), on_body, volume, moments)
+    if np.ptp(scale) > EVEN * scale.max():
+        return None
+    numbers = {key: value * float(scale.mean()) for key, value in numbers.items()}
+    turn = pin.SE3(AXES[str(prim.GetAttribute("axis").Get() or "Z")] if kind != "sphere"
+                   else np.eye(3), np.zeros(3))
+    volume, about, across = _round(kind, **numbers)
+    element = ET.Element(kind, {key: repr(value) for key, value in numbers.items()})
+    return Solid(element, on_body * turn, volume, np.diag([across, across, about]))
+
+
+def _size(prim: Any) -> tuple[str, dict[str, float]] | None:
+    """Return URDF's name of a shape and its sizes in the prim's units."""
+    if prim.IsA(UsdGeom.Cube):
+        return "box", {"size": float(UsdGeom.Cube(prim).GetSizeAttr().Get())}
+    if prim.IsA(UsdGeom.Sphere):
+        return "sphere", {"radius": float(UsdGeom.Sphere(prim).GetRadiusAttr().Get())}
+    for kind, schema in (("cylinder", UsdGeom.Cylinder), ("capsule", UsdGeom.Capsule)):
+        if prim.IsA(schema):
+            shape = schema(prim)
+            return kind, {"radius": float(shape.GetRadiusAttr().Get()),
+                          "length": float(shape.GetHeightAttr().Get())}
+    return None
+
+
+def _round(kind: str, radius: float, length: float = 0.0) -> tuple[float, float, float]:
+    """Return volume and moments at density 1 of a round shape, about and across its axis."""
+    ball = 4.0 / 3.0 * np.pi * radius ** 3
+    rod = np.pi * radius ** 2 * length
+    if kind == "sphere":
+        return ball, 0.4 * ball * radius ** 2, 0.4 * ball * radius ** 2
+    about, across = 0.5 * rod * radius ** 2, rod * (radius ** 2 / 4.0 + length ** 2 / 12.0)
+    if kind == "cylinder":
+        return rod, about, across
+    caps = 0.4 * ball * radius ** 2
+    off = ball * (length ** 2 / 4.0 + 3.0 / 8.0 * length * radius)
+    return rod + ball, about + caps, across + caps + off
+
+
+# ---------------------------------------------------------------- links
+
+
+def link_elements(stage: Stage, body: Body, bodies: dict[str, Body]
+                  ) -> tuple[tuple[ET.Element, ...], bool]:
+    """Return what the URDF link of a body holds, and whether it is massless."""
+    elements, left_out = [], 0
+    for prim in stage.prims(body.prim):
+        if not prim.IsA(UsdGeom.Gprim) or body_of(prim, bodies) is not body:
+            continue
+        drawn = str(UsdGeom.Imageable(prim).ComputePurpose()) in ("default", "render") and str(
+            UsdGeom.Imageable(prim).ComputeVisibility()) != "invisible"
+        kinds = ["visual"] * drawn + ["collision"] * prim.HasAPI(UsdPhysics.CollisionAPI)
+        solid = solid_of(stage, prim, body) if kinds else None
+        if solid is None:
+            left_out += bool(kinds)
+            continue
+        for kind in kinds:
+            element = ET.Element(kind, name=prim.GetName())
+            element.append(origin(solid.placement))
+            ET.SubElement(element, "geometry").append(solid.element)
+            colour = _colour(prim) if kind == "visual" else None
+            if colour is not None:
+                element.append(colour)
+            elements.append(element)
+    if left_out:
+        stage.notices.append(f"{left_out} shape(s) of {body.name!r} are not drawn: meshes and "
+                             "others that URDF has no shape for")
+    inertia = inertia_of(stage, body, bodies)
+    if inertia is not None:
+        elements.insert(0, inertial(inertia))
+    return tuple(elements), inertia is None
+
+
+def _colour(prim: Any) -> ET.Element | None:
+    colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
+    if not colours:
+        return None
+    opacities = UsdGeom.Gprim(prim).GetDisplayOpacityAttr().Get()
+    rgba = np.clip([*colours[0], opacities[0] if opacities else 1.0], 0.0, 1.0)
+    element = ET.Element("material", name="")
+    ET.SubElement(element, "color", rgba=numbers_text(rgba))
+    return element
+
+
+def inertia_of(stage: Stage, body: Body, bodies: dict[str, Body]) -> pin.Inertia | None:
+    """Return the inertia of a body [kg, m]; None where it has no mass."""
+    api = UsdPhysics.MassAPI(body.prim)
+    stated = body.prim.HasAPI(UsdPhysics.MassAPI)
+    mass = float(api.GetMassAttr().Get()) if stated else 0.0
+    centre = np.array(api.GetCenterOfMassAttr().Get() if stated else [-np.inf] * 3, dtype=float)
+    moments = np.array(api.GetDiagonalInertiaAttr().Get() if stated else [0.0] * 3, dtype=float)
+    axes = api.GetPrincipalAxesAttr().Get() if stated else None
+    known = bool(np.all(np.isfinite(centre)))
+    if mass > 0.0 and np.any(moments) and known:
+        turn = rotation_of(axes) if axes is not None else np.eye(3)
+        at = stage.metre * body.scale * centre
+    else:
+        found = _from_shapes(stage, body, bodies)
+        if found is None:
+            return _point(stage, body, mass, moments, centre if known else np.zeros(3), axes)
+        mass, moments, at, turn = found
+    matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
+    return pin.Inertia(stage.kilogram * mass, at, matrix)
+
+
+def _point(
+    stage: Stage, body: Body, mass: float, moments: Array, centre: Array, axes: Any
+) -> pin.Inertia | None:
+    """Return the inertia of a body without shapes that have a volume."""
+    if mass <= 0.0:
+        if np.any(moments):
+            stage.notices.append(f"{body.name!r} has moments of inertia, but no mass: they are "
+                                 "left out")
+        return None
+    if not np.any(moments):
+        stage.notices.append(f"{body.name!r} has a mass, but no moments of inertia and no shape "
+                             "whose volume is known: it is a point mass")
+    turn = rotation_of(axes) if axes is not None else np.eye(3)
+    matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
+    return pin.Inertia(stage.kilogram * mass, stage.metre * body.scale * centre, matrix)
+
+
+def _from_shapes(
+    stage: Stage, body: Body, bodies: dict[str, Body]
+) -> tuple[float, Array, Array, Array] | None:
+    """Return what USD itself works out from shapes, masses and densities.
+
+    Returns:
+        Mass, principal moments (3,) in the stage's units, centre (3,) [m], axes (3, 3); None where
+        no shape has a known volume.
+    """
+    unknown: list[str] = []
+    unit = 1.0 / stage.metre
+
+    def of_shape(prim: Any) -> Any:
+        info = UsdPhysics.RigidBodyAPI.MassInformation()
+        solid = solid_of(stage, prim, body)
+        if solid is None:
+            unknown.append(prim.GetName())
+            solid = Solid(ET.Element("none"), pin.SE3.Identity(), 0.0, np.zeros((3, 3)))
+        turn = pin.Quaternion(solid.placement.rotation)
+        info.volume = solid.volume * unit ** 3
+        info.inertia = Gf.Matrix3f(*(solid.moments * unit ** 5).ravel().tolist())
+        info.centerOfMass = Gf.Vec3f(0.0)
+        info.localPos = Gf.Vec3f(*(solid.placement.translation * unit).tolist())
+        info.localRot = Gf.Quatf(turn.w, turn.x, turn.y, turn.z)
+        return info
+
+    shapes = [prim for prim in stage.prims(body.prim) if prim.HasAPI(UsdPhysics.CollisionAPI)
+              and body_of(prim, bodies) is body]
+    if not any(solid_of(stage, prim, body) for prim in shapes):
+        return None
+    api = UsdPhysics.RigidBodyAPI(body.prim)
+    mass, moments, centre, axes = api.ComputeMassProperties(of_shape)
+    if unknown:
+        stage.notices.append(f"the inertia of {body.name!r} is that of its simple shapes; "
+                             f"{', '.join(unknown)} count for nothing")
+    return (float(mass), np.array(moments, dtype=float),
+            stage.metre * np.array(centre, dtype=float), rotation_of(axes))
+
+
+def rotation_of(quaternion: Any) -> Array:
+    """Return the rotation (3, 3) of a quaternion of USD, which may be rounded, or zero for none."""
+    x, y, z = map(float, quaternion.GetImaginary())
+    values = np.array([x, y, z, float(quaternion.GetReal())])
+    size = float(np.linalg.norm(values))
+    if not (np.isfinite(size) and size > 0.0):
+        return np.eye(3)
+    if np.array_equal(np.abs(values) / size, [0.0, 0.0, 0.0, 1.0]):
+        return np.eye(3)
+    rotation: Array = pin.Quaternion(values / size).matrix()
+    return rotation

@@ -1,0 +1,321 @@
+"""USD: joints between rigid bodies, and what couples them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+import numpy as np
+import pinocchio as pin
+from pxr import UsdPhysics
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.joint_graph import WORLD, Joint
+from spatial_pin.formats.usd.bodies import Body, body_of, rotation_of
+from spatial_pin.formats.usd.stage import Stage
+
+DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
+FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+DEGREE = math.pi / 180.0
+UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
+MIMIC = re.compile(r"Mimic")
+TENDON = re.compile(r"Tendon")
+LARGEST = 3.4e38  # of a 32-bit number: USD's own for a force without limit
+
+
+@dataclass
+class Joints:
+    """The joints of a stage.
+
+    Attributes:
+        found: them, in the stage's order.
+        driven: names of the joints that a drive moves.
+        couplings: mimics, as a mechanism file has couplings.
+    """
+
+    found: list[Joint] = field(default_factory=list)
+    driven: list[str] = field(default_factory=list)
+    couplings: list[dict[str, Any]] = field(default_factory=list)
+
+
+def read_joints(stage: Stage, bodies: dict[str, Body]) -> Joints:
+    """Read all joints.
+
+    Raises:
+        MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
+    """
+    of_path = _names(stage)
+    joints, passive = Joints(), []
+    for path, name in of_path.items():
+        prim = stage.usd.GetPrimAtPath(path)
+        joint = _joint(stage, prim, name, bodies)
+        if joint is None:
+            continue
+        joints.found.append(joint)
+        drives = _drives(prim)
+        if any(drive["stiffness"] or drive["damping"] for drive in drives.values()):
+            joints.driven.append(name)
+        elif drives:
+            passive.append(name)
+        joints.couplings += _mimics(stage, prim, name, of_path)
+    if joints.driven:
+        stage.notices.append("drives move joints as drivers; their stiffness and damping are no "
+                             f"springs here: {', '.join(joints.driven)}")
+    if passive:
+        stage.notices.append("drives without stiffness and damping are no drivers: "
+                             f"{', '.join(passive)}")
+    return joints
+
+
+def _names(stage: Stage) -> dict[str, str]:
+    """Return a name for every joint by path, as brief as is unambiguous."""
+    prims = []
+    for prim in stage.prims():
+        kind = str(prim.GetTypeName())
+        if prim.IsA(UsdPhysics.Joint):
+            prims.append(prim)
+        elif kind.endswith(UNREAD):
+            _fail(stage, prim, f"a {kind} is not read; write a joint of UsdPhysics in its place")
+    names = [prim.GetName() for prim in prims]
+    return {str(prim.GetPath()): name if names.count(name) == 1 and name != "universe"
+            else str(prim.GetPath()).strip("/") for prim, name in zip(prims, names, strict=True)}
+
+
+def _fail(stage: Stage, prim: Any, why: str) -> NoReturn:
+    raise MechanismFileError(f"{stage.where}: {prim.GetPath()}: {why}")
+
+
+def _applied(prim: Any) -> list[str]:
+    """Return all schemas applied to a prim, those that this USD does not know too."""
+    stated = prim.GetMetadata("apiSchemas")
+    return [*prim.GetAppliedSchemas(), *(stated.GetAddedOrExplicitItems() if stated else ())]
+
+
+# ---------------------------------------------------------------- one joint
+
+
+def _joint(stage: Stage, prim: Any, name: str, bodies: dict[str, Body]) -> Joint | None:
+    """Return a joint, None for one that holds nothing."""
+    for schema in _applied(prim):
+        if TENDON.search(schema):
+            _fail(stage, prim, f"{schema} couples joints and is not read")
+    api = UsdPhysics.Joint(prim)
+    if not api.GetJointEnabledAttr().Get():
+        stage.notices.append(f"joint {name!r} is not enabled: it is left out")
+        return None
+    ends, frames = [], []
+    for side, rel, position, rotation in (
+            (0, api.GetBody0Rel(), api.GetLocalPos0Attr(), api.GetLocalRot0Attr()),
+            (1, api.GetBody1Rel(), api.GetLocalPos1Attr(), api.GetLocalRot1Attr())):
+        link, frame = _end(stage, prim, side, rel, position, rotation, bodies)
+        ends.append(link)
+        frames.append(frame)
+    if ends[0] == ends[1]:
+        what = "the world" if ends[0] == WORLD else repr(ends[0])
+        stage.notices.append(f"joint {name!r} joins {what} with itself: it is left out")
+        return None
+    joint = Joint(name, "fixed", ends[0], ends[1], frames[0], frames[1],
+                  cut=bool(api.GetExcludeFromArticulationAttr().Get()))
+    for schema, read in _KINDS.items():
+        if prim.IsA(getattr(UsdPhysics, schema)):
+            return read(stage, prim, joint)
+    return _generic(stage, prim, joint)
+
+
+def _end(
+    stage: Stage, prim: Any, side: int, rel: Any, position: Any, rotation: Any,
+    bodies: dict[str, Body],
+) -> tuple[str, pin.SE3]:
+    """Return the link at an end of a joint, and the joint's frame on it."""
+    targets = rel.GetTargets()
+    if len(targets) > 1:
+        _fail(stage, prim, f"body{side} names {len(targets)} prims; it must be one")
+    at = np.array(position.Get(), dtype=float)
+    if not np.all(np.isfinite(at)):
+        _fail(stage, prim, f"localPos{side} is no number")
+    turn = rotation_of(rotation.Get())
+    if not targets:
+        return WORLD, pin.SE3(turn, stage.metre * at)
+    target = stage.usd.GetPrimAtPath(targets[0])
+    if not target:
+        _fail(stage, prim, f"body{side} is {targets[0]}, which does not exist")
+    body = body_of(target, bodies)
+    if body is not None and body.prim == target:
+        return body.name, pin.SE3(turn, stage.metre * at * body.scale)
+    placement, scale = stage.placement(target)
+    frame = placement * pin.SE3(turn, stage.metre * at * scale)
+    return (WORLD, frame) if body is None else (body.name, body.placement.actInv(frame))
+
+
+def _fixed(stage: Stage, prim: Any, joint: Joint) -> Joint:
+    return joint
+
+
+def _revolute(stage: Stage, prim: Any, joint: Joint) -> Joint:
+    api = UsdPhysics.RevoluteJoint(prim)
+    return _one(stage, prim, joint.but(
+        type="revolute", axis=DIRECTIONS[str(api.GetAxisAttr().Get())]), "angular",
+        api.GetLowerLimitAttr().Get(), api.GetUpperLimitAttr().Get())
+
+
+def _prismatic(stage: Stage, prim: Any, joint: Joint) -> Joint:
+    api = UsdPhysics.PrismaticJoint(prim)
+    return _one(stage, prim, joint.but(
+        type="prismatic", axis=DIRECTIONS[str(api.GetAxisAttr().Get())]), "linear",
+        api.GetLowerLimitAttr().Get(), api.GetUpperLimitAttr().Get())
+
+
+def _one(
+    stage: Stage, prim: Any, joint: Joint, freedom: str, lower: float, upper: float
+) -> Joint:
+    """Return a joint of one coordinate with limits and what its drive and simulator say."""
+    turns = joint.type == "revolute"
+    unit = DEGREE if turns else stage.metre
+    if not lower <= upper:
+        _fail(stage, prim, f"its lower limit {lower} is above its upper limit {upper}")
+    force = stage.kilogram * stage.metre ** (2 if turns else 1)
+    drives = _drives(prim)
+    most = max((drive["most"] for drive in drives.values()), default=math.inf)
+    fastest = _number(prim, "physxJoint:maxJointVelocity", math.inf)
+    armature = _number(prim, "physxJoint:armature", 0.0)
+    if _number(prim, "physxJoint:jointFriction", 0.0):
+        stage.notices.append(f"the friction coefficient of joint {joint.name!r} is left out")
+    return joint.but(
+        lower=_limit(lower, unit), upper=_limit(upper, unit),
+        effort=math.inf if most >= LARGEST else most * force,
+        velocity=math.inf if fastest >= LARGEST else fastest * unit,
+        armature=armature * stage.kilogram * stage.metre ** (2 if turns else 0))
+
+
+def _limit(value: float, unit: float) -> float:
+    return math.copysign(math.inf, value) if abs(value) >= LARGEST else float(value) * unit
+
+
+def _number(prim: Any, name: str, default: float) -> float:
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get() if attribute else None
+    return default if value is None else float(value)
+
+
+def _spherical(stage: Stage, prim: Any, joint: Joint) -> Joint:
+    api = UsdPhysics.SphericalJoint(prim)
+    cone = [float(x.Get()) for x in (api.GetConeAngle0LimitAttr(), api.GetConeAngle1LimitAttr())]
+    if any(0.0 <= angle < LARGEST for angle in cone):
+        stage.notices.append(f"the cone limit of joint {joint.name!r} is left out")
+    return joint.but(type="spherical")
+
+
+def _distance(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
+    api = UsdPhysics.DistanceJoint(prim)
+    least, most = (float(x.Get()) for x in (api.GetMinDistanceAttr(), api.GetMaxDistanceAttr()))
+    if least != most or least < 0.0:
+        stage.notices.append(f"joint {joint.name!r} bounds a distance and holds none: it is left "
+                             "out")
+        return None
+    if least == 0.0:
+        return joint.but(type="spherical")
+    return joint.but(type="distance", length=least * stage.metre)
+
+
+def _generic(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
+    """Return the pair that a joint with six lockable freedoms is.
+
+    A freedom whose lower limit is above its upper limit is locked.
+    """
+    limits = {}
+    for schema in _applied(prim):
+        kind, _, freedom = schema.partition(":")
+        if kind == "PhysicsLimitAPI":
+            api = UsdPhysics.LimitAPI(prim, freedom)
+            limits[freedom] = float(api.GetLowAttr().Get()), float(api.GetHighAttr().Get())
+    if "distance" in limits:
+        _fail(stage, prim, "a limit of distance is not read; write a PhysicsDistanceJoint")
+    free = [x for x in FREEDOMS if x not in limits or not limits[x][0] > limits[x][1]]
+    slides = [x[-1] for x in free if x.startswith("trans")]
+    turns = [x[-1] for x in free if x.startswith("rot")]
+    if not free:
+        return joint
+    if len(free) == 6:
+        stage.notices.append(f"joint {joint.name!r} holds nothing: it is left out")
+        return None
+    if len(free) == 1:
+        kind = "revolute" if turns else "prismatic"
+        joint = joint.but(type=kind, axis=DIRECTIONS[free[0][-1]])
+        return _one(stage, prim, joint, free[0], *limits.get(free[0], (-math.inf, math.inf)))
+    pair = _pair_of("".join(slides), "".join(turns))
+    if not pair:
+        _fail(stage, prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
+                           "write it as several joints with bodies between them")
+    if any(abs(x) < LARGEST for name in free for x in limits.get(name, ())):
+        stage.notices.append(f"the limits of joint {joint.name!r} are left out: it has "
+                             f"{len(free)} coordinates")
+    if pair == "universal":
+        stage.notices.append(f"joint {joint.name!r} is a universal joint: it turns about "
+                             f"{turns[0]} of body0 first, then about {turns[1]} of body1")
+    return joint.but(type=pair, axis=DIRECTIONS[turns[0]], axis2=DIRECTIONS[turns[-1]])
+
+
+def _pair_of(slides: str, turns: str) -> str:
+    """Return the pair of several coordinates along and about some of X, Y, Z; "" for none."""
+    if not slides:
+        return {2: "universal", 3: "spherical"}[len(turns)]
+    if len(turns) != 1:
+        return ""
+    if slides == turns:
+        return "cylindrical"
+    return "planar" if len(slides) == 2 and turns not in slides else ""
+
+
+_KINDS = {
+    "FixedJoint": _fixed, "RevoluteJoint": _revolute, "PrismaticJoint": _prismatic,
+    "SphericalJoint": _spherical, "DistanceJoint": _distance,
+}
+
+
+# ---------------------------------------------------------------- drives and mimics
+
+
+def _drives(prim: Any) -> dict[str, dict[str, float]]:
+    """Return stiffness, damping and largest force of the drives of a joint."""
+    found = {}
+    for schema in _applied(prim):
+        kind, _, freedom = schema.partition(":")
+        if kind == "PhysicsDriveAPI":
+            api = UsdPhysics.DriveAPI(prim, freedom)
+            found[freedom] = {"stiffness": float(api.GetStiffnessAttr().Get()),
+                              "damping": float(api.GetDampingAttr().Get()),
+                              "most": float(api.GetMaxForceAttr().Get())}
+    return found
+
+
+def _mimics(
+    stage: Stage, prim: Any, name: str, of_path: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Return mimics of other joints: coordinate = -gearing * other's - offset."""
+    found = []
+    for schema in dict.fromkeys(_applied(prim)):
+        if not MIMIC.search(schema):
+            continue
+        kind, _, freedom = schema.partition(":")
+        if kind != "PhysxMimicJointAPI":
+            _fail(stage, prim, f"{schema} couples joints and is not read")
+        start = f"physxMimicJoint:{freedom}"
+        targets = prim.GetRelationship(f"{start}:referenceJoint").GetTargets()
+        other = stage.usd.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
+        if not other or str(other.GetPath()) not in of_path:
+            _fail(stage, prim, f"{schema}: referenceJoint must be one joint")
+        pairs = [prim.IsA(UsdPhysics.RevoluteJoint), other.IsA(UsdPhysics.RevoluteJoint)]
+        slides = [prim.IsA(UsdPhysics.PrismaticJoint), other.IsA(UsdPhysics.PrismaticJoint)]
+        if not (all(pairs) or all(slides)):
+            _fail(stage, prim, f"{schema}: it couples a joint that turns with one that slides, or "
+                               "other joints than these; that is not read")
+        unit = DEGREE if all(pairs) else stage.metre
+        found.append({
+            "name": f"mimic_{name}", "type": "coupling",
+            "joints": [of_path[str(other.GetPath())], name],
+            "ratio": -_number(prim, f"{start}:gearing", 1.0),
+            "offset": -_number(prim, f"{start}:offset", 0.0) * unit})
+    return found

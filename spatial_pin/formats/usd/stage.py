@@ -1,0 +1,129 @@
+"""USD: a stage that is opened, its units and the placements of its prims."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.sources import shown
+
+EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
+FLAT = 1e-9  # determinant of a prim's axes, relative to their lengths, that is none
+
+
+@dataclass
+class Stage:
+    """A stage that is read.
+
+    Attributes:
+        usd: the stage.
+        where: the file, for errors.
+        metre, kilogram: metres and kilograms in the stage's units.
+        notices: what was changed or left out.
+    """
+
+    usd: Any
+    where: str
+    metre: float
+    kilogram: float
+    notices: list[str] = field(default_factory=list)
+    _cache: Any = field(default_factory=UsdGeom.XformCache)
+
+    def prims(self, root: Any = None) -> Iterator[Any]:
+        """Yield all prims below one, or all, those of instances too."""
+        below = root if root is not None else self.usd.GetPseudoRoot()
+        return iter(Usd.PrimRange(below, Usd.TraverseInstanceProxies(
+            Usd.PrimIsActive & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)))
+
+    def placement(self, prim: Any, mirrored: bool = False) -> tuple[pin.SE3, Array]:
+        """Return placement in the world [m] of a prim, and its scale (3,).
+
+        Args:
+            prim: the prim.
+            mirrored: whether it may have left-handed axes, of which one is then turned round.
+
+        Raises:
+            MechanismFileError: its axes lie in a plane, or are left-handed.
+        """
+        matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
+        axes = matrix[:3, :3]
+        scale = np.linalg.norm(axes, axis=0)
+        if mirrored and np.linalg.det(axes) < 0.0:
+            axes = axes * [1.0, 1.0, -1.0]
+        if not np.all(np.isfinite(matrix)) or np.linalg.det(axes) <= FLAT * np.prod(scale):
+            raise MechanismFileError(
+                f"{self.where}: {prim.GetPath()}: its transform is flat, mirrored or no number; a "
+                "body or joint needs right-handed axes")
+        quaternion = pin.Quaternion(axes / scale).normalized()
+        return pin.SE3(quaternion.matrix(), self.metre * matrix[:3, 3]), scale
+
+    def gravity(self) -> Array:
+        """Return gravity (3,) [m/s²]: the scene's, else the earth's along the up axis."""
+        up = np.eye(3)["XYZ".index(str(UsdGeom.GetStageUpAxis(self.usd)))]
+        scene = next((UsdPhysics.Scene(x) for x in self.prims() if x.IsA(UsdPhysics.Scene)), None)
+        if scene is None:
+            return -EARTH * up
+        direction = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
+        size = float(scene.GetGravityMagnitudeAttr().Get())
+        length = float(np.linalg.norm(direction))
+        along = direction / length if length > 0.0 else -up
+        return along * (size * self.metre if np.isfinite(size) and size >= 0.0 else EARTH)
+
+
+def open_stage(path: Path, trusted: bool) -> Stage:
+    """Open a stage.
+
+    Args:
+        path: the file.
+        trusted: whether it may be composed of files from anywhere; otherwise only from below its
+            own folder.
+
+    Raises:
+        MechanismFileError: it is no USD, or is composed of files from elsewhere.
+    """
+    where = shown(path)
+    with _Silence():
+        try:
+            usd = Usd.Stage.Open(str(path))
+        except Tf.ErrorException as error:
+            said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(str(error).split()))
+            reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
+            raise MechanismFileError(f"{where}: USD cannot read it: {reason}") from error
+    home = path.resolve().parent
+    for layer in usd.GetUsedLayers():
+        file = Sdf.Layer.SplitIdentifier(layer.realPath)[0].partition("[")[0]
+        if file and not trusted and not Path(file).resolve().is_relative_to(home):
+            raise MechanismFileError(f"{where}: it is composed of {shown(file)}, which does not "
+                                     f"lie below {shown(home)}; sp.load(..., trusted=True) reads "
+                                     "it all the same")
+    stage = Stage(usd, where, UsdGeom.GetStageMetersPerUnit(usd),
+                  UsdPhysics.GetStageKilogramsPerUnit(usd))
+    for name, unit in (("metersPerUnit", stage.metre), ("kilogramsPerUnit", stage.kilogram)):
+        if not (np.isfinite(unit) and unit > 0.0):
+            raise MechanismFileError(f"{where}: {name} is {unit}; it must be positive")
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
+        stage.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
+    missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
+    if missing:
+        stage.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
+    return stage
+
+
+class _Silence:
+    """What USD would print is kept from the terminal."""
+
+    def __enter__(self) -> None:
+        self._delegate = UsdUtils.CoalescingDiagnosticDelegate()
+
+    def __exit__(self, *_: object) -> None:
+        self._delegate.TakeUncoalescedDiagnostics()
+        del self._delegate
