@@ -54,7 +54,7 @@ from spatial_pin.kinematics.state import PointRates, RelativeMotion, State
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.kinematics.tolerance import Tolerance, tolerance
 from spatial_pin.kinematics.transmission import Transmission, transmission
-from spatial_pin.mechanism import laws
+from spatial_pin.mechanism import closures, laws
 from spatial_pin.mechanism.configuration import CoordinateRates
 from spatial_pin.mechanism.mechanism import (
     Closure,
@@ -135,6 +135,7 @@ __all__ = [
     "assemble",
     "assembly_modes",
     "closure_jacobian",
+    "closures",
     "dead_centres",
     "dynamics_derivatives",
     "export_html",

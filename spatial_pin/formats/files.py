@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from spatial_pin.errors import MechanismFileError, SpatialPinError, suggestion, warn
+from spatial_pin.errors import MechanismFileError, suggestion, warn
 from spatial_pin.formats import urdf
 from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.imported import Imported, Request
@@ -21,7 +21,7 @@ from spatial_pin.formats.merging import merged
 from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.urdf_loops import without_loops
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import joint_values
+from spatial_pin.mechanism.configuration import check_guess
 from spatial_pin.mechanism.faults import Faults
 from spatial_pin.mechanism.inertia import impossible_inertias
 from spatial_pin.mechanism.mechanism import (
@@ -42,7 +42,7 @@ from spatial_pin.mechanism.pairs import (
     PAIRS,
     Pair,
     PairGeometry,
-    axes_from_z,
+    closure_geometry,
     unit,
 )
 from spatial_pin.mechanism.sources import check_file, is_file, read_text, shown
@@ -322,10 +322,7 @@ def _check_guess(mechanism: Mechanism, where: str) -> None:
         if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
             raise MechanismFileError(
                 f"{where}: guess: {key} is no joint, coordinate or driver; it belongs {TOP}")
-    try:
-        joint_values(mechanism, mechanism.guess)
-    except (SpatialPinError, ValueError) as error:
-        raise MechanismFileError(f"{where}: guess: {error}") from error
+    check_guess(mechanism, where)
 
 
 # ---------------------------------------------------------------- tables
@@ -383,11 +380,8 @@ def _between(table: _Table) -> tuple[str, ...]:
 
 
 def _geometry(table: _Table, pair: Pair) -> PairGeometry:
-    first = table.axis("axis") if pair.uses_axis and "axis" in table else np.array(pair.axis)
-    second = first
-    if pair.uses_axis2:
-        default = np.array([0.0, 1.0, 0.0]) if pair.axis[0] else first
-        second = table.axis("axis2") if "axis2" in table else default
+    axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
+    axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
     length = 0.0
     if pair.uses_length and BETWEEN not in table:
         length = table.number("length")
@@ -395,9 +389,7 @@ def _geometry(table: _Table, pair: Pair) -> PairGeometry:
             table.fail("length",
                        f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
     lead = table.number("lead") if pair.uses_lead else 0.0
-    if not pair.uses_axis:
-        return PairGeometry(np.eye(3), np.eye(3), length, lead)
-    return PairGeometry(axes_from_z(first), axes_from_z(second), length, lead)
+    return closure_geometry(pair, axis, axis2, length=length, lead=lead)
 
 
 def _spring(table: _Table) -> Spring:

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import finite_array, finite_number
-from spatial_pin.errors import UnknownNameError
+from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
 from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -83,6 +83,18 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
             raise UnknownNameError("joint, coordinate or driver", key,
                                    [*by_joint, *mechanism.coordinate_table, *mechanism.drivers])
     return values
+
+
+def check_guess(mechanism: Mechanism, where: str) -> None:
+    """Refuse a guess that names what is not there, or gives no numbers.
+
+    Raises:
+        MechanismFileError: with `where`, the file.
+    """
+    try:
+        joint_values(mechanism, mechanism.guess)
+    except (SpatialPinError, ValueError) as error:
+        raise MechanismFileError(f"{where}: guess: {error}") from error
 
 
 def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> Array:

@@ -15,6 +15,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring, drivers_of_tree
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.pin_joints import joint_axis
 from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.mechanism.sources import is_file
 from spatial_pin.mechanism.urdf import (
@@ -258,12 +259,9 @@ def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:
         return joint.axis1.copy(), joint.axis2.copy(), 0.0
     if kind in ("spherical", "floating"):
         return none, none, 0.0
-    if kind == "screw":
-        return joint.axis.copy(), none, 2.0 * np.pi * joint.pitch
     if kind in ("cylindrical", "planar"):  # their turn, about the pair's axis
         joint = joint.joints[0 if kind == "cylindrical" else 2].extract()
-    column = np.array(joint.createData().S).reshape(6, -1)[:, 0]
-    return (column[:3] if kind == "prismatic" else column[3:]), none, 0.0
+    return joint_axis(joint), none, 2.0 * np.pi * joint.pitch if kind == "screw" else 0.0
 
 
 def _closure(closure: Closure) -> dict[str, Any]:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SAFE = 1e-3  # kg, of the lightest body, above which nothing is lost
 LARGE = 1e100  # kg, of the heaviest, below which no product of two is too large
 ROUNDED = 1e-6  # of mass times length squared: inertias are written with six digits or more
+LEFT = 1e-12  # of the largest entry of pseudo-inertias: what sums and differences lose
 WIDEST = 600  # powers of two between masses that numbers have room for, with squares of lengths
 
 
@@ -44,6 +45,33 @@ def _sum(inertias: Iterable[pin.Inertia]) -> pin.Inertia:
     for inertia in given:
         total = total + _times(inertia, 1.0 / unit)
     return _times(total, unit)
+
+
+def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia | None:
+    """Return what is left of an inertia without its parts, zero where round-off is.
+
+    Returns:
+        None where nothing that there can be is left.
+    """
+    left = total.toPseudoInertia().toMatrix()
+    size = np.abs(left).max()
+    for part in parts:
+        size = max(size, np.abs(part.toPseudoInertia().toMatrix()).max())
+        left = left - part.toPseudoInertia().toMatrix()
+    if np.abs(left).max() <= LEFT * size:
+        return pin.Inertia.Zero()
+    mass, first, second = left[3, 3], left[:3, 3], left[:3, :3]
+    if mass < LEFT * size:
+        if mass < -LEFT * size or np.abs(first).max() > LEFT * size:
+            return None
+        mass, lever = 0.0, np.zeros(3)
+    else:
+        lever = first / mass
+    second = second - mass * np.outer(lever, lever)
+    moments = np.linalg.eigvalsh(second)
+    if moments[0] < -LEFT * size:
+        return None
+    return pin.Inertia(mass, lever, np.trace(second) * np.eye(3) - second)
 
 
 def _unit(masses: Iterable[float]) -> float:

@@ -221,6 +221,48 @@ class Mechanism:
     free_flyer: bool = False
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
+    @classmethod
+    def from_model(
+        cls, model: pin.Model, closures: Iterable[Any] = (), *,
+        drivers: Mapping[str, str] | Iterable[str] = (), springs: Iterable[Spring] = (),
+        passives: Iterable[Passive] = (), guess: Mapping[str, Any] | None = None,
+        frames: Mapping[str, tuple[str, pin.SE3]] | None = None, name: str | None = None,
+        visual_model: pin.GeometryModel | None = None,
+        collision_model: pin.GeometryModel | None = None,
+    ) -> Mechanism:
+        """Return the mechanism of a Pinocchio model, without files.
+
+        The model is copied, with its limits, damping, friction, armature and gravity. Two kinds of
+        joints become coordinates that count: `JointModelRUB*` and `JointModelPlanar` keep angles
+        as (cos, sin), which become one number; a mimicking joint gets its coordinate back, and a
+        coupling. A joint that has no frame or link in the model gets one of its name. What a joint
+        carries is the inertia of its first link, apart from what other links brought with them.
+
+        Args:
+            model: the open tree; its joints are pairs of this library.
+            closures: made by `spatial_pin.closures`, or `pin.RigidConstraintModel`s (3-D or 6-D),
+                `pin.PointAnchorConstraintModel`s, `pin.FrameAnchorConstraintModel`s of this model.
+                Those without a name, or with one that is taken, get one.
+            drivers: joints or coordinates by the drivers' names, or only joints.
+            springs: `spatial_pin.Spring`s.
+            passives: `spatial_pin.Passive`s.
+            guess: rough configuration, by joint, as in a mechanism file.
+            frames: (link, frame or joint, placement on it) by name.
+            name: of the mechanism; default that of the model.
+            visual_model: what is drawn.
+            collision_model: what collides.
+
+        Raises:
+            SpatialPinError: a joint is no pair, a name is not there or taken, or a closure or
+                number is impossible; says which.
+            TypeError: an argument is of another kind.
+            ValueError: a number is NaN or infinite.
+        """
+        from spatial_pin.mechanism.in_code import mechanism_of
+
+        return mechanism_of(model, closures, drivers, springs, passives, guess or {}, frames or {},
+                            name, visual_model, collision_model)
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
         kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral")}
@@ -359,7 +401,10 @@ class Mechanism:
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, the root first."""
-        return tuple(f.name for f in self.model.frames if f.type == pin.FrameType.BODY)
+        bodies = [f for f in self.model.frames if f.type == pin.FrameType.BODY]
+        roots = [f.name for f in bodies if f.parentJoint == 0
+                 and np.array_equal(f.placement.homogeneous, np.eye(4))]
+        return tuple(dict.fromkeys([*roots[:1], *(f.name for f in bodies)]))
 
     def frame_on_joint(self, name: str) -> tuple[int, pin.SE3]:
         """Return (joint index, placement in that joint's frame) of a link, frame or joint."""

@@ -80,6 +80,28 @@ def axes_from_z(axis: Array) -> Array:
     return axes
 
 
+def closure_geometry(
+    pair: Pair, axis: Array | None = None, axis2: Array | None = None, *, length: float = 0.0,
+    lead: float = 0.0,
+) -> PairGeometry:
+    """Return the geometry of a closure; axes that are not given are the pair's own.
+
+    Args:
+        pair: what it closes as.
+        axis: unit vector (3,), in frame 1, and in frame 2 unless there is another.
+        axis2: unit vector (3,) in frame 2, of pairs with two.
+        length: [m].
+        lead: [m per turn].
+    """
+    if not pair.uses_axis:
+        return PairGeometry(np.eye(3), np.eye(3), length, lead)
+    first = np.array(pair.axis) if axis is None else axis
+    second = first
+    if pair.uses_axis2:
+        second = (Y if pair.axis[0] else first) if axis2 is None else axis2
+    return PairGeometry(axes_from_z(first), axes_from_z(second), length, lead)
+
+
 def revolute_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest one-coordinate revolute joint about the unit vector `axis`."""
     for e, model in zip((X, Y, Z), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),

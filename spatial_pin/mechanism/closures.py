@@ -1,0 +1,238 @@
+"""Closures made in code: a constructor for every type, for `Mechanism.from_model`.
+
+Each takes the two frames that it joins, by name or as (link or joint, `pin.SE3` on it), and a name
+for reports; without one it is called by its type. What the words mean stands with the closures of
+mechanism files: `axis` is the pair's axis in frame 1 and in frame 2, unit vectors (3,), default z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from spatial_pin.checks import finite_number, positive_number, unit_vector
+from spatial_pin.errors import ClosureTypeError
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Closure
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS, closure_geometry, unit
+
+FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
+NATIVE = {  # Pinocchio's constraints that hold two bodies together
+    "PointAnchorConstraintModel": "spherical", "FrameAnchorConstraintModel": "weld",
+    pin.ContactType.CONTACT_3D: "spherical", pin.ContactType.CONTACT_6D: "weld",
+}
+DESIRED = ("desired_contact_placement", "desired_contact_velocity", "desired_contact_acceleration",
+           "desired_constraint_offset", "desired_constraint_velocity",
+           "desired_constraint_acceleration")
+
+
+def _closure(
+    kind: str, frames: tuple[FramePlace, FramePlace], name: str | None,
+    equations: Sequence[int] | None, axis: ArrayLike | None = None,
+    axis2: ArrayLike | None = None, *, length: float = 0.0, lead: float = 0.0,
+) -> Closure:
+    axes = [_axis(x, what) for x, what in ((axis, "axis"), (axis2, "axis2"))]
+    made = Closure(_name(name), kind, frames=_two(frames),
+                   geometry=closure_geometry(PAIRS[kind], *axes, length=length, lead=lead))
+    if equations is None:
+        return made
+    chosen, count = list(equations), made.n_rows
+    whole = all(isinstance(x, int | np.integer) and 0 <= x < count for x in chosen)
+    if not chosen or not whole or sorted(set(chosen)) != chosen:
+        raise ValueError(f"equations must be some of the numbers 0 to {count - 1}, ascending, not "
+                         f"{chosen}")
+    return replace(made, equations=tuple(int(x) for x in chosen))
+
+
+def _axis(values: ArrayLike | None, what: str) -> Array | None:
+    if values is None:
+        return None
+    unit_vector(values, what)
+    return unit(np.array(values, dtype=float))
+
+
+def _name(name: str | None) -> str:
+    if name is not None and (not isinstance(name, str) or not name or not name.isprintable()):
+        raise TypeError(f"the name of a closure is text that can be read, not {name!r}")
+    return name or ""  # it is given one with the others
+
+
+def _two(frames: Sequence[FramePlace]) -> Any:
+    """Return two frames; what is no name becomes one where the mechanism is made."""
+    for frame in frames:
+        is_place = (isinstance(frame, tuple | list) and len(frame) == 2
+                    and isinstance(frame[0], str) and isinstance(frame[1], pin.SE3))
+        if not is_place and not isinstance(frame, str):
+            raise TypeError(f"a frame is given by its name, or as (link or joint, pin.SE3), not "
+                            f"{str(frame)[:60]!r}")
+    if len(frames) != 2:
+        raise ValueError(f"two frames are needed, not {len(frames)}")
+    return tuple(frames)
+
+
+def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+              equations: Sequence[int] | None = None) -> Closure:
+    """Return a ball joint: the origins coincide."""
+    return _closure("spherical", (frame_1, frame_2), name, equations)
+
+
+def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+             axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
+    """Return a hinge: the origins coincide, and the axes."""
+    return _closure("revolute", (frame_1, frame_2), name, equations, axis)
+
+
+def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
+    """Return a slide along the axis, without a turn."""
+    return _closure("prismatic", (frame_1, frame_2), name, equations, axis)
+
+
+def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | None = None, *,
+          axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
+    """Return a screw of a lead [m per turn], right-handed where that is positive."""
+    return _closure("screw", (frame_1, frame_2), name, equations, axis,
+                    lead=finite_number(lead, "lead"))
+
+
+def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+                axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
+    """Return a sleeve: the axes coincide."""
+    return _closure("cylindrical", (frame_1, frame_2), name, equations, axis)
+
+
+def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+              axis: ArrayLike | None = None, axis2: ArrayLike | None = None,
+              equations: Sequence[int] | None = None) -> Closure:
+    """Return a Hooke joint: origins coincide, `axis` (x) of 1 is square to `axis2` (y) of 2."""
+    return _closure("universal", (frame_1, frame_2), name, equations, axis, axis2)
+
+
+def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+           axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
+    """Return a joint of two planes: origin 2 stays in that of 1, the normals are parallel."""
+    return _closure("planar", (frame_1, frame_2), name, equations, axis)
+
+
+def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+          equations: Sequence[int] | None = None) -> Closure:
+    """Return a weld, by the name that it has as a joint."""
+    return _closure("fixed", (frame_1, frame_2), name, equations)
+
+
+def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+         equations: Sequence[int] | None = None) -> Closure:
+    """Return a weld: the frames coincide."""
+    return _closure("weld", (frame_1, frame_2), name, equations)
+
+
+def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = None,
+             name: str | None = None, *,
+             length_between: tuple[FramePlace, FramePlace] | None = None) -> Closure:
+    """Return a rod with balls at its ends: the origins are `length` [m] apart.
+
+    Args:
+        frame_1: at one end of it.
+        frame_2: at the other.
+        length: positive [m]; or
+        length_between: two other frames that are as far apart.
+        name: of the closure.
+
+    Raises:
+        ValueError: there is neither length, or both.
+    """
+    if (length is None) == (length_between is None):
+        raise ValueError("a distance has a length or length_between, one of the two")
+    metres = 0.0 if length is None else positive_number(length, "length")
+    made = _closure("distance", (frame_1, frame_2), name, None, length=metres)
+    return made if length_between is None else replace(made, between=_two(length_between))
+
+
+def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+                  axis: ArrayLike | None = None,
+                  equations: Sequence[int] | None = None) -> Closure:
+    """Return a ball in a groove: origin 2 stays on the axis of 1."""
+    return _closure("point_on_line", (frame_1, frame_2), name, equations, axis)
+
+
+def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+                   axis: ArrayLike | None = None) -> Closure:
+    """Return a point on a plane: origin 2 stays in the plane of 1 square to the axis."""
+    return _closure("point_on_plane", (frame_1, frame_2), name, None, axis)
+
+
+def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+             axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
+    """Return axes that stay parallel, wherever the origins are."""
+    return _closure("parallel", (frame_1, frame_2), name, equations, axis)
+
+
+def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+                  axis: ArrayLike | None = None, axis2: ArrayLike | None = None) -> Closure:
+    """Return `axis` of 1 that stays square to `axis2` of 2 (default the same direction)."""
+    return _closure("perpendicular", (frame_1, frame_2), name, None, axis, axis2)
+
+
+def coupling(joint_1: str, joint_2: str, ratio: float = 1.0, offset: float = 0.0,
+             name: str | None = None) -> Closure:
+    """Return coordinate 2 = ratio * coordinate 1 + offset: gears, a rack, a mimicking joint.
+
+    Raises:
+        ValueError: the ratio is zero, or a number not finite.
+    """
+    factor = finite_number(ratio, "ratio")
+    if factor == 0.0:
+        raise ValueError("ratio is zero; lock the joint instead")
+    for joint in (joint_1, joint_2):
+        if not isinstance(joint, str):
+            raise TypeError(f"a coupling joins two joints by name, not {joint!r}")
+    return Closure(_name(name), COUPLING, joints=(joint_1, joint_2), ratio=factor,
+                   offset=finite_number(offset, "offset"))
+
+
+# ---------------------------------------------------------------- of Pinocchio
+
+
+def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
+    """Return the closure of a constraint of Pinocchio that holds two bodies together.
+
+    Args:
+        constraint: `pin.RigidConstraintModel` (3-D or 6-D, in any reference frame),
+            `pin.PointAnchorConstraintModel`, `pin.FrameAnchorConstraintModel`, or a
+            `pin.ConstraintModel` that is one of these.
+        bodies: by joint of the model, the name of a link whose axes are the joint's.
+
+    Raises:
+        ClosureTypeError: it is another constraint, or not at rest where the frames coincide.
+    """
+    if isinstance(constraint, pin.ConstraintModel):
+        constraint = constraint.extract()
+    kind = NATIVE.get(getattr(constraint, "type", type(constraint).__name__))
+    name = getattr(constraint, "name", "")
+    if kind is None:
+        raise ClosureTypeError(
+            f"closures: {type(constraint).__name__} {name!r} does not hold two bodies together; "
+            "pin.RigidConstraintModel (3-D, 6-D), pin.PointAnchorConstraintModel and "
+            "pin.FrameAnchorConstraintModel do, and so does what sp.closures makes")
+    for key in DESIRED:
+        if not _is_nothing(getattr(constraint, key, None)):
+            raise ClosureTypeError(f"closures: {name!r}: its {key} is not zero: a closure holds "
+                                   "frames together; put an offset into joint2_placement")
+    ids = int(constraint.joint1_id), int(constraint.joint2_id)
+    if max(ids) >= len(bodies):
+        raise ClosureTypeError(f"closures: {name!r} is of another model: it has joint {max(ids)}, "
+                               f"the model has {len(bodies)} with the universe")
+    places = constraint.joint1_placement, constraint.joint2_placement
+    frames = tuple((bodies[i], place.copy()) for i, place in zip(ids, places, strict=True))
+    return _closure(kind, frames, name or None, None)  # type: ignore[arg-type]
+
+
+def _is_nothing(wanted: Any) -> bool:
+    if isinstance(wanted, pin.SE3):
+        return bool(np.array_equal(wanted.homogeneous, np.eye(4)))
+    return wanted is None or not np.any(getattr(wanted, "vector", wanted))

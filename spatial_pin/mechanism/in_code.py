@@ -1,0 +1,294 @@
+"""Mechanisms made in code: a Pinocchio model and closures between its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.closures import FramePlace, of_native
+from spatial_pin.mechanism.configuration import check_guess
+from spatial_pin.mechanism.inertia import remainder
+from spatial_pin.mechanism.mechanism import (
+    Closure,
+    Driver,
+    Frame,
+    Mechanism,
+    Passive,
+    Spring,
+    add_frames,
+    check_mechanism,
+    frames_by_name,
+)
+from spatial_pin.mechanism.model_urdf import Bodies, fresh, urdf_of
+from spatial_pin.mechanism.pin_joints import pair_tree
+
+GROUND = "world"  # the link that stands for the world
+WHERE = "from_model"
+
+
+def mechanism_of(
+    given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str],
+    springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any],
+    frames: Mapping[str, tuple[str, pin.SE3]], name: str | None,
+    visual: pin.GeometryModel | None, collision: pin.GeometryModel | None,
+) -> Mechanism:
+    """Return the mechanism of a model; see `Mechanism.from_model`."""
+    if not isinstance(given, pin.Model):
+        raise TypeError(f"a pin.Model is needed, not {type(given).__name__}")
+    title = _text(given.name if name is None else name) or "mechanism"
+    where = f"{WHERE} {title!r}"
+    tree = pair_tree(given, where)
+    bodies = _complete(tree.model)
+    names = _Names(tree.model, bodies, where)
+    names.keep_frames()
+    for key, place in _mapping(frames, "frames").items():
+        names.add(key, place)
+    closed = names.closures([*_several(closures, "closures"), *tree.mimics])
+    sprung = [replace(s, frames=names.named(s.frames, s.name))
+              for s in _all(springs, Spring, "springs")]
+    resolved = [replace(p, axis=names.named(p.axis, p.name))
+                for p in _all(passives, Passive, "passives")]
+    names.put()
+    made = Mechanism(
+        name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
+        collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
+        closures=closed, drivers=_drivers(drivers), springs=tuple(sprung),
+        passives=tuple(resolved), guess=dict(_mapping(guess, "guess")),
+        inertias=_inertias(tree.model, bodies), frames=names.frames)
+    made.characteristic_length  # noqa: B018 - refused here where it is no number
+    check_mechanism(made, where)
+    check_guess(made, where)
+    return replace(made, urdf=urdf_of(made, bodies))
+
+
+def _text(name: Any) -> str:
+    if not isinstance(name, str):
+        raise TypeError(f"name is text, not {name!r}")
+    return name
+
+
+def _mapping(value: Any, what: str) -> Mapping[str, Any]:
+    if value is not None and not isinstance(value, Mapping):
+        raise TypeError(f"{what} is a dict by name, not {type(value).__name__}")
+    return value or {}
+
+
+def _several(values: Any, what: str) -> list[Any]:
+    if values is None:
+        return []
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"{what} is a list, not {str(values)[:40]!r}")
+    return list(values)
+
+
+def _all(values: Any, kind: type, what: str) -> list[Any]:
+    found = _several(values, what)
+    for value in found:
+        if not isinstance(value, kind):
+            raise TypeError(f"{what} is a list of sp.{kind.__name__}, not of "
+                            f"{type(value).__name__}")
+    return found
+
+
+def _drivers(given: Any) -> dict[str, Driver]:
+    if not isinstance(given, Mapping):
+        given = {joint: joint for joint in _several(given, "drivers")}
+    for name, joint in given.items():
+        if not (isinstance(name, str) and isinstance(joint, str)):
+            raise TypeError(f"drivers is a dict of joints by name, or a list of joints, not of "
+                            f"{name!r}: {joint!r}")
+    return {name: Driver(name, joint) for name, joint in given.items()}
+
+
+def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin.GeometryModel:
+    if given is None:
+        return pin.GeometryModel()
+    if not isinstance(given, pin.GeometryModel):
+        raise TypeError(f"{what} is a pin.GeometryModel, not {type(given).__name__}")
+    for shape in given.geometryObjects:
+        if shape.parentJoint >= model.njoints:
+            raise SpatialPinError(f"{what}: {shape.name!r} is on joint {shape.parentJoint}, which "
+                                  "the model does not have")
+    return given.copy()
+
+
+# ---------------------------------------------------------------- links
+
+
+def _complete(model: pin.Model) -> Bodies:
+    """Give every joint its frame and a link, and every other link a fixed joint."""
+    taken = {f.name for f in model.frames} | set(model.names)
+    on: list[list[int]] = [[] for _ in range(model.njoints)]
+    for k, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.BODY:
+            on[frame.parentJoint].append(k)
+    mains: list[str] = []
+    mounts: dict[str, str] = {}
+    used: set[int] = set()
+    for i in range(model.njoints):
+        joint_frame = _joint_frame(model, i)
+        main = next((k for k in on[i] if _is_identity(model.frames[k].placement)), None)
+        if main is None:
+            main = model.addFrame(pin.Frame(_link_name(model, i, taken), i, joint_frame,
+                                            pin.SE3.Identity(), pin.FrameType.BODY), False)
+        mains.append(model.frames[main].name)
+        for k in on[i]:
+            if k != main:
+                mount = _mount(model, k, used, taken)
+                used.add(mount)
+                mounts[model.frames[k].name] = model.frames[mount].name
+    return Bodies(tuple(mains), mounts)
+
+
+def _is_identity(placement: pin.SE3) -> bool:
+    return bool(np.array_equal(placement.homogeneous, np.eye(4)))
+
+
+def _joint_frame(model: pin.Model, i: int) -> int:
+    """Return the frame of a joint, put in where there is none."""
+    if i == 0:
+        return 0
+    for k, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.JOINT and frame.name == model.names[i]:
+            return k
+    return int(model.addFrame(pin.Frame(model.names[i], i, 0, pin.SE3.Identity(),
+                                        pin.FrameType.JOINT), False))
+
+
+def _link_name(model: pin.Model, i: int, taken: set[str]) -> str:
+    """Return a name for the link that a joint moves: that of the joint, if no frame has it."""
+    others = {f.name for f in model.frames if f.type != pin.FrameType.JOINT}
+    if i and model.names[i] not in others:
+        return str(model.names[i])
+    return fresh(f"{model.names[i]}_link" if i else GROUND, taken)
+
+
+def _mount(model: pin.Model, link: int, used: set[int], taken: set[str]) -> int:
+    """Return the frame of the fixed joint that carries a link, put in where there is none."""
+    frame = model.frames[link]
+    above = model.frames[frame.parentFrame]
+    if (frame.parentFrame not in {0, *used} and above.type == pin.FrameType.FIXED_JOINT
+            and above.parentJoint == frame.parentJoint and above.placement == frame.placement
+            and above.name not in set(model.names)):
+        return int(frame.parentFrame)
+    return int(model.addFrame(pin.Frame(
+        fresh(f"{frame.name}_mount", taken), frame.parentJoint, 0, frame.placement,
+        pin.FrameType.FIXED_JOINT), False))
+
+
+def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:
+    """Return the own inertia of every link that has one.
+
+    Frames keep the inertia that they were added with; what a joint carries beyond that, as after
+    `appendBodyToJoint`, belongs to its first link. What a joint carries is what counts.
+    """
+    links: list[list[pin.Frame]] = [[] for _ in range(model.njoints)]
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            links[frame.parentJoint].append(frame)
+    found = {}
+    for total, own in zip(model.inertias, links, strict=True):
+        first = own[0]
+        parts = {f.name: f.inertia for f in own if f.inertia.mass or np.any(f.inertia.inertia)}
+        placed = [f.placement.act(parts[f.name]) for f in own if f.name in parts]
+        rest = remainder(total, placed)
+        if rest is None:
+            parts, rest = {}, total
+        if rest.mass or np.any(rest.inertia):
+            mine = first.placement.actInv(rest) if not _is_identity(first.placement) else rest
+            parts[first.name] = parts[first.name] + mine if first.name in parts else mine
+        found.update({k: pin.Inertia(x) for k, x in parts.items()})
+    return found
+
+
+# ---------------------------------------------------------------- frames and closures
+
+
+class _Names:
+    """Gives names to frames that are given by a placement, and to closures that have none."""
+
+    def __init__(self, model: pin.Model, bodies: Bodies, where: str) -> None:
+        self.model, self.bodies, self.where = model, bodies, where
+        self.taken = {f.name for f in model.frames} | set(model.names)
+        self.frames: dict[str, Frame] = {}
+        self.new: dict[str, Frame] = {}
+
+    def keep_frames(self) -> None:
+        """List the frames of the model that are neither links nor joints.
+
+        Raises:
+            SpatialPinError: one has the name of another that stands elsewhere.
+        """
+        known = frames_by_name(self.model)
+        own = {*self.bodies.mains, *self.bodies.mounts.values(), *self.model.names}
+        for k, frame in enumerate(self.model.frames):
+            is_part = k == 0 or frame.type == pin.FrameType.BODY or frame.name in own
+            other = self.model.frames[known[frame.name]] if k else frame
+            if (other.parentJoint, other.placement) != (frame.parentJoint, frame.placement) \
+                    and frame.type not in (pin.FrameType.BODY, pin.FrameType.JOINT):
+                raise SpatialPinError(f"{self.where}: two frames are named {frame.name!r} and "
+                                      "stand in different places; rename one")
+            if not is_part:
+                self.frames[frame.name] = _frame(
+                    frame.name, self.bodies.mains[frame.parentJoint], frame.placement)
+
+    def add(self, name: str, place: Any) -> None:
+        """Add a frame that is asked for by name."""
+        is_place = isinstance(place, tuple | list) and len(place) == 2
+        link, placement = place if is_place else (place, pin.SE3.Identity())
+        if not (isinstance(name, str) and isinstance(link, str)
+                and isinstance(placement, pin.SE3)):
+            raise TypeError(f"frames: {name!r} is given as (link or joint, pin.SE3), not "
+                            f"{str(place)[:60]!r}")
+        self.new[name] = _frame(name, link, placement)
+        self.taken.add(name)
+
+    def named(self, places: Iterable[FramePlace], owner: str) -> tuple[str, ...]:
+        """Return the names of frames; those that have none are called after their owner."""
+        names = []
+        for k, place in enumerate(places, 1):
+            if isinstance(place, str):
+                names.append(place)
+            elif _is_identity(place[1]):
+                names.append(place[0])
+            else:
+                names.append(fresh(f"{owner}_{k}", self.taken))
+                self.new[names[-1]] = _frame(names[-1], *place)
+        return tuple(names)
+
+    def closures(self, given: Iterable[Any]) -> tuple[Closure, ...]:
+        """Return closures between frames that have names, each with a name of its own.
+
+        Raises:
+            ClosureTypeError: one is a constraint that holds no two bodies together.
+        """
+        taken, found = set(self.model.names), []
+        for one in given:
+            closure = one if isinstance(one, Closure) else of_native(one, self.bodies.mains)
+            name = fresh(closure.name or closure.type, taken)
+            ends = self.named(closure.frames, name)
+            between = self.named(closure.between, f"{name}_between")
+            found.append(replace(closure, name=name, frames=ends, between=between))
+        return tuple(found)
+
+    def put(self) -> None:
+        """Put the new frames into the model.
+
+        Raises:
+            MechanismFileError: a name is taken, or not there.
+        """
+        add_frames(self.model, self.new, self.where)
+        self.frames.update(self.new)
+
+
+def _frame(name: str, link: str, placement: pin.SE3) -> Frame:
+    if not np.all(np.isfinite(placement.homogeneous)):
+        raise ValueError(f"frame {name!r}: its placement has a value that is NaN or infinite")
+    x, y, z = (placement.translation + 0.0).tolist()  # no -0.0
+    roll, pitch, yaw = (pin.rpy.matrixToRpy(placement.rotation) + 0.0).tolist()
+    return Frame(name, link, (x, y, z), (roll, pitch, yaw))
