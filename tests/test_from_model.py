@@ -577,6 +577,15 @@ def test_other_mistakes_are_told(more, error, says):
         from_model(bars(), **more)
 
 
+def test_the_coordinates_of_a_tree_drive_it_unless_somebody_says_otherwise(tmp_path):
+    for drivers, expected in ((None, ["crank", "coupler", "rocker"]), ([], []),
+                              (["rocker"], ["rocker"])):
+        mech = from_model(bars(), drivers=drivers)
+        assert list(mech.drivers) == expected
+        same_mechanisms(sp.load(mech.save(tmp_path / f"{len(expected)}")), mech)
+    assert not from_model(bars(), [sp.closures.revolute(*ENDS)]).drivers
+
+
 def test_a_model_is_needed():
     with pytest.raises(TypeError, match=r"a pin\.Model is needed, not Mechanism"):
         from_model(four_bar())

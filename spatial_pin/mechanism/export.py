@@ -107,9 +107,9 @@ def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
               for joint in ET.fromstring(mechanism.urdf).findall("joint")
               if joint.find("mimic") is not None}
     content = {**content_of(mechanism), "tree": tree}
-    content["closures"] = [table for table in content.get("closures", ())
-                           if not (table["type"] == COUPLING and table["name"] in stated)]
-    return {key: value for key, value in content.items() if value or key == "drivers"}
+    closures = [table for table in content.pop("closures", ())
+                if not (table["type"] == COUPLING and table["name"] in stated)]
+    return {**content, "closures": closures} if closures else content
 
 
 # ---------------------------------------------------------------- meshes

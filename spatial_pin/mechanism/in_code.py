@@ -22,6 +22,7 @@ from spatial_pin.mechanism.mechanism import (
     Spring,
     add_frames,
     check_mechanism,
+    drivers_of_tree,
     frames_by_name,
 )
 from spatial_pin.mechanism.model_urdf import Bodies, fresh, urdf_of
@@ -32,7 +33,7 @@ WHERE = "from_model"
 
 
 def mechanism_of(
-    given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str],
+    given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str] | None,
     springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any],
     frames: Mapping[str, tuple[str, pin.SE3]], name: str | None,
     visual: pin.GeometryModel | None, collision: pin.GeometryModel | None,
@@ -54,10 +55,12 @@ def mechanism_of(
     resolved = [replace(p, axis=names.named(p.axis, p.name))
                 for p in _all(passives, Passive, "passives")]
     names.put()
+    pairs = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
+    driven = drivers_of_tree(pairs, closed) if drivers is None else _drivers(drivers)
     made = Mechanism(
         name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
         collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
-        closures=closed, drivers=_drivers(drivers), springs=tuple(sprung),
+        closures=closed, drivers=driven, springs=tuple(sprung),
         passives=tuple(resolved), guess=dict(_mapping(guess, "guess")),
         inertias=_inertias(tree.model, bodies), frames=names.frames)
     made.characteristic_length  # noqa: B018 - refused here where it is no number

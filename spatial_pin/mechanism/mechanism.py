@@ -224,8 +224,9 @@ class Mechanism:
     @classmethod
     def from_model(
         cls, model: pin.Model, closures: Iterable[Any] = (), *,
-        drivers: Mapping[str, str] | Iterable[str] = (), springs: Iterable[Spring] = (),
-        passives: Iterable[Passive] = (), guess: Mapping[str, Any] | None = None,
+        drivers: Mapping[str, str] | Iterable[str] | None = None,
+        springs: Iterable[Spring] = (), passives: Iterable[Passive] = (),
+        guess: Mapping[str, Any] | None = None,
         frames: Mapping[str, tuple[str, pin.SE3]] | None = None, name: str | None = None,
         visual_model: pin.GeometryModel | None = None,
         collision_model: pin.GeometryModel | None = None,
@@ -243,7 +244,8 @@ class Mechanism:
             closures: made by `spatial_pin.closures`, or `pin.RigidConstraintModel`s (3-D or 6-D),
                 `pin.PointAnchorConstraintModel`s, `pin.FrameAnchorConstraintModel`s of this model.
                 Those without a name, or with one that is taken, get one.
-            drivers: joints or coordinates by the drivers' names, or only joints.
+            drivers: joints or coordinates by the drivers' names, or only joints. Default: in a
+                tree without closures every coordinate, by its own name; else none.
             springs: `spatial_pin.Spring`s.
             passives: `spatial_pin.Passive`s.
             guess: rough configuration, by joint, as in a mechanism file.
