@@ -70,6 +70,7 @@ class _Writer:
         self.bodies: dict[str, tuple[str, pin.SE3]] = {}  # link -> first link fixed to it, place
         self.ground = self.fresh(GROUND)
         self.bases: list[str] = []
+        self.lost: list[str] = []
 
     def write(self) -> None:
         """Write all of it."""
@@ -236,8 +237,7 @@ class _Writer:
         self.closures.append(table)
         lost = _lost(joint)
         if lost:
-            self.notices.append(f"joint {joint.name!r} closes a loop and has no coordinate of its "
-                                f"own, so what it says of one does not act: {', '.join(lost)}")
+            self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
 
     def redundant(self, joint: Joint, gap: pin.SE3) -> None:
         """Tell of a joint between links that are fixed to each other.
@@ -272,6 +272,9 @@ class _Writer:
         elif cut:
             self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
                                 "become closures")
+        if self.lost:
+            self.notices.append("a closure has no coordinate, so that this does not act: "
+                                f"{', '.join(self.lost)}")
 
     def merged(self) -> dict[str, Any]:
         """Return what a mechanism file says, with what is new."""

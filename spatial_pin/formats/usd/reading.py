@@ -33,7 +33,7 @@ def read_stage(request: Request) -> Imported:
     drivers = _drivers(stage, joints, graph)
     content: dict[str, Any] = {
         "name": request.path.stem, "gravity": stage.gravity().tolist(),
-        "closures": joints.couplings, "drivers": drivers}
+        "closures": joints.couplings, **({"drivers": drivers} if joints.driven else {})}
     graph = replace(graph, needed=coupled | set(drivers))
     return open_tree(graph, stage.where, content, stage.notices)
 
