@@ -304,6 +304,8 @@ JOINS = {  # what is stated: the words of the refusal
         "<loop name='l'>: link 'cc' does not exist; did you mean 'c'",
     "<loop_joint name='l' type='spherical'><link1 link='b'/></loop_joint>":
         "<loop_joint name='l'>: joins 1 links",
+    "<link name='d'/><joint name='j4' type='fixed'><parent link='b'/><parent link='c'/>"
+    "<child link='d'/></joint>": "<joint name='j4'>: has several <parent>",
     "<link name='closing_x_1'/><joint name='m' type='fixed'><parent link='b'/>"
     "<child link='closing_x_1'/></joint>": "'closing_x_1': there is no 'closing_x_2'",
 }
@@ -319,6 +321,9 @@ def test_what_joins_links_and_cannot_be_imported_is_refused_by_its_name(stated, 
 def test_what_names_links_without_joining_them_is_left_alone(tmp_path):
     harmless = """
       <sensor name="s"><parent link="a"/><pair first="b" second="c"/></sensor>
+      <transmission name="t"><joint name="a"/><actuator name="b"/></transmission>
+      <ros2_control name="r" type="system"><joint name="b"/><joint name="c"/></ros2_control>
+      <actuated joint1="a" joint2="b"><joint name="c"/></actuated>
       <disable_collisions link1="a" link2="b" reason="Adjacent"/>
       <drake:collision_filter_group name="g"><drake:member link="a"/><drake:member link="b"/>
       </drake:collision_filter_group>
@@ -478,6 +483,21 @@ def test_a_joint_that_cannot_be_driven_by_itself_gets_no_driver(tmp_path):
     assert list(sp.load(path).drivers) == ["j1"]
 
 
+@pytest.mark.parametrize("stated", [
+    "<ros2_control name='r' type='system'><joint name='j3'><param name='mimic'>j1</param>"
+    "<param name='multiplier'>-2</param><command_interface name='position'/></joint>"
+    "</ros2_control>",
+    "<gazebo><plugin name='p' filename='libroboticsgroup_gazebo_mimic_joint_plugin.so'>"
+    "<joint>j1</joint><mimicJoint>j3</mimicJoint><multiplier>-2</multiplier></plugin></gazebo>",
+])
+def test_a_joint_that_follows_by_what_simulators_are_told_is_coupled(stated, tmp_path):
+    motor = "<transmission name='t'><joint name='j3'/></transmission>"
+    mech = sp.load(four_bar(tmp_path, motor + stated + stated))
+    closure, = mech.closures
+    assert (closure.type, closure.joints, closure.ratio) == ("coupling", ("j1", "j3"), -2.0)
+    assert "j3" not in mech.drivers
+
+
 # ---------------------------------------------------------------- URDF+
 
 
@@ -596,6 +616,14 @@ def test_a_mechanism_file_may_say_what_closing_frames_are(tmp_path):
     with pytest.warns(UserWarning, match="'closing_x'.* is left out.* the same frames: 'pin'"):
         mech = sp.load(tmp_path / "four.toml")
     assert [(c.name, c.type) for c in mech.closures] == [("pin", "revolute")]
+
+
+def test_a_loop_that_is_stated_for_several_simulators_still_leaves_one_freedom(tmp_path):
+    ends = closed_four_bar(*LENGTHS["parallelogram"])[1]
+    mech = sp.load(four_bar(tmp_path, "".join(write("l", "spherical", ends, Y)
+                                              for write in (isaac, gazebo, drake))))
+    assert sorted(c.name for c in mech.closures) == ["l", "l_2", "l_3"]
+    assert sp.mobility(mech).dof == 1
 
 
 def test_info_shows_every_loop_and_where_it_was_stated(tmp_path, capsys):

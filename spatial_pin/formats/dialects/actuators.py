@@ -1,4 +1,7 @@
-"""Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names."""
+"""Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names.
+
+A joint of `<ros2_control>` with `<param name="mimic">` follows another instead, as with `<mimic>`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,13 @@ def read_transmission(element: ET.Element, reading: Reading) -> None:
 def read_ros2_control(element: ET.Element, reading: Reading) -> None:
     """Read a `<ros2_control>`: what takes commands is driven."""
     for joint in element.findall("joint"):
-        if joint.find("command_interface") is not None:
+        given = {param.get("name", ""): param for param in joint.findall("param")}
+        if "mimic" in given:
+            ratio, offset = (reading.number(given.get(key), joint, default)
+                             for key, default in (("multiplier", 1.0), ("offset", 0.0)))
+            reading.couple((given["mimic"].text or "").strip(), joint.get("name", ""), ratio,
+                           offset, "<ros2_control> with mimic")
+        elif joint.find("command_interface") is not None:
             _drive(joint.get("name", ""), reading)
 
 

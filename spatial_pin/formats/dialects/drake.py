@@ -39,7 +39,7 @@ def read_joint(element: ET.Element, reading: Reading) -> None:
                                     f"{', '.join(TREE_JOINTS)}")
     joint = ET.Element("joint", element.attrib)
     joint.extend(child for child in element if not is_drake(child))
-    reading.robot.append(joint)
+    reading.put_joint(joint)
     axis = reading.axis(element.find("axis"), element).tolist()
     if kind == "ball":
         reading.refine(name, type="spherical")
@@ -97,9 +97,7 @@ def read_armatures(transmission: ET.Element, reading: Reading) -> None:
 
 def _spring(element: ET.Element, length: float, stiffness: float, damping: float,
             reading: Reading) -> None:
-    taken = {spring["name"] for spring in reading.content.get("springs", ())}
-    name = element.get("name") or next(
-        x for x in (f"{local(element)}_{k}" for k in range(1, len(taken) + 2)) if x not in taken)
+    name = reading.name_of(element, "springs")
     frames = [reading.frame(link, placement, f"{name}_{k}")
               for k, (link, placement) in enumerate(_points(element, reading), start=1)]
     reading.add("springs", {"name": name, "frames": frames, "stiffness": stiffness,

@@ -74,7 +74,7 @@ def file_of(urdf: Path) -> Path | None:
 
 def tell_unstated(reading: Reading) -> None:
     """Tell of frames that are called as the ends of loops, where no file says that they are."""
-    links = set(reading.links)
+    links = reading.links
     ends = [link for link in reading.links if UNSTATED.fullmatch(link)
             and UNSTATED.sub(r"\g<loop>_B\g<kind>", link) in links]
     if ends:
@@ -92,9 +92,7 @@ def read_robot(path: Path, reading: Reading) -> None:
     table = {key: value for key, value in table_of(path).items() if key not in URDF}
     lists = lists_of(table, (SOURCE, *NAMES), NAMES, path)
     _read_types(lists, path, reading)
-    names = [f.get("name", "") for f in (*reading.robot.findall("link"),
-                                         *reading.robot.findall("joint"))]
-    taken: set[str] = set()
+    names = {**reading.links, **reading.joints}
     for k, pair in enumerate(lists["closed_loop"]):
         where = f"{shown(path)}: closed_loop[{k}]"
         if not (isinstance(pair, list) and len(pair) == 2
@@ -104,10 +102,8 @@ def read_robot(path: Path, reading: Reading) -> None:
             if frame not in names:
                 raise MechanismFileError(f"{where}: frame {frame!r} does not exist; "
                                          f"{suggestion(frame, names)}")
-        kind = lists["type"][k].lower() if k < len(lists["type"]) else "6d"
-        name = _name(pair, k, taken)
-        taken.add(name)
-        reading.add("closures", {"name": name, "type": "spherical" if kind == "3d" else "weld",
+        point = k < len(lists["type"]) and lists["type"][k].lower() == "3d"
+        reading.add("closures", {"name": _name(pair, k), "type": "spherical" if point else "weld",
                                  "frames": pair, "source": f"closed_loop of {path.name}"})
     if lists["name_mot"]:
         reading.content["drivers"] = {}
@@ -141,11 +137,11 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: Reading) -> No
                                      "SPHERICAL, FIXED, UJOINT_XY and the like")
 
 
-def _name(pair: list[str], k: int, taken: set[str]) -> str:
+def _name(pair: list[str], k: int) -> str:
     """Return what the two frames of a loop are called in common, or its number."""
     same = takewhile(lambda letters: letters[0] == letters[1], zip(*pair, strict=False))
     name = "".join(a for a, _ in same).rstrip("_- ")
-    return name if name and name not in taken else f"closed_loop_{k + 1}"
+    return name or f"closed_loop_{k + 1}"
 
 
 def _same(a: Path, b: Path) -> bool:

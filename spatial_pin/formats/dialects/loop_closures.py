@@ -51,12 +51,11 @@ def read_closures(path: Path, reading: Reading) -> None:
     """
     table = {key: value for key, value in table_of(path).items() if key not in LIMITS}
     lists = lists_of(table, (*LOOPS, *NAMES), NAMES, path)
-    world = reading.world()
     for k, entry in enumerate(lists["closures"]):
-        _read_hinge(_Entry(entry, f"closures[{k}]", path, reading), world)
+        _read_hinge(_Entry(entry, f"closures[{k}]", path, reading), reading.world)
     for key, kind in (("pin_loops", "revolute"), ("ball_loops", "spherical")):
         for k, entry in enumerate(lists[key]):
-            _read_pin(_Entry(entry, f"{key}[{k}]", path, reading), kind, world)
+            _read_pin(_Entry(entry, f"{key}[{k}]", path, reading), kind, reading.world)
     for name in lists["ball_upgrades"]:
         reading.joint(name, f"ball_upgrades of {path.name}")
         reading.refine(name, type="spherical")
@@ -78,9 +77,9 @@ class _Entry:
 
     def link(self, key: str) -> str:
         name = self.content.get(key)
-        known = name in self.reading.links
-        return self.reading.link(self.reading.root() if name == ROOT and not known else name,
-                                 self.where)
+        if name == ROOT and ROOT not in self.reading.links:
+            name = self.reading.root
+        return self.reading.link(name if isinstance(name, str) else None, self.where)
 
     def vector(self, key: str) -> Array:
         value = self.content.get(key)

@@ -24,9 +24,9 @@ ROUNDED = 1e-5  # rad; between a mate's z axis and the point on it where files c
 
 def read_frames(reading: Reading) -> None:
     """Read the closing frames of a robot."""
-    links = set(reading.links)
+    links = reading.links
     names = dict.fromkeys(found["name"] for found in map(FRAME.fullmatch, reading.links) if found)
-    world = reading.world() if names else {}
+    world = reading.world if names else {}
     for name in names:
         pair = [f"closing_{name}_{side}" for side in (1, 2)]
         for frame, other in (pair, pair[::-1]):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, count
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,30 @@ PAIR_OF = {  # what dialects call a joint -> our pair
 URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
 
 
+class Names:
+    """Names of which no two may be the same."""
+
+    def __init__(self) -> None:
+        self.taken: set[str] = set()
+        self.last: Counter[str] = Counter()
+
+    def free(self, name: str) -> str:
+        """Take a name, with a number behind it if another has it already."""
+        found = name
+        if name in self.taken:
+            self.last[name] = max(self.last[name], 1)
+            found = self.numbered(name)
+        self.taken.add(found)
+        return found
+
+    def numbered(self, name: str) -> str:
+        """Return the next name with a number behind it that is not taken."""
+        while True:
+            self.last[name] += 1
+            if f"{name}_{self.last[name]}" not in self.taken:
+                return f"{name}_{self.last[name]}"
+
+
 @dataclass
 class Reading:
     """A robot element, and what is found in it; the readers of the dialects write on it.
@@ -36,12 +61,14 @@ class Reading:
         path: where it comes from, for errors.
         content: what a mechanism file would say beside it.
         notices: what was changed or left out, a sentence each.
+        followers: joints that follow another, by what stands beside the tree.
     """
 
     robot: ET.Element
     path: Path
     content: dict[str, Any] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
+    followers: set[str] = field(default_factory=set)
 
     def fail(self, element: ET.Element | str, complaint: str) -> MechanismFileError:
         """Return the error about an element of the file."""
@@ -50,15 +77,32 @@ class Reading:
 
     # ------------------------------------------------------------ what there is
 
-    @property
-    def links(self) -> list[str]:
-        """Names of all links."""
-        return [link.get("name", "") for link in self.robot.findall("link")]
+    @cached_property
+    def links(self) -> dict[str, ET.Element]:
+        """The links by name."""
+        return {link.get("name", ""): link for link in self.robot.findall("link")}
 
-    @property
+    @cached_property
     def joints(self) -> dict[str, ET.Element]:
         """The joints of the tree by name."""
         return {joint.get("name", ""): joint for joint in self.robot.findall("joint")}
+
+    @cached_property
+    def above(self) -> dict[str, tuple[str, ET.Element]]:
+        """Name and element of the joint that carries each link but the root."""
+        return {end(joint, "child"): (name, joint) for name, joint in self.joints.items()}
+
+    @cached_property
+    def root(self) -> str:
+        """The link without a parent."""
+        return next((link for link in self.links if link not in self.above), "")
+
+    @cached_property
+    def names(self) -> defaultdict[str, Names]:
+        """The names that are taken, of each list of the content, and of frames."""
+        names: defaultdict[str, Names] = defaultdict(Names)
+        names["frames"].taken.update(self.links, self.joints)
+        return names
 
     def link(self, name: str | None, element: ET.Element | str) -> str:
         """Return the name of a link; refuse one that does not exist."""
@@ -73,11 +117,6 @@ class Reading:
             raise self.fail(element, f"joint {name or ''!r} does not exist; "
                                      f"{suggestion(name or '', self.joints)}")
         return self.joints[name]
-
-    def root(self) -> str:
-        """Return the link without a parent."""
-        children = {end(joint, "child") for joint in self.joints.values()}
-        return next((link for link in self.links if link not in children), "")
 
     def placement(self, element: ET.Element | None, where: ET.Element) -> pin.SE3:
         """Return the placement that `xyz` and `rpy` of an element give, identity without."""
@@ -94,6 +133,15 @@ class Reading:
             return np.array(URDF_AXIS)
         return self.unit(numbers(element, "xyz", 3, f"{shown(self.path)}: {said(where)}"), where)
 
+    def texts(self, element: ET.Element, count: int, where: ET.Element) -> Array:
+        """Return the `count` numbers in an element's text."""
+        holder = ET.Element(local(element), text=(element.text or "").strip())
+        return numbers(holder, "text", count, f"{shown(self.path)}: {said(where)}")
+
+    def number(self, element: ET.Element | None, where: ET.Element, default: float) -> float:
+        """Return the number in an element's text, the default without an element."""
+        return default if element is None else float(self.texts(element, 1, where)[0])
+
     def unit(self, axis: Array, where: ET.Element | str) -> Array:
         """Return a direction at length 1; refuse one of no length."""
         norm = float(np.linalg.norm(axis))
@@ -109,47 +157,45 @@ class Reading:
                                      f"{suggestion(kind, PAIR_OF)}")
         return PAIR_OF[kind]
 
+    @cached_property
     def world(self) -> dict[str, pin.SE3]:
-        """Return where every link stands when every joint is at zero, in the root's axes."""
-        above = {end(joint, "child"): joint for joint in self.joints.values()}
+        """Where every link stands when every joint is at zero, in the root's axes."""
         placed: dict[str, pin.SE3] = {}
         for link in self.links:
             way: list[str] = []
-            while link not in placed and link in above and link not in way:
+            seen: set[str] = set()
+            while link not in placed and link in self.above and link not in seen:
                 way.append(link)
-                link = end(above[link], "parent")
+                seen.add(link)
+                link = end(self.above[link][1], "parent")
             at = placed.setdefault(link, pin.SE3.Identity())
             for child in reversed(way):
-                joint = above[child]
+                joint = self.above[child][1]
                 at = placed[child] = at * self.placement(joint.find("origin"), joint)
         return placed
 
     def between(self, links: Sequence[str]) -> list[list[str]]:
         """Return the joints that move each of two links against the link that carries both."""
-        joints = self.joints
-        above = {end(joint, "child"): (name, joint) for name, joint in joints.items()}
-        ways: list[list[str]] = []
+        ways: list[dict[str, ET.Element]] = []
         for link in links:
-            way: list[str] = []
-            while link in above and above[link][0] not in way:
-                name, joint = above[link]
-                way.append(name)
+            way: dict[str, ET.Element] = {}
+            while link in self.above and self.above[link][0] not in way:
+                name, joint = self.above[link]
+                way[name] = joint
                 link = end(joint, "parent")
             ways.append(way)
-        common = {name for name in ways[0] if name in ways[1]}
-        return [[name for name in way if name not in common
-                 and joints[name].get("type") != "fixed"] for way in ways]
+        common = ways[0].keys() & ways[1].keys()
+        return [[name for name, joint in way.items()
+                 if name not in common and joint.get("type") != "fixed"] for way in ways]
 
     # ------------------------------------------------------------ what is made of it
 
     def frame(self, link: str, placement: pin.SE3, name: str) -> str:
         """Put a frame on a link, under a name that nothing has yet; return the name."""
-        frames = self.content.setdefault("frames", {})
-        taken = {*self.links, *self.joints, *frames}
-        numbered = (f"{name}_{k}" for k in count(2))
-        name = next(x for x in chain((name,), numbered) if x not in taken)
-        frames[name] = {"link": link, "xyz": placement.translation.tolist(),
-                        "rpy": pin.rpy.matrixToRpy(placement.rotation).tolist()}
+        name = self.names["frames"].free(name)
+        self.content.setdefault("frames", {})[name] = {
+            "link": link, "xyz": placement.translation.tolist(),
+            "rpy": pin.rpy.matrixToRpy(placement.rotation).tolist()}
         return name
 
     def close(self, name: str, kind: str, source: str, ends: Sequence[tuple[str, pin.SE3]],
@@ -176,8 +222,30 @@ class Reading:
                               **more})
 
     def add(self, key: str, entry: dict[str, Any]) -> None:
-        """Add an entry to a list of the content."""
-        self.content.setdefault(key, []).append(entry)
+        """Add an entry to a list of the content, under a name that no other there has.
+
+        A file that is meant for several simulators states one loop several times.
+        """
+        name = self.names[key].free(entry["name"])
+        self.content.setdefault(key, []).append({**entry, "name": name})
+
+    def put_joint(self, joint: ET.Element) -> None:
+        """Put a joint into the tree."""
+        name = joint.get("name", "")
+        self.robot.append(joint)
+        self.joints[name] = joint
+        self.names["frames"].taken.add(name)
+        for made in ("above", "root", "world"):
+            self.__dict__.pop(made, None)
+
+    def couple(self, source: str, joint: str, ratio: float, offset: float, by: str) -> None:
+        """Make a joint follow another, where the URDF itself or something before does not."""
+        known = source in self.joints and joint in self.joints
+        if known and joint not in self.followers and self.joints[joint].find("mimic") is None:
+            self.followers.add(joint)
+            self.content.get("drivers", {}).pop(joint, None)
+            self.add("closures", {"name": f"mimic_{joint}", "type": "coupling", "source": by,
+                                  "joints": [source, joint], "ratio": ratio, "offset": offset})
 
     def refine(self, joint: str, **keys: Any) -> None:
         """Say more of a joint of the tree; one with a `type` becomes floating in the URDF."""
@@ -190,22 +258,22 @@ class Reading:
                     element.remove(child)
 
     def drive(self, joint: str) -> None:
-        """Make a joint a driver of its own name."""
+        """Make a joint a driver of its own name, unless it follows another."""
+        if joint in self.followers:
+            return
         self.content.setdefault("drivers", {})[joint] = {"joint": joint}
 
-    def name_of(self, element: ET.Element) -> str:
+    def name_of(self, element: ET.Element, among: str = "closures") -> str:
         """Return an element's name, or one that says what and the how manieth it is."""
-        if element.get("name"):
-            return element.get("name", "")
         tag = local(element)
-        names = {closure["name"] for closure in self.content.get("closures", ())}
-        return next(x for x in (f"{tag}_{k}" for k in count(1)) if x not in names)
+        return element.get("name") or self.names[among].numbered(tag)
 
     def take(self, chosen: Callable[[ET.Element], bool]) -> Iterator[ET.Element]:
         """Yield the elements directly in the robot that are chosen, and take them out."""
-        for element in [e for e in self.robot if isinstance(e.tag, str) and chosen(e)]:
-            yield element
-            self.robot.remove(element)
+        taken = [e for e in self.robot if isinstance(e.tag, str) and chosen(e)]
+        if taken:
+            self.robot[:] = [e for e in self.robot if not (isinstance(e.tag, str) and chosen(e))]
+        yield from taken
 
 
 def local(element: ET.Element) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from spatial_pin.formats.dialects.reading import Reading, local
 
-KNOWN = ("link", "joint", "material")  # of URDF itself
+KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
 HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning
     "sensor", "camera", "mujoco_camera", "frame", "fixed_frame", "mujoco", "collision_filter_group",
     "collision_filter_groups", "disable_collisions", "enable_collisions",
@@ -30,7 +30,11 @@ def refuse_unread(reading: Reading) -> None:
     `<gazebo>`, where plugins name links for many reasons, those whose two ends are named as the
     ends of a joint are.
     """
-    links = set(reading.links)
+    links = reading.links.keys()
+    for joint in reading.robot.findall("joint"):
+        for role in ("parent", "child"):
+            if len(joint.findall(role)) > 1:
+                raise reading.fail(joint, f"has several <{role}>; a joint joins two links")
     for element in reading.robot:
         if not isinstance(element.tag, str) or local(element) in (*KNOWN, *HARMLESS):
             continue
@@ -48,26 +52,29 @@ def _refuse(element: ET.Element, ends: list[str], reading: Reading) -> None:
                                     "write a [[closures]] entry for it in a .toml file instead")
 
 
-def _named(element: ET.Element, links: set[str]) -> Iterator[str]:
-    """Yield the links that an element names, in its attributes or text, at any depth."""
+def _named(element: ET.Element, links: Collection[str]) -> Iterator[str]:
+    """Yield the links that an element names, in its attributes or text, at any depth.
+
+    Joints may have the names of links: what is called a joint names a joint.
+    """
     for inner in element.iter():
+        if not isinstance(inner.tag, str) or (inner is not element and "joint" in local(inner)):
+            continue
         for key, value in inner.attrib.items():
-            if value in links and not (inner is element and key == "name"):
+            own_name = inner is element and key == "name"
+            if value in links and "joint" not in key and not own_name:
                 yield value
         if (inner.text or "").strip() in links:
             yield (inner.text or "").strip()
 
 
-def _ends(element: ET.Element, links: set[str]) -> list[str]:
+def _ends(element: ET.Element, links: Collection[str]) -> list[str]:
     """Return the links at the ends that an element itself gives, as attributes or children."""
     named = {key.lower(): value for key, value in element.attrib.items() if value in links}
     for child in element:
         if isinstance(child.tag, str):
-            inner = ET.Element(local(child), child.attrib)
-            inner.text = child.text
-            found = list(_named(inner, links)) or [v for v in (child.get("name"),) if v in links]
-            if found:
-                named[local(child).lower()] = str(found[0])
+            values = (*child.attrib.values(), (child.text or "").strip())
+            named.update((local(child).lower(), value) for value in values if value in links)
     for role in ROLES:
         if all(key in named for key in role):
             return list(dict.fromkeys(named[key] for key in role))
