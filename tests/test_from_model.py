@@ -662,6 +662,7 @@ def test_shapes_are_saved_where_urdf_has_them(tmp_path):
     drawn = pin.GeometryModel()
     drawn.addGeometryObject(pin.GeometryObject("ball", 6, 15, at(0.1), coal.Sphere(0.1)))
     drawn.addGeometryObject(pin.GeometryObject("box", 2, 0, at(0.1), coal.Box(0.1, 0.2, 0.3)))
+    drawn.addGeometryObject(pin.GeometryObject("pill", 4, 0, at(0.1), coal.Capsule(0.1, 0.2)))
     drawn.addGeometryObject(pin.GeometryObject("tube", 3, 0, at(0.1), coal.Cylinder(0.1, 0.2)))
     for shape in drawn.geometryObjects:
         shape.meshColor = np.array([0.1, 0.2, 0.3, 0.5])

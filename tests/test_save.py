@@ -147,9 +147,24 @@ def test_the_folder_can_be_moved_with_its_meshes(tmp_path):
     assert {"meshes/visual/part.obj", "meshes/visual/part.mtl",
             "meshes/collision/part.obj"} <= files(tmp_path / "moved").keys()
     assert moved.visual_model.ngeoms == moved.collision_model.ngeoms == 1
-    with pytest.raises(sp.SpatialPinError, match=r"mesh '.*part\.obj' is gone"):
-        again.save(tmp_path / "never")
-    assert not (tmp_path / "never" / "part.toml").exists()
+    with pytest.warns(sp.SpatialPinWarning, match=r"2 mesh files are not there.*'part\.obj'"):
+        again.save(tmp_path / "bare")
+
+
+def test_meshes_that_nobody_found_stay_as_they_are_named(tmp_path, monkeypatch):
+    (tmp_path / "part.stl").write_bytes(b"not of this mechanism")
+    monkeypatch.chdir(tmp_path)
+    shapes = "".join(f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+                     for name in ("package://nowhere/part.stl", "part.stl"))
+    (tmp_path / "source").mkdir()
+    (tmp_path / "source" / "a.urdf").write_text(
+        f'<robot name="a"><link name="base">{shapes}</link></robot>')
+    with pytest.warns(sp.SpatialPinWarning, match="not found"):
+        mech = sp.load(tmp_path / "source" / "a.urdf")
+    with pytest.warns(sp.SpatialPinWarning, match="not found"):
+        again = sp.load(mech.save(tmp_path / "out"))
+    assert files(tmp_path / "out").keys() == {"a.urdf", "a.toml"}
+    assert again.urdf == mech.urdf
 
 
 def test_no_file_of_the_mechanism_itself_is_overwritten(tmp_path):

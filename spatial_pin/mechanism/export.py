@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, warn
 from spatial_pin.linalg import EPS, Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring, drivers_of_tree
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
@@ -43,8 +43,7 @@ def save(mechanism: Mechanism, folder: str | Path) -> Path:
         The mechanism file, for `load`.
 
     Raises:
-        SpatialPinError: a target is a file of the mechanism itself, or cannot be written, or a
-            mesh is gone.
+        SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
     """
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
@@ -116,24 +115,33 @@ def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
 
 
 def _gathered(mechanism: Mechanism) -> tuple[str, dict[Path, Path]]:
-    """Return the URDF with meshes named below its own folder, and which file each is a copy of."""
+    """Return the URDF with meshes named below its own folder, and which file each is a copy of.
+
+    Meshes that were not there when the mechanism was loaded stay as they are named.
+    """
     robot = ET.fromstring(mechanism.urdf)
     meshes = robot.findall("link/*/geometry/mesh")
     if not meshes:
         return mechanism.urdf, {}
     folders: dict[Path, Path] = {}
     copies: dict[Path, Path] = {}
+    gone: list[str] = []
     for mesh in meshes:
         source = Path(mesh.get("filename", ""))
+        if not source.is_absolute():  # it was not found
+            continue
         if not is_file(source):
-            raise SpatialPinError(f"mechanism {mechanism.name!r}: mesh {str(source)!r} is gone; "
-                                  "it cannot be copied")
+            gone.append(source.name)
+            continue
         if source.parent not in folders:
             folders[source.parent] = _free_folder(source.parent.name, set(folders.values()))
         for part in (source, *_parts(source)):
             copies[folders[source.parent] / part.name] = part
         mesh.set("filename", str(folders[source.parent] / source.name))
-    return ET.tostring(robot, encoding="unicode"), copies
+    if gone:
+        warn(f"mechanism {mechanism.name!r}: {len(gone)} mesh files are not there and are not "
+             f"copied, {gone[0]!r} the first")
+    return (ET.tostring(robot, encoding="unicode") if copies else mechanism.urdf), copies
 
 
 def _free_folder(name: str, taken: set[Path]) -> Path:

@@ -66,7 +66,7 @@ def mechanism_of(
     made.characteristic_length  # noqa: B018 - refused here where it is no number
     check_mechanism(made, where)
     check_guess(made, where)
-    return replace(made, urdf=urdf_of(made, bodies))
+    return made.with_fields(urdf=urdf_of(made, bodies))
 
 
 def _text(name: Any) -> str:

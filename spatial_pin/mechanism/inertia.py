@@ -71,7 +71,7 @@ def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia |
     moments = np.linalg.eigvalsh(second)
     if moments[0] < -LEFT * size:
         return None
-    return pin.Inertia(mass, lever, np.trace(second) * np.eye(3) - second)
+    return inertia_of(mass, lever, np.trace(second) * np.eye(3) - second)
 
 
 def _unit(masses: Iterable[float]) -> float:

@@ -508,8 +508,7 @@ class Mechanism:
             The mechanism file; what `load` makes of it is equal to this.
 
         Raises:
-            SpatialPinError: a target is a file of the mechanism itself, or cannot be written, or
-                a mesh is gone.
+            SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
             TypeError: `folder` is no path.
             ValueError: it is the name of a file, or of nothing.
         """
