@@ -399,10 +399,20 @@ class Equations:
         n_rows = len(self.scaled)
         return self.scaled[n_rows - len(self.evaluation.constraints.couplings) :] / self.scale
 
-    def unique(self) -> dict[str, NDArray[np.bool_]]:
-        """Return for every pair which components (6,) of its reaction are unique."""
-        return self.pairs.unique(
-            self.poses(), self._couplings(), self.spaces.left_null_space)
+    def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
+        """Return for every pair which components (6,) of its reaction are unique.
+
+        Args:
+            efforts: (k, nv) of actuators that the loops bear, and that may act besides.
+        """
+        stresses = self.spaces.left_null_space
+        pressing = np.zeros((len(stresses), len(self.scale)))
+        if efforts is not None and len(efforts):
+            borne = np.array([self.multipliers(-e) for e in efforts])
+            size = np.maximum(np.linalg.norm(borne, axis=1), 1e-300)[:, None]
+            stresses = np.vstack([stresses, borne / size])
+            pressing = np.vstack([pressing, efforts / size])
+        return self.pairs.unique(self.poses(), self._couplings(), stresses, pressing)
 
 
 def _by_size(motions: Array) -> Array:

@@ -103,6 +103,12 @@ class Dynamics:
         return self._borne[1]
 
     @cached_property
+    def of_loops(self) -> dict[str, NDArray[np.bool_]]:
+        """Which components of each pair's reaction are unique where no effort is changed."""
+        with self._equations() as equations:
+            return equations.unique()
+
+    @property
     def unique(self) -> dict[str, NDArray[np.bool_]]:
         """Which components of each pair's reaction are unique, force then moment (6,), world axes.
 
@@ -110,8 +116,7 @@ class Dynamics:
         forces in the plane and the moment about its normal, where a plane loop of hinges holds
         its links in the plane more than once.
         """
-        with self._equations() as equations:
-            return equations.unique()
+        return self.of_loops
 
     @property
     def determined(self) -> dict[str, bool]:

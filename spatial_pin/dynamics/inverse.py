@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.checks import checked, finite_number, names_of
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
+from spatial_pin.dynamics.reactions import UNMOVED
 from spatial_pin.dynamics.saddle import HOLDS
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.state import State, moving_in_time
@@ -53,6 +56,10 @@ class Actuation:
         np.add.at(total, self.columns, efforts)
         return total
 
+    def all_generalised(self, efforts: Array, nv: int) -> Array:
+        """Return rows of efforts (m, k) as joint forces (m, nv)."""
+        return np.array([self.generalised(e, nv) for e in efforts]).reshape(-1, nv)
+
 
 class Efforts(Dynamics):
     """The efforts of a given motion, with its reactions.
@@ -67,13 +74,37 @@ class Efforts(Dynamics):
         efforts: Array,
     ) -> None:
         super().__init__(state, load, a, closures, actuation.generalised(efforts, len(a)))
-        names = actuation.names
+        names, self._actuation = actuation.names, actuation
         self.efforts: dict[str, float] = dict(zip(names, efforts.tolist(), strict=True))
         power = efforts * state.v[actuation.columns]
         self.power: dict[str, float] = dict(zip(names, power.tolist(), strict=True))
 
+    @cached_property
+    def _pressing(self) -> Array:
+        """(k, n) efforts of the actuators that move nothing, of length 1."""
+        with self._equations() as equations:
+            return pressing(equations, self._actuation)
+
+    @cached_property
+    def unique(self) -> dict[str, NDArray[np.bool_]]:
+        """Which components of each pair's reaction are unique, force then moment (6,), world axes.
+
+        Those are not that an overconstrained loop can be under stress with by itself, nor those
+        that more actuators than freedoms can press for, one against the other.
+        """
+        actuation = self._actuation
+        with self._equations() as equations:
+            return equations.unique(actuation.all_generalised(self._pressing, len(self.a)))
+
+    @property
+    def unique_efforts(self) -> dict[str, bool]:
+        """Whether each effort is unique: it is not where actuators can press against each other."""
+        free = np.abs(self._pressing).max(axis=0, initial=0.0) < UNMOVED
+        return dict(zip(self._actuation.names, free.tolist(), strict=True))
+
     def __str__(self) -> str:
-        lines = [f"{name}: {value:.9g} (power {self.power[name]:.6g} W)"
+        unique = self.unique_efforts
+        lines = [f"{name}: {value:.9g}{'*' * (not unique[name])} (power {self.power[name]:.6g} W)"
                  for name, value in self.efforts.items()]
         return "\n".join([*lines, super().__str__()])
 
@@ -90,7 +121,8 @@ def inverse_dynamics(
 ) -> Efforts:
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
-    With more actuators than freedoms the efforts of least (weighted) squares are taken. Idle
+    With more actuators than freedoms the efforts of least (weighted) squares are taken, and
+    `unique` tells which reactions depend on that, `unique_efforts` which efforts. Idle
     rotations of a link in a loop are driven by nobody: their accelerations are those that inertia
     and resistance give them, whatever `state` says. All else that moves must be actuated, or be
     without load: a link at an end hinge would fall, were it let go. At rest this is statics.
@@ -147,6 +179,14 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     pull = decompose(work[:, actuation.columns] * actuation.root)
     efforts = actuation.root * pull.minimum_norm(work @ wanted)
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
+
+
+def pressing(equations: Equations, actuation: Actuation) -> Array:
+    """Return efforts (m, k), orthonormal, that actuators can have without moving anything."""
+    if len(actuation.columns) < 2:
+        return np.zeros((0, len(actuation.columns)))
+    work = equations.spaces.null_space * equations.scale
+    return decompose(work[:, actuation.columns]).null_space
 
 
 def _unactuated(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spatial_pin.checks import checked, mapping
 from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Actuation, balance
+from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.motion import Motion, motion_needed
@@ -117,8 +117,10 @@ class _Rows:
             kept[k] = now
         if equations.wrenches:
             self.given[k] = equations.pairs.summed(equations.wrenches)
-        if len(equations.spaces.left_null_space):
-            self.unique[k] = list(equations.unique().values())
+        spare = pressing(equations, actuation)
+        if len(spare) or len(equations.spaces.left_null_space):
+            efforts = actuation.all_generalised(spare, len(a))
+            self.unique[k] = list(equations.unique(efforts).values())
 
 
 @checked

@@ -109,8 +109,8 @@ class ReactionChanges:
             body = pair.bodies[1]
             found[pair.name] = self._moved(wrench, pair.point @ rates.placements[body],
                                            pair.point @ rates.placements_by_q[body])
-        unique = self.answer.determined
-        borne = {name: self._linear(x if unique[name] else np.full_like(x, np.nan))
+        unique = self.answer.of_loops
+        borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
                  for name, x in found.items()}
         return borne, self._linear(on_bodies[0] - forces[pairs.grounded].sum(axis=0))
 

@@ -19,7 +19,8 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
-MANY = "* one of many (along these axes): loops can be under stress by themselves; the least"
+MANY = ("* one of many (along these axes): loops, or more actuators than freedoms, can be under "
+        "stress by themselves; the least")
 UNMOVED = 1e-8  # reaction to a unit self-stress that is none
 
 
@@ -145,7 +146,7 @@ class Pairs:
         return force
 
     def unique(
-        self, poses: Poses, couplings: Array, self_stresses: Array
+        self, poses: Poses, couplings: Array, self_stresses: Array, pressing: Array | None = None
     ) -> dict[str, NDArray[np.bool_]]:
         """Return for every pair which components (6,) of its reaction are unique, world axes.
 
@@ -153,7 +154,8 @@ class Pairs:
             poses: where the bodies are, at one configuration.
             couplings: (n_couplings, nv) efforts at joints of unit multipliers of the couplings,
                 whose rows are the last.
-            self_stresses: (k, n_rows) orthonormal multipliers that balance among themselves.
+            self_stresses: (k, n_rows) multipliers, of length 1, that balance among themselves.
+            pressing: (k, nv) or with the efforts of actuators that go with them.
         """
         if not len(self_stresses):
             return {name: np.ones(6, dtype=bool) for name in self.names}
@@ -162,6 +164,8 @@ class Pairs:
         scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
                     float(np.abs(pulls).max(initial=0.0)), 1e-300)
         efforts = self_stresses[:, self_stresses.shape[1] - len(couplings) :] @ couplings
+        if pressing is not None:
+            efforts = efforts + pressing
         at_joints = _moved(-self.carries @ self.on_bodies(poses.rows, self_stresses),
                            poses.placements[:, 3])
         joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)

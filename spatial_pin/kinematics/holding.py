@@ -9,7 +9,7 @@ from spatial_pin.checks import names_of
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 from spatial_pin.mechanism.pairs import COUPLING
 
-BASE = "base"
+BASE, SPRINGS = "base", "springs"
 Hold = str | Iterable[str] | None
 PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}  # of a joint's velocity
 
@@ -75,8 +75,9 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
 
     Args:
         mechanism: the mechanism.
-        hold: names of joints, coordinates or drivers; "base" for the free bases, "NAME.rotation"
-            and "NAME.translation" for these parts of a floating joint. None: nothing.
+        hold: names of joints, coordinates or drivers; "base" for the free bases, "springs" for
+            the coordinates that springs of the file act about, "NAME.rotation" and
+            "NAME.translation" for these parts of a floating joint. None: nothing.
         driven: what moves: a base of which nothing is driven is held.
 
     Raises:
@@ -87,8 +88,11 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
     for name in () if hold is None else names_of(hold, "hold"):
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers
-        if name == BASE and not known and not mechanism.model.existJointName(name):
+        is_word = not known and not mechanism.model.existJointName(name)
+        if name == BASE and is_word:
             entries += still_entries(mechanism, driven)
+        elif name == SPRINGS and is_word:
+            entries += [mechanism.coordinate(x.joint).v for x in mechanism.springs if x.joint]
         elif part in PARTS and mechanism.model.existJointName(joint) and (
                 mechanism.pair_of(joint) == "floating"):
             entries += _entries(mechanism, joint)[PARTS[part]]

@@ -28,6 +28,7 @@ class Mark(NamedTuple):
 
 
 WHOLE = Mark(np.zeros((1, 3)), np.eye(3))
+NOTHING = Mark(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def of_line(line: Line) -> Mark:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from spatial_pin.kinematics.assembly import nearest_turn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.marks import WHOLE, Mark, of_line, resting, rows_of
+from spatial_pin.kinematics.marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
 from spatial_pin.kinematics.mobility import SINGULAR, finite_motions, idle_freedoms
 from spatial_pin.kinematics.mode_list import Continuum
 from spatial_pin.kinematics.newton import close
+from spatial_pin.kinematics.passive import chain_links
 from spatial_pin.kinematics.rods import Rod
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import (
@@ -135,13 +136,15 @@ class Check:
         Args:
             q: (nq,) a closed configuration.
             idle: its passive freedoms.
-            all_copies: rods that are turned about their lines are told apart too.
+            all_copies: rods that are turned about their lines are told apart too, and links
+                inside chains of hinges.
         """
         marks = dict.fromkeys(range(1, self.mechanism.model.njoints), WHOLE)
         self.evaluation.update(q)
         marks |= resting(self.evaluation, idle)
         if not all_copies:
             marks |= {i: of_line(line) for rod in self.rods for i, line in rod.lines.items()}
+            marks |= dict.fromkeys(chain_links(self.mechanism), NOTHING)
         return marks
 
     def signature(self, marks: Mapping[int, Mark], q: Array) -> Array:

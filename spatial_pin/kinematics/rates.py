@@ -249,7 +249,8 @@ def solve_rates(
             the joint's velocity.
         hold: joints or coordinates that stand still. "base": a free base, a floating joint that
             carries alone all that hangs together with its link, unless it is given rates;
-            "NAME.rotation" and "NAME.translation" are parts of a floating joint. None: nothing.
+            "springs": the joints that springs act about; "NAME.rotation" and "NAME.translation"
+            are parts of a floating joint. None: nothing.
 
     Returns:
         The State with v and a, and `rate_error`.

@@ -63,8 +63,9 @@ def sweep(
         guess: where to assemble, as for `assemble`.
         hold: values of other drivers or coordinates, a free base then stands still too; or names
             of what stands still where it is assembled: joints, coordinates, "base" for a free base
-            (a floating joint that carries alone all that hangs together with its link),
-            "NAME.rotation" and "NAME.translation" for parts of a floating joint; None: nothing.
+            (a floating joint that carries alone all that hangs together with its link), "springs"
+            for the joints that springs act about, "NAME.rotation" and "NAME.translation" for parts
+            of a floating joint; None: nothing.
             Drivers not named stand still where the guess has them; those that the loops do not let
             stand are told by "released" events.
         on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
