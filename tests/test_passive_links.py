@@ -169,16 +169,17 @@ def test_what_links_are_inside_chains(tmp_path: Path) -> None:
     assert not chain_links(sp.load("double_cardan"))
 
 
-def test_a_link_at_the_end_of_one_hinge_is_not_passive(tmp_path: Path) -> None:
-    text = (tmp_path / "arm.urdf", f'<robot name="arm">{link("ground")}{link("a")}{link("b")}'
-            + joint("p", "continuous", "ground", "a") + joint("q", "continuous", "a", "b")
-            + "</robot>")
-    text[0].write_text(text[1])
+def test_a_link_at_the_end_is_counted_among_the_freedoms_to_prescribe(tmp_path: Path) -> None:
+    names = ["ground", "a", "b", "c"]
+    (tmp_path / "arm.urdf").write_text('<robot name="arm">' + "".join([
+        *map(link, names), *(joint(f"on_{y}", "continuous", x, y, "0 0 1", axis=axis)
+                             for x, y, axis in zip(names, names[1:], ("0 0 1", "1 0 0", "0 1 0"),
+                                                   strict=False))]) + "</robot>")
     toml = tmp_path / "arm.toml"
-    toml.write_text('name = "arm"\ntree = "arm.urdf"\n[drivers.p]\njoint = "p"\n')
+    toml.write_text('name = "arm"\ntree = "arm.urdf"\n[drivers.p]\njoint = "on_a"\n')
     mechanism = sp.load(toml)
-    with pytest.raises(sp.SingularError, match=r"1 of its freedoms .* more of q"):
-        sp.jacobian(mechanism, sp.assemble(mechanism), "b")
+    with pytest.raises(sp.SingularError, match=r"2 of its freedoms .* more of on_b, on_c"):
+        sp.jacobian(mechanism, sp.assemble(mechanism), "c")
 
 
 @pytest.mark.parametrize("name", BARS)

@@ -190,7 +190,7 @@ class Motion:
             raise SpatialPinError(
                 f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1" if n else
                 f"there is no row {row}: the motion has none")
-        lost = (partial(rate_error, self.driver_name, not self._is_continued(row), self.held)
+        lost = (partial(rate_error, self.driver_name, not self._is_continued(row), held=self.held)
                 if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],

@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
-from spatial_pin.kinematics.holding import still_entries
+from spatial_pin.kinematics.holding import free_bases, still_entries
 from spatial_pin.kinematics.passive import is_in_loop, passive_freedoms
 from spatial_pin.kinematics.rotations import Rotations, rotations_of
 from spatial_pin.linalg import (
@@ -356,14 +356,16 @@ class SquareSystem:
     def _check_passive(self, q: Array) -> None:
         """Refuse freedoms that are not the motion of one link: somebody must drive them."""
         mechanism, null_space = self.evaluation.mechanism, self.passive
-        passive = sum(len(v) for joint, v in passive_freedoms(
-            self.evaluation, null_space * self.scale) if is_in_loop(mechanism, joint))
-        missing = len(null_space) - passive
-        if not missing:
+        found = [(joint, v) for joint, v in passive_freedoms(
+            self.evaluation, null_space * self.scale) if joint not in free_bases(mechanism)]
+        determined = sum(len(v) for _, v in found) == len(null_space)
+        if determined:
             self._check_free()
         self.check_regular(q)
-        if not missing:
+        if determined:
             return
+        missing = len(null_space) - sum(len(v) for joint, v in found if is_in_loop(
+            mechanism, joint))  # a link that hangs at an end is prescribed with the rest
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
         picked = independent_rows(np.where(moving[:, None], null_space.T, 0.0))[:missing]

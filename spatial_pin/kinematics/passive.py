@@ -84,6 +84,7 @@ def chain_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the bodies inside balls and universal joints that are written as chains of hinges.
 
     They weigh nothing, and carry two hinges, not driven nor coupled, whose centres are one point.
+    Where nothing at all weighs, nobody can tell them from shafts: there are none.
     """
     if "chain links" not in mechanism.memo:
         mechanism.memo["chain links"] = _chain_links(mechanism)
@@ -94,6 +95,8 @@ def chain_links(mechanism: Mechanism) -> frozenset[int]:
 def _chain_links(mechanism: Mechanism) -> frozenset[int]:
     model = mechanism.model
     masses = np.array([inertia.mass for inertia in model.inertias])
+    if not masses.any():
+        return frozenset()
     counted = np.bincount([body for ends in _pairs(mechanism) for body in ends],
                           minlength=model.njoints)
     moved = {mechanism.coordinate(name).joint for name in (

@@ -333,14 +333,14 @@ def _unknown(system: SquareSystem, q: Array, rates: Array) -> float:
     return worst
 
 
-def rate_error(driver: str, solved: bool, held: Hold, state: State) -> float:
+def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
     """Return `round_off` of rates that a driver makes; NaN where it does not determine them.
 
     Args:
         driver: its name.
         solved: whether rates were solved there, not continued across a crossing of branches.
-        held: what stands still, as for `solve_rates`.
         state: the closed state.
+        held: what stands still, as for `solve_rates`.
     """
     try:
         with square_system(state, [driver], held) as system:
