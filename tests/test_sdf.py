@@ -258,6 +258,32 @@ def test_axes_are_expressed_in_the_frame_that_the_version_says(tmp_path, version
     assert np.allclose(pin.log3(turned), 0.8 * frames[along].rotation[:, 0], atol=1e-14)
 
 
+def test_files_may_be_as_careless_as_sdformats_own_reader_lets_them(tmp_path):
+    """A comment before the declaration, dashes in it, a joint of a link's name, no namespace."""
+    body = (link("a", "1 0 0 0 0 0") + "<my:note/>" + joint(
+        "a", "universal", "world", "a", axis="1 0 0",
+        more="<pose relative_to='world'/><axis2><xyz>0 1 0</xyz><limit><lower>-1</lower>"
+             "<upper>1</upper></limit></axis2>", ))
+    text = "<!-- a ---- b -->\n<?xml version='1.0'?>\n" + sdf(body)
+    with pytest.warns(sp.SpatialPinWarning, match="not read: <note>"):
+        mech = loaded(tmp_path, text)
+    assert mech.coordinates == ("a.first", "a.second")
+    assert np.allclose(placement(mech, "a").translation, [1.0, 0.0, 0.0])
+    assert np.allclose(placement(mech, "a", a__second=0.5).translation,
+                       [math.cos(0.5), 0.0, -math.sin(0.5)])
+
+
+def test_axes_of_joints_with_two_are_expressed_in_other_frames_too(tmp_path):
+    axes = ("<axis2><xyz expressed_in='__model__'>0 1 0</xyz><dynamics><damping>1</damping>"
+            "</dynamics></axis2>")
+    text = sdf(link("a", "0 0 0 0 0 0.7") + "<joint name='u' type='universal'><parent>world"
+               "</parent><child>a</child><axis><xyz expressed_in='__model__'>1 0 0</xyz></axis>"
+               + axes + "</joint>")
+    turned = placement(loaded(tmp_path, text), "a", u__first=0.4, u__second=0.9).rotation
+    expected = pin.utils.rotate("x", 0.4) @ pin.utils.rotate("y", 0.9) @ pin.utils.rotate("z", 0.7)
+    assert np.allclose(turned, expected, atol=1e-14)
+
+
 def test_a_placement_frame_is_what_the_models_pose_places(tmp_path):
     text = sdf("<pose>1 0 0 0 0 0</pose>" + link("a", "0 0 2 0 0 0")
                + joint("hold", "fixed", "world", "a", axis=""), "1.8", "placement_frame='a'")

@@ -67,7 +67,7 @@ def read_sdf(request: Request) -> Imported:
     if request.parameters:
         raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
                                  ".xacro files have any")
-    root = parse_xml(read_text(path), path)
+    root = parse_xml(_plain(read_text(path)), path)
     version = _version(root, path)
     model, content, notices = _one_model(root, path)
     reader = _Model(model, f"{path}: model {model.get('name', '')!r}", version)
@@ -77,6 +77,15 @@ def read_sdf(request: Request) -> Imported:
     graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
     content = {"name": model.get("name") or path.stem, **content}
     return open_tree(graph, str(path), content, (*notices, *reader.notices))
+
+
+def _plain(text: str) -> str:
+    """Return XML text without comments and declaration: in SDFormat these may stand as they like.
+
+    Lines keep their numbers.
+    """
+    return re.sub(r"<!--.*?-->|<\?xml.*?\?>", lambda part: "\n" * part[0].count("\n"), text,
+                  flags=re.S).lstrip(" \t\ufeff")
 
 
 def _version(root: ET.Element, path: Path) -> tuple[int, int]:
@@ -144,6 +153,7 @@ class _Model:
             raise MechanismFileError(f"{where}: canonical_link={self.canonical!r}: no such link; "
                                      f"{suggestion(self.canonical, self.links)}")
         self.frames = Frames(where, pin.SE3.Identity())
+        self.frame_of: dict[str, str] = {}  # joint -> its frame
         self._put_frames()
         self._put_model()
 
@@ -195,15 +205,20 @@ class _Model:
             ("frame", self.named.items()))
         for kind, group in groups:
             for name, element in group:
-                if name in self.frames.table or name in (MODEL, *WORLDS):
-                    raise MechanismFileError(
-                        f"{self.where}: {kind} {name!r}: another has that name")
+                key = name
+                while key in self.frames.table or key in (MODEL, *WORLDS):
+                    if kind != "joint":
+                        raise MechanismFileError(
+                            f"{self.where}: {kind} {name!r}: another has that name")
+                    key += "_joint"  # as SDFormat's own reader calls it
+                if kind == "joint":
+                    self.frame_of[name] = key
                 attached = {
                     "link": name, "joint": (element.findtext("child") or "").strip(),
                     "frame": element.get("attached_to") or MODEL}[kind]
                 default = MODEL if kind == "link" else attached
                 stated = element.find("pose")
-                self.frames.table[name] = Frame(
+                self.frames.table[key] = Frame(
                     self.frames.relative_to(stated, default),
                     pose(stated, f"{self.where}: {kind} {name!r}"), attached)
 
@@ -230,8 +245,7 @@ class _Model:
         """Return links, frames and joints."""
         left_out: list[str] = []
         links, joints = [], []
-        for name, element in self.links.items():
-            links.append(self._link(name, element, left_out))
+        links += [self._link(name, element, left_out) for name, element in self.links.items()]
         for name, element in self.joints.items():
             joint = self._joint(name, element)
             links += joint[0]
@@ -293,21 +307,23 @@ class _Model:
                 for tag in ("parent", "child")]
         if ends[0] == ends[1]:
             raise MechanismFileError(f"{where} joins {ends[0] or 'the world'!r} with itself")
-        joint = Joint(name, PAIR_OF[kind], ends[0], ends[1], self._on(name, ends[0]),
-                      self._on(name, ends[1]))
+        joint = Joint(name, PAIR_OF[kind], ends[0], ends[1],
+                      *(self._on(self.frame_of[name], end) for end in ends))
         if kind == "fixed":
             return [], [joint]
         if joint.type == "universal":
             return self._two_axes(joint, element, where)
-        joint = self._about(joint, element.find("axis"), where, "axis")
+        joint = self._about(joint, name, element.find("axis"), where, "axis")
         if joint.type == "screw":
             joint = replace(joint, lead=_lead(element, where))
         if kind == "continuous":
             joint = replace(joint, lower=-math.inf, upper=math.inf)
         return [], [joint]
 
-    def _about(self, joint: Joint, axis: ET.Element | None, where: str, tag: str) -> Joint:
-        """Return a joint with what its <axis> says."""
+    def _about(
+        self, joint: Joint, name: str, axis: ET.Element | None, where: str, tag: str
+    ) -> Joint:
+        """Return a joint with what an <axis> of the file's joint of that name says."""
         if joint.type == "spherical":
             dynamics = axis.find("dynamics") if axis is not None else None
             return replace(joint, damping=number(dynamics, "damping", 0.0, where),
@@ -318,7 +334,7 @@ class _Model:
         limit, dynamics = axis.find("limit"), axis.find("dynamics")
         effort, velocity = (bound(limit, key, math.inf, where) for key in ("effort", "velocity"))
         return replace(
-            joint, axis=self._direction(joint.name, axis, where),
+            joint, axis=self._direction(name, axis, where),
             lower=bound(limit, "lower", -math.inf, where),
             upper=bound(limit, "upper", math.inf, where),
             effort=effort if effort >= 0.0 else math.inf,  # -1 for none
@@ -329,19 +345,20 @@ class _Model:
             reference=number(dynamics, "spring_reference", 0.0, where))
 
     def _direction(self, joint: str, axis: ET.Element, where: str) -> Array:
-        """Return an axis (3,) in the frame of its joint."""
+        """Return an axis (3,) of a joint in the joint's frame."""
         element = axis.find("xyz")
         text = element.text if element is not None else "0 0 1"
         given = number_list(text, 3, f"{where}: <xyz>")
         size = float(np.linalg.norm(given))
         if size < 1e-12:
             raise MechanismFileError(f"{where}: <xyz> is zero")
-        frame = (element.get("expressed_in") if element is not None else None) or joint
+        own = self.frame_of[joint]
+        frame = (element.get("expressed_in") if element is not None else None) or own
         if is_true(axis, "use_parent_model_frame") or self.version < (1, 5):
             frame = MODEL
-        if frame != joint:
+        if frame != own:
             here, there = (self.frames.in_world(x, f"axis of joint {joint!r}").rotation
-                           for x in (joint, frame))
+                           for x in (own, frame))
             given = here.T @ there @ given
         direction: Array = given / size
         return direction
@@ -353,7 +370,7 @@ class _Model:
         kind, cross = element.get("type"), f"{joint.name}.cross"
         first, second = (
             self._about(replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
-                        element.find(tag), where, tag) for tag in AXES)
+                        joint.name, element.find(tag), where, tag) for tag in AXES)
         square = abs(first.axis @ second.axis) < 1e-9
         if kind == "universal" and not square:
             raise MechanismFileError(f"{where}: the axes of a universal joint must be "
@@ -364,7 +381,7 @@ class _Model:
                 for x in (first, second)):
             return [], [replace(joint, axis=first.axis, axis2=second.axis, damping=first.damping,
                                 friction=first.friction)]
-        between = Link(cross, self.frames.in_world(joint.name, "joint"))
+        between = Link(cross, self.frames.in_world(self.frame_of[joint.name], "joint"))
         return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
                            replace(second, parent=cross, on_parent=pin.SE3.Identity())]
 
@@ -396,7 +413,7 @@ class _Model:
             axis = element.find(tag)
             if axis is None:
                 raise MechanismFileError(f"{where} needs <{tag}>")
-            turned = self.frames.in_world(name, "gearbox").rotation
+            turned = self.frames.in_world(self.frame_of[name], "gearbox").rotation
             about = turned @ self._direction(name, axis, where)
             joint, sense = self._turning(body, link, about, joints, where)
             names.append(joint.name)
@@ -409,7 +426,8 @@ class _Model:
         """Return the joint by which a link turns against a body about a direction, and its sign."""
         for joint in joints:
             if joint.type == "revolute" and {joint.parent, joint.child} == {body, link}:
-                at = self.frames.in_world(joint.name, "gearbox").rotation @ joint.axis
+                frame = self.frame_of[joint.name]
+                at = self.frames.in_world(frame, "gearbox").rotation @ joint.axis
                 if np.linalg.norm(np.cross(at, about)) < PARALLEL:
                     return joint, math.copysign(1.0, at @ about) * (
                         1.0 if joint.parent == body else -1.0)
