@@ -457,15 +457,24 @@ def test_drakes_rotor_is_felt_through_its_gear(tmp_path):
     mech = sp.load(four_bar(tmp_path, """<transmission><type>SimpleTransmission</type>
       <actuator name="m"><drake:rotor_inertia value="2e-4"/><drake:gear_ratio value="50"/>
       </actuator><joint name="j1"/></transmission>"""))
-    assert list(mech.drivers) == ["j1"]
+    assert "j1" in mech.drivers
     assert mech.model.armature.tolist() == [pytest.approx(0.5), 0.0, 0.0]
 
 
 # ---------------------------------------------------------------- motors
 
 
+WELD = "<loop name='shut' type='fixed'><predecessor link='a'/><successor link='c'/></loop>"
+
+
+def test_all_joints_of_a_tree_drive_it_whatever_motors_are_stated(tmp_path):
+    motor = "<transmission name='t'><joint name='j1'/></transmission>"
+    assert list(sp.load(four_bar(tmp_path, motor)).drivers) == ["j1", "j2", "j3"]
+    assert list(sp.load(four_bar(tmp_path, motor + WELD)).drivers) == ["j1"]
+
+
 def test_transmissions_and_ros2_control_say_what_is_driven(tmp_path):
-    mech = sp.load(four_bar(tmp_path, """
+    mech = sp.load(four_bar(tmp_path, WELD + """
       <transmission name="t"><joint name="j1"><hardwareInterface>x</hardwareInterface></joint>
       </transmission>
       <ros2_control name="r" type="system">
@@ -480,7 +489,7 @@ def test_a_joint_that_cannot_be_driven_by_itself_gets_no_driver(tmp_path):
                               "<transmission name='v'><joint name='elsewhere'/></transmission>")
     path.write_text(path.read_text().replace('<child link="c"/>',
                                              '<child link="c"/><mimic joint="j1"/>'))
-    assert list(sp.load(path).drivers) == ["j1"]
+    assert list(sp.load(path).drivers) == ["j1", "j2"]
 
 
 @pytest.mark.parametrize("stated", [
