@@ -479,16 +479,16 @@ class Mechanism:
         """Return the closures in Pinocchio's native form (3-D point or 6-D weld).
 
         Raises:
-            ClosureTypeError: a closure is of a type that Pinocchio does not have.
+            ClosureTypeError: a closure is of a type that Pinocchio does not have, or a part of one.
         """
         models = []
         for closure in self.closures:
-            whole = closure.type != COUPLING and closure.equations is None
-            native = closure.pair.native if whole else None
-            if native is None:
+            native = None if closure.type == COUPLING else closure.pair.native
+            if native is None or closure.equations is not None:
+                part = "" if native is None else f" with equations {list(closure.equations or ())}"
                 raise ClosureTypeError(
-                    f"mechanism {self.name!r}: closure {closure.name!r} is {closure.type}; "
-                    "Pinocchio's native closures are spherical (3-D) and weld (6-D) only"
+                    f"mechanism {self.name!r}: closure {closure.name!r} is {closure.type}{part}; "
+                    "Pinocchio's native closures are spherical (3-D) and weld (6-D) only, whole"
                 )
             (i1, m1), (i2, m2) = (self.frame_on_joint(f) for f in closure.frames)
             model = pin.RigidConstraintModel(
