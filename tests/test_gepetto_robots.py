@@ -11,19 +11,19 @@ import pytest
 import spatial_pin as sp
 
 DATA = Path(__file__).parent / "data" / "gepetto"
-ROBOTS = {  # closures, drivers, joints of the tree, finite freedoms
-    "5bar_linkage_iso3d": ({"spherical": 1}, 2, {"revolute": 5}, 2),
-    "cassie_like": ({"weld": 2}, 5, {"revolute": 19}, 7),
-    "digit_like_2legs": ({"weld": 6}, 12, {"revolute": 18, "universal": 6, "spherical": 6}, 12),
-    "digit_like_2legs_6D": ({"weld": 6}, 12, {"revolute": 48}, 12),
-    "talos_like": ({"weld": 1}, 6, {"revolute": 13}, 7),
-    "wl16_like": ({"weld": 5}, 6, {"revolute": 36, "prismatic": 6}, 12),
+ROBOTS = {  # closures, drivers, joints of the tree, finite freedoms, passive ones of them
+    "5bar_linkage_iso3d": ({"spherical": 1}, 2, {"revolute": 5}, 2, 0),
+    "cassie_like": ({"weld": 2}, 5, {"revolute": 19}, 7, 2),
+    "digit_like_2legs": ({"weld": 6}, 12, {"revolute": 18, "universal": 6, "spherical": 6}, 12, 0),
+    "digit_like_2legs_6D": ({"weld": 6}, 12, {"revolute": 48}, 12, 0),
+    "talos_like": ({"weld": 1}, 6, {"revolute": 13}, 7, 1),
+    "wl16_like": ({"weld": 5}, 6, {"revolute": 36, "prismatic": 6}, 12, 6),
 }
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_opens_with_its_loops_motors_joints_and_freedoms_and_closes(name):
-    closures, drivers, joints, freedoms = ROBOTS[name]
+    closures, drivers, joints, freedoms, passive = ROBOTS[name]
     mech = sp.load(DATA / name)
     assert mech.name == name
     assert Counter(c.type for c in mech.closures) == closures
@@ -37,7 +37,8 @@ def test_a_robot_opens_with_its_loops_motors_joints_and_freedoms_and_closes(name
         assert np.linalg.norm(between.translation) < 1e-12
         if closure.type == "weld":
             assert np.allclose(between.rotation, np.eye(3), rtol=0, atol=1e-12)
-    assert sp.mobility(mech, state).dof == freedoms
+    found = sp.mobility(mech, state)
+    assert (found.dof, len(found.passive)) == (freedoms, passive)
 
 
 def test_folder_urdf_and_yaml_are_the_same_robot():
@@ -105,6 +106,7 @@ def test_names_that_do_not_exist_are_told(tmp_path):
     ("closed_loop: 3\n", "closed_loop must be a list"),
     ("closed_loop: [[{a: b}, [c]]]\n", r"closed_loop\[0\] must be two names"),
     (LOOP + "name_mot: [[m], {k: k}]\n", "name_mot must be a list of names"),
+    ("closed_loop: [[end_A, end_B]\n", "not valid YAML"),
     (LOOP + "loops: [a]\n", "loops is not a key"),
     (LOOP + "joint_name: [k]\njoint_type: [UJOINT_XX]\n", "joint_type 'UJOINT_XX' is not known"),
     (LOOP + "joint_name: [k]\n", "1 joint_name for 0 joint_type"),
@@ -122,6 +124,12 @@ def test_several_robots_of_a_folder_each_have_their_file(tmp_path):
     assert sp.load(tmp_path / "welded.yaml").closures[0].type == "weld"
     with pytest.raises(sp.MechanismFileError, match=r"which \.urdf is meant"):
         sp.load(tmp_path)
+
+
+def test_a_yaml_file_of_something_else_is_left_alone(tmp_path):
+    for text in ("gains: [1, 2]\n", "- a\n- b\n", "a: [\n", "\xff"):
+        robot(tmp_path, text)
+        assert sp.load(tmp_path / "robot.urdf").closures == ()
 
 
 def test_the_file_of_another_robot_is_not_taken(tmp_path):

@@ -24,7 +24,7 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.dialects.beside import lists_of, table_of
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.mechanism.sources import is_file, shown
+from spatial_pin.mechanism.sources import is_file, read_text, shown
 
 NAMES = ("type", "name_mot", "joint_name", "joint_type")
 URDF = ("urdf", "name_urdf", "urdf_file")
@@ -35,11 +35,18 @@ SOURCE = "closed_loop"
 
 
 def is_robot(path: Path) -> bool:
-    """Return whether a YAML file is one."""
+    """Return whether a YAML file is one, or was meant to be: reading then says what is wrong."""
     try:
         return SOURCE in table_of(path)
     except MechanismFileError:
-        return False
+        return SOURCE in _text(path)
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_text(path)
+    except MechanismFileError:
+        return ""
 
 
 def urdf_of(path: Path) -> Path:
