@@ -89,7 +89,7 @@ def placement_gap(pair, q):
     worst = 0.0
     model, there = pair.model, pair.data
     sites = [(model.site(s).name, there.site_xpos[s], there.site_xmat[s])
-             for s in range(model.nsite) if model.site(s).name not in _bodies(model)]
+             for s in range(model.nsite) if model.site(s).name not in _others(model)]
     bodies = [(model.body(b).name, there.xpos[b], there.xmat[b]) for b in range(1, model.nbody)]
     for name, position, rotation in bodies + sites:
         if name:
@@ -99,8 +99,8 @@ def placement_gap(pair, q):
     return worst
 
 
-def _bodies(model):
-    return {model.body(b).name for b in range(model.nbody)}
+def _others(model):
+    return {model.body(b).name for b in range(model.nbody)} | set(mujoco_joint_names(model))
 
 
 def mass_matrices(pair, q):

@@ -202,14 +202,15 @@ def _add_inertia(reading: Reading, body: int) -> None:
 
 
 def _add_site(reading: Reading, site: int) -> None:
-    """Add a site as a frame; one that has the name and the frame of its body is that."""
+    """Add a site as a frame; one that has the name and the frame of its body is this body."""
     model = reading.model
     name, body = model.site(site).name, model.site_bodyid[site]
     placement = pose(model.site_pos[site], model.site_quat[site])
     if name == model.body(body).name and placement.isIdentity(0.0):
         reading.sites[site] = reading.links[body]
     elif name:
-        wanted = name if name not in reading.links else f"{name}_site"
+        known = {*reading.links, *(place.name for place in reading.joints)}
+        wanted = name if name not in known else f"{name}_site"
         reading.sites[site] = reading.urdf.frame(wanted, reading.links[body], placement)
 
 
