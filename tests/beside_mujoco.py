@@ -20,20 +20,8 @@ class Pair:
 
     @property
     def joints(self):
-        """(our joint index, MuJoCo's joint index) of every joint."""
-        names = mujoco_joint_names(self.model)
-        return [(self.mech.model.getJointId(name), j) for j, name in enumerate(names)]
-
-
-def mujoco_joint_names(model):
-    kinds = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
-    names = [model.joint(j).name for j in range(model.njnt)]
-    for j, name in enumerate(names):
-        if not name:
-            wanted = f"{model.body(model.jnt_bodyid[j]).name}_{kinds[int(model.jnt_type[j])]}"
-            found = [wanted, *(f"{wanted}_{k}" for k in range(2, 99))]
-            names[j] = next(x for x in found if x not in names)
-    return names
+        """(our joint index, MuJoCo's joint index) of every joint: the same order."""
+        return [(j + 1, j) for j in range(self.model.njnt)]
 
 
 def beside(mech, model):
@@ -100,7 +88,7 @@ def placement_gap(pair, q):
 
 
 def _others(model):
-    return {model.body(b).name for b in range(model.nbody)} | set(mujoco_joint_names(model))
+    return {model.body(b).name for b in range(model.nbody)} | {model.joint(j).name for j in range(model.njnt)}
 
 
 def mass_matrices(pair, q):

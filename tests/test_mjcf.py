@@ -299,6 +299,8 @@ EQUALITIES = {
     "weld with pose and anchor": '<weld body1="v" body2="f" relpose=".1 .2 .3 1 .2 .3 .4" '
                                  'anchor=".3 0 .1"/>',
     "weld to the world": '<weld body1="f_tip" relpose=".1 .2 .3 1 .2 .3 .4"/>',
+    "weld of points only": '<weld body1="v" body2="f" relpose=".1 .2 .3 1 .2 .3 .4" '
+                           'anchor=".3 0 .1" torquescale="0"/>',
     "weld of sites": '<weld site1="sv" site2="sf"/>',
     "coupling": '<joint joint1="u2" joint2="u1" polycoef=".1 -2 0 0 0"/>',
     "coupling of angle and slide": '<joint joint1="v2" joint2="u1" polycoef="0 .4 0 0 0"/>',

@@ -172,6 +172,9 @@ def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
     """Delete textures, skins and height fields, whose files are of no use here."""
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
+    for light in spec.lights:
+        if hasattr(light, "texture"):
+            light.texture = ""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             notices.append(f"height field {geom.hfieldname!r} is left out")

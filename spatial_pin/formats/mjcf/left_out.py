@@ -19,7 +19,7 @@ def left_out(reading: Reading) -> Iterator[str]:
             name = repr(model.tendon(tendon).name or tendon)
             yield f"tendon {name}: its {', '.join(words)} is left out"
     for flex in range(model.nflex):
-        yield f"flex {model.flex(flex).name!r}: its elasticity is left out"
+        yield f"flex number {flex}: its elasticity is left out"
     floats = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp)]
     if floats:
         yield f"the gravity compensation of bodies ({some(floats)}) is left out"

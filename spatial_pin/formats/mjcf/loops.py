@@ -17,6 +17,7 @@ from spatial_pin.mechanism.pairs import axes_from_z
 HOME = "home"  # the key that is the guess, if there is one
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
 ALIGNED = 1e-14  # of two unit vectors, by round-off
+TORQUE_SCALE = 10  # of the data of a weld: the weight of its turns, 0 for a ball
 TURN, SLIDE = 3, 2  # equations of a weld: no turn about its z, no slide along it
 
 
@@ -66,7 +67,8 @@ def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
             reading.notices.append(f"equality {_called(reading, eq)} joins two bodies that are "
                                    "fixed to each other: left out")
         elif kind == "weld":
-            closures.append((eq, _closure(reading, name, "weld", *ends)))
+            holds = "weld" if model.eq_data[eq, TORQUE_SCALE] else "spherical"
+            closures.append((eq, _closure(reading, name, holds, *ends)))
         else:
             connects.setdefault(rigid, []).append(Connect(eq, name, ends))
     for group in connects.values():
@@ -243,7 +245,7 @@ def read_drivers(
     model, drivers = reading.model, {}
     joints = {place.name for place in reading.joints}
     driven: set[str] = set()
-    for actuator in range(model.nu):
+    for actuator in range(len(model.actuator_trntype)):  # some have several controls
         name = model.actuator(actuator).name
         joint, why = _driven_joint(reading, actuator, closures)
         if joint is None:
