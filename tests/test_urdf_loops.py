@@ -147,6 +147,14 @@ def test_a_link_reached_twice_by_the_same_fixed_place_is_told_and_another_place_
         loaded(tmp_path, text.replace("1 1 0", "1 2 0"))
 
 
+def test_a_joint_of_a_link_with_itself_is_refused_by_name(tmp_path):
+    for text in (four_bar(), "<robot name='r'>" + link("a") + "</robot>"):
+        name = "a" if "crank" not in text else "crank"
+        with pytest.raises(sp.MechanismFileError, match=f"'self' joins link '{name}' with itself"):
+            loaded(tmp_path, text.replace("</robot>", joint("self", "fixed", name, name)
+                                          + "</robot>"))
+
+
 def test_a_cycle_without_a_root_stands_on_its_first_link(tmp_path):
     """A closed chain of three links and a slider that turns: a slider-crank without ground."""
     text = ("<robot name='r'>" + "".join(map(link, "abcd"))

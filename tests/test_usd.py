@@ -385,6 +385,15 @@ def test_a_mimic_is_a_coupling(tmp_path):
     assert state.coordinate("j")[0] == pytest.approx(-2.0 * 0.3 - math.pi / 6, abs=1e-12)
 
 
+def test_tendons_are_told(tmp_path):
+    scene = Scene(tmp_path)
+    scene.body("/a")
+    scene.joint("RevoluteJoint", "/j", None, "/a").GetPrim().AddAppliedSchema(
+        "PhysxTendonAxisAPI:t")
+    with pytest.warns(sp.SpatialPinWarning, match="tendons pull on /j: they are left out"):
+        scene.load()
+
+
 @quiet
 def test_three_revolutes_through_a_point_on_bodies_without_mass_are_a_ball(tmp_path):
     scene = Scene(tmp_path)
@@ -513,7 +522,6 @@ def test_bodies_of_an_instance_are_read(tmp_path):
 
 @pytest.mark.parametrize(("change", "named"), [
     (lambda s: s.stage.DefinePrim("/gear", "PhysxPhysicsGearJoint"), "PhysxPhysicsGearJoint"),
-    (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("PhysxTendonAxisAPI:t"), "Tendon"),
     (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("NewtonMimicAPI"), "NewtonMimicAPI"),
     (lambda s: UsdPhysics.Joint.Get(s.stage, "/j").GetBody1Rel().SetTargets(["/none"]), "/none"),
     (lambda s: UsdGeom.Xformable(s.stage.GetPrimAtPath("/a")).GetOrderedXformOps()[2].Set(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +27,9 @@ UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
 
 
 def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
-    """Refuse what is not a tree: URDF readers drop and duplicate joints without a word.
+    """Refuse links and joints that do not make a graph; several trees are made one.
 
-    Several trees are made one.
+    Loops are cut before.
     """
     if robot.tag != "robot":
         raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
@@ -37,8 +37,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
     if not links:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
-    _names(joints, "joint", path)
-    parent_joint: dict[str, ET.Element] = {}
+    names = _names(joints, "joint", path)
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -47,35 +46,21 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
                     f"{path}: joint {joint.get('name')!r}: {role} link {link!r} does not exist; "
                     f"{suggestion(link, links)}"
                 )
-        child = end_of(joint, "child")
-        if child in parent_joint:
-            first = parent_joint[child]
-            raise MechanismFileError(
-                f"{path}: link {child!r} has two parents: joint {first.get('name')!r} from "
-                f"{end_of(first, 'parent')!r} and joint {joint.get('name')!r} from "
-                f"{end_of(joint, 'parent')!r}. URDF holds trees only: cut the loop at one of the "
-                "two joints: delete it here, put an empty link on a fixed joint at its place on "
-                "either side, and write a [[closures]] entry with those two frames in a .toml file"
-            )
-        parent_joint[child] = joint
-    roots = [link for link in links if link not in parent_joint]
-    if not roots:
-        raise MechanismFileError(f"{path}: no root link; a tree has one link without a parent")
-    root = roots[0]
+        if end_of(joint, "child") == end_of(joint, "parent"):
+            raise MechanismFileError(f"{path}: joint {joint.get('name')!r} joins link "
+                                     f"{end_of(joint, 'child')!r} with itself")
+    children = {end_of(joint, "child") for joint in joints}
+    roots = [link for link in links if link not in children]
     if len(roots) > 1:
-        root = _join(robot, roots, links, parent_joint, faults)
-        links = {**links, root: robot}
-    _check_connected(root, links, parent_joint, path)
+        _join(robot, roots, {*links, *names} - set(roots), faults)
 
 
 def _join(
-    robot: ET.Element, roots: Sequence[str], links: Mapping[str, ET.Element],
-    parent_joint: dict[str, ET.Element], faults: Faults,
-) -> str:
-    """Fix several roots to one link, the world; return its name."""
-    taken = {*links, *(joint.get("name", "") for joint in parent_joint.values())} - set(roots)
+    robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults
+) -> None:
+    """Fix several roots to one link, the world."""
     world = _free("world", taken)
-    if world not in links:
+    if world not in roots:
         ET.SubElement(robot, "link", name=world)
     for root in roots:
         if root == world:
@@ -83,30 +68,13 @@ def _join(
         joint = ET.SubElement(robot, "joint", name=_free(f"{world}_to_{root}", taken), type="fixed")
         ET.SubElement(joint, "parent", link=world)
         ET.SubElement(joint, "child", link=root)
-        parent_joint[root] = joint
         faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
-    return world
 
 
 def _free(name: str, taken: Container[str]) -> str:
     while name in taken:
         name += "_"
     return name
-
-
-def _check_connected(
-    root: str, links: Iterable[str], parent_joint: Mapping[str, ET.Element], path: Path
-) -> None:
-    connected = {root}
-    for link in links:
-        way: dict[str, None] = {}
-        at = link
-        while at not in connected:
-            way[at] = None
-            at = end_of(parent_joint[at], "parent")
-            if at in way:
-                raise MechanismFileError(f"{path}: the links {sorted(way)} hang in a cycle")
-        connected.update(way)
 
 
 def _names(elements: list[ET.Element], kind: str, path: Path) -> dict[str, ET.Element]:

@@ -48,6 +48,10 @@ def read_joints(stage: Stage, bodies: dict[str, Body]) -> Joints:
         MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
     """
     of_path = _names(stage)
+    tendons = [str(prim.GetPath()) for prim in stage.prims() if any(map(TENDON.search,
+                                                                        _applied(prim)))]
+    if tendons:
+        stage.notices.append(f"tendons pull on {', '.join(tendons)}: they are left out")
     joints, passive = Joints(), []
     for path, name in of_path.items():
         prim = stage.usd.GetPrimAtPath(path)
@@ -99,9 +103,6 @@ def _applied(prim: Any) -> list[str]:
 
 def _joint(stage: Stage, prim: Any, name: str, bodies: dict[str, Body]) -> Joint | None:
     """Return a joint, None for one that holds nothing."""
-    for schema in _applied(prim):
-        if TENDON.search(schema):
-            _fail(stage, prim, f"{schema} couples joints and is not read")
     api = UsdPhysics.Joint(prim)
     if not api.GetJointEnabledAttr().Get():
         stage.notices.append(f"joint {name!r} is not enabled: it is left out")
