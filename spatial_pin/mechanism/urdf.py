@@ -1,9 +1,9 @@
 """URDF and xacro to a Pinocchio model whose joints are the pairs that URDF cannot name.
 
 Pinocchio's own reader builds the model; what it accepts silently (mass below zero, NaN) is refused
-before, links with two parents have lost one of them by then, and afterwards the model is rebuilt joint by joint, same
-numbering, with the refined joints in place. Angles of `continuous` joints become one coordinate,
-so that they count turns.
+before, loops are cut by then, and afterwards the model is rebuilt joint by joint, same numbering,
+with the refined joints in place. Angles of `continuous` joints become one coordinate, so that they
+count turns.
 """
 
 from __future__ import annotations
