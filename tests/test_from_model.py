@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -16,6 +17,7 @@ from spatial_pin.formats.files import from_text
 from spatial_pin.mechanism.export import content_of
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES
 
+CASSIE = Path(__file__).parent / "data" / "mjcf" / "agility_cassie" / "cassie.xml"
 from_model = sp.Mechanism.from_model
 
 
@@ -316,6 +318,18 @@ def test_constraints_and_closures_may_be_mixed_and_get_names():
     assert mech.closures[2].frames[1] == "world"
 
 
+@pytest.mark.parametrize("read", [pin.buildModelAndConstraintsFromMJCF,
+                                  pin.buildModelAndLegacyConstraintsFromMJCF])
+def test_what_pinocchio_reads_of_other_formats_is_taken(read, tmp_path):
+    model, constraints, *_ = read(str(CASSIE))
+    mech = from_model(model, constraints, guess=model.referenceConfigurations["home"])
+    assert mech.name == "cassie" and len(mech.coordinates) == 32
+    state = sp.assemble(mech)
+    assert state.closure_error < 1e-13
+    assert sp.mobility(mech, state).dof == 22
+    same_mechanisms(sp.load(mech.save(tmp_path)), mech)
+
+
 def test_constraints_that_hold_nothing_together_are_refused():
     model = humanoid()
     contact = pin.PointContactConstraintModel(model, 1, pin.SE3.Identity())
@@ -452,6 +466,22 @@ def test_a_mimicking_joint_gets_its_coordinate_and_a_coupling(tmp_path):
     same_mechanisms(sp.load(mech.save(tmp_path)), mech)
 
 
+@pytest.mark.parametrize("joint", [
+    pin.JointModelRUBX, pin.JointModelPlanar, pin.JointModelSpherical, pin.JointModelFreeFlyer])
+def test_a_configuration_of_the_model_may_be_the_guess(joint):
+    model = one_joint(joint())
+    q = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
+    model.referenceConfigurations["home"] = q
+    mech = from_model(model, guess=q)
+    for own in (sp.assemble(mech).q, mech.model.referenceConfigurations["home"]):
+        for i in (1, 2):
+            near(place(mech.model, own, i), place(model, q, i), 1e-14)
+    copycat = pin.buildSampleModelManipulator(True)
+    q = pin.randomConfiguration(copycat)
+    found = sp.assemble(from_model(copycat, guess=q)).q
+    near(found, np.append(q, 2.5 * q[-1] + 0.75), 1e-13)
+
+
 def test_limits_resistance_and_gravity_are_kept(tmp_path):
     model = one_joint(
         pin.JointModelSpherical(), damping=np.array([0.1, 0.2, 0.3, 0.4]),
@@ -565,7 +595,8 @@ def test_names_that_are_taken_or_no_names_are_refused():
     ({"drivers": {"motor": 1}}, TypeError, "drivers is a dict"),
     ({"drivers": 3}, TypeError, "drivers is a list"),
     ({"guess": {"crnk": 0.1}}, sp.SpatialPinError, "guess: no joint.*did you mean"),
-    ({"guess": [0.1]}, TypeError, "guess is a dict"),
+    ({"guess": [0.1]}, ValueError, r"guess has shape \(1,\)"),
+    ({"guess": [0.1, 0.2, float("nan")]}, ValueError, "guess has a value"),
     ({"springs": [{"name": "s"}]}, TypeError, "list of sp.Spring"),
     ({"springs": [sp.Spring("s", frames=("crank", "nowhere"))]}, sp.SpatialPinError, "'nowhere'"),
     ({"passives": [sp.Passive("p", "nobody", ("crank", "rocker"))]}, sp.SpatialPinError, "nobody"),
@@ -685,6 +716,19 @@ def test_the_order_of_the_joints_is_saved(tmp_path):
     mech = from_model(model, name="three")
     same_mechanisms(sp.load(mech.save(tmp_path)), mech)
     assert content_of(mech)["order"] == ["z", "a", "m"]
+
+
+def test_a_reduced_mechanism_keeps_the_order_of_its_joints(tmp_path):
+    model = pin.Model()
+    for name in ("rocker", "aside", "crank"):
+        joint = model.addJoint(0, pin.JointModelRZ(), at(0.7 * (name == "rocker")), name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), at(0.1))
+    rod = sp.closures.distance(("crank", at(0.3)), ("rocker", at(0.5)), 0.6)
+    mech = from_model(model, [rod], drivers=["crank"], name="rod")
+    reduced = sp.reduce(mech, "rocker")
+    assert list(reduced.model.names)[1:] == ["rocker", "crank"]
+    assert reduced.verify().worst < 1e-12
+    same_mechanisms(sp.load(reduced.save(tmp_path)), reduced)
 
 
 def test_a_closed_humanoid_is_saved_and_loaded(tmp_path):

@@ -287,6 +287,7 @@ class Model:
         content["closures"] = [t for t in closures if t.get("equations") != []]
         names = {full.model.names[i] for i in self.moving}
         content["joints"] = {k: v for k, v in content.get("joints", {}).items() if k in names}
+        content["order"] = [name for name in content.get("order", ()) if name in names]
         content["drivers"] = {k: v for k, v in content.get("drivers", {}).items()
                               if full.coordinate(v["joint"]).joint in names}
         if not self.dynamics:

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from spatial_pin.checks import finite_array
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.closures import FramePlace, of_native
-from spatial_pin.mechanism.configuration import check_guess
+from spatial_pin.mechanism.configuration import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import (
     Closure,
@@ -26,7 +28,7 @@ from spatial_pin.mechanism.mechanism import (
     frames_by_name,
 )
 from spatial_pin.mechanism.model_urdf import Bodies, fresh, urdf_of
-from spatial_pin.mechanism.pin_joints import pair_tree
+from spatial_pin.mechanism.pin_joints import own_configuration, pair_tree
 
 GROUND = "world"  # the link that stands for the world
 WHERE = "from_model"
@@ -34,7 +36,7 @@ WHERE = "from_model"
 
 def mechanism_of(
     given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str] | None,
-    springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any],
+    springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any] | ArrayLike,
     frames: Mapping[str, tuple[str, pin.SE3]], name: str | None,
     visual: pin.GeometryModel | None, collision: pin.GeometryModel | None,
 ) -> Mechanism:
@@ -61,12 +63,23 @@ def mechanism_of(
         name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
         collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
         closures=closed, drivers=driven, springs=tuple(sprung),
-        passives=tuple(resolved), guess=dict(_mapping(guess, "guess")),
-        inertias=_inertias(tree.model, bodies), frames=names.frames)
+        passives=tuple(resolved), inertias=_inertias(tree.model, bodies), frames=names.frames)
     made.characteristic_length  # noqa: B018 - refused here where it is no number
     check_mechanism(made, where)
+    made = made.with_fields(guess=_guess(given, made, guess), urdf=urdf_of(made, bodies))
     check_guess(made, where)
-    return made.with_fields(urdf=urdf_of(made, bodies))
+    return made
+
+
+def _guess(
+    given: pin.Model, made: Mechanism, guess: Mapping[str, Any] | ArrayLike
+) -> dict[str, Any]:
+    """Return a guess by joint; it may be a configuration of the model."""
+    if isinstance(guess, Mapping):
+        return dict(guess)
+    q = own_configuration(given, made.model, finite_array(guess, (given.nq,), "guess"))
+    vectors = {name: joint_vector(made, q, name) for name in list(made.model.names)[1:]}
+    return {name: float(x[0]) if len(x) == 1 else x.tolist() for name, x in vectors.items()}
 
 
 def _text(name: Any) -> str:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from spatial_pin.errors import (
     ClosureTypeError,
@@ -226,7 +227,7 @@ class Mechanism:
         cls, model: pin.Model, closures: Iterable[Any] = (), *,
         drivers: Mapping[str, str] | Iterable[str] | None = None,
         springs: Iterable[Spring] = (), passives: Iterable[Passive] = (),
-        guess: Mapping[str, Any] | None = None,
+        guess: Mapping[str, Any] | ArrayLike | None = None,
         frames: Mapping[str, tuple[str, pin.SE3]] | None = None, name: str | None = None,
         visual_model: pin.GeometryModel | None = None,
         collision_model: pin.GeometryModel | None = None,
@@ -248,7 +249,7 @@ class Mechanism:
                 tree without closures every coordinate, by its own name; else none.
             springs: `spatial_pin.Spring`s.
             passives: `spatial_pin.Passive`s.
-            guess: rough configuration, by joint, as in a mechanism file.
+            guess: rough configuration, by joint, as in a mechanism file, or (nq,) of the model.
             frames: (link, frame or joint, placement on it) by name.
             name: of the mechanism; default that of the model.
             visual_model: what is drawn.
@@ -262,8 +263,9 @@ class Mechanism:
         """
         from spatial_pin.mechanism.in_code import mechanism_of
 
-        return mechanism_of(model, closures, drivers, springs, passives, guess or {}, frames or {},
-                            name, visual_model, collision_model)
+        return mechanism_of(model, closures, drivers, springs, passives,
+                            {} if guess is None else guess, frames or {}, name, visual_model,
+                            collision_model)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""

@@ -76,15 +76,31 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
         new.inertias[i] = inertia
     for frame in list(given.frames)[1:]:
         new.addFrame(frame, False)
-    if list(new.nqs) == list(given.nqs):
-        for name, q in dict(given.referenceConfigurations).items():
-            new.referenceConfigurations[name] = q
+    for entry in given.referenceConfigurations:
+        new.referenceConfigurations[entry.key()] = own_configuration(given, new, entry.data())
     mimics = tuple(
         Closure(f"mimic_{given.names[i]}", COUPLING, joints=(given.names[j], given.names[i]),
                 ratio=float(given.joints[i].extract().scaling),
                 offset=float(given.joints[i].extract().offset))
         for i, j in mimicking.items())
     return PairTree(new, tuple(pairs), mimics)
+
+
+def own_configuration(given: pin.Model, new: pin.Model, q: Array) -> Array:
+    """Return a configuration (nq,) of a model as one of its tree of pairs."""
+    found = np.zeros(new.nq)
+    followed = dict(zip(map(int, given.mimicking_joints), map(int, given.mimicked_joints),
+                        strict=True))
+    for i in range(1, given.njoints):
+        here = slice(new.idx_qs[i], new.idx_qs[i] + new.nqs[i])
+        own = q[given.idx_qs[i] : given.idx_qs[i] + given.nqs[i]]
+        if i in followed:  # it stands before the one that follows it
+            joint = given.joints[i].extract()
+            own = joint.scaling * found[new.idx_qs[followed[i]], None] + joint.offset
+        elif len(own) != here.stop - here.start:
+            own = np.append(own[:-2], math.atan2(own[-1], own[-2]))
+        found[here] = own
+    return found
 
 
 def _check_names(model: pin.Model, where: str) -> None:
