@@ -502,7 +502,7 @@ def test_an_ellipsoid_is_drawn_with_its_own_axes(tmp_path):
 def test_an_xml_file_that_is_no_mjcf_is_told_so(tmp_path):
     path = tmp_path / "other.xml"
     path.write_text("<scene/>", encoding="utf-8")
-    with pytest.raises(sp.MechanismFileError, match="none of: MJCF"):
+    with pytest.raises(sp.MechanismFileError, match=r"none of: .*MJCF"):
         sp.load(path)
 
 

@@ -7,12 +7,16 @@ from pathlib import Path
 
 from spatial_pin.formats.dialects import Reading, gepetto, read_dialects
 from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.mechanism.xacro_files import expand, parse_urdf
+from spatial_pin.mechanism.sources import read_text
+from spatial_pin.mechanism.xacro_files import ROOT, expand, parse_urdf
 
 
 def is_urdf(path: Path) -> bool:
-    """Return whether a file is one; its name says so."""
-    return True
+    """Return whether a file is one: its name says so, or the name of its root element."""
+    if path.suffix.lower() != ".xml":
+        return True
+    root = ROOT.match(read_text(path))
+    return root is not None and root[0].endswith("<robot")
 
 
 def read_urdf(request: Request, beside: Path | None = None) -> Imported:
@@ -35,4 +39,4 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     return Imported(text if after == before else after, reading.content, tuple(reading.notices))
 
 
-IMPORTER = Importer("URDF or xacro", (".urdf", ".xacro"), is_urdf, read_urdf)
+IMPORTER = Importer("URDF or xacro", (".urdf", ".xacro", ".xml"), is_urdf, read_urdf)

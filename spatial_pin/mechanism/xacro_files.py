@@ -58,7 +58,7 @@ REMEDY = "sp.load(..., trusted=True) reads it all the same"
 UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
 _DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
-_ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
+ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
 _IMPORTING = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
     os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
@@ -218,7 +218,7 @@ def _parsed(text: str) -> ET.Element:
     try:
         return ET.fromstring(text)
     except ET.ParseError as error:
-        root = _ROOT.match(text)
+        root = ROOT.match(text)
         if error.code != UNBOUND or root is None:
             raise
         declared = {"xml", "xmlns", *_DECLARED.findall(text)}
