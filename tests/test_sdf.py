@@ -491,6 +491,25 @@ def test_shapes_are_drawn_where_the_file_has_them(tmp_path):
     assert shape.meshColor.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
+@pytest.mark.parametrize("variable", ["", "GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH"])
+def test_meshes_of_models_are_found_round_the_file_and_on_gazebos_paths(
+        tmp_path, monkeypatch, variable):
+    root = tmp_path / ("elsewhere" if variable else "models")
+    mesh = root / "arm" / "meshes" / "a.stl"
+    (tmp_path / "models" / "arm").mkdir(parents=True)
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text("solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
+                    "vertex 0 1 0\nendloop\nendfacet\nendsolid a\n", encoding="utf-8")
+    if variable:
+        monkeypatch.setenv(variable, str(root))
+    body = link("a").replace("</link>", "<visual name='v'><geometry><mesh><uri>model://arm/meshes/"
+                             "a.stl</uri><scale>2 2 2</scale></mesh></geometry></visual></link>")
+    mech = loaded(tmp_path / "models" / "arm",
+                  sdf(body + joint("j", "revolute", "world", "a")))
+    shape, = mech.visual_model.geometryObjects
+    assert shape.meshPath == str(mesh) and shape.meshScale.tolist() == [2.0, 2.0, 2.0]
+
+
 # ---------------------------------------------------------------- refused by name
 
 

@@ -93,18 +93,12 @@ def _solid(geometry: ET.Element | None, where: str) -> ET.Element | None:
             for key in keys})
     if solid.tag == "mesh" and solid.find("submesh") is None:
         uri = (solid.findtext("uri") or "").strip()
-        element = ET.Element("mesh", filename=_file(uri))
+        element = ET.Element("mesh", filename=uri)
         if solid.find("scale") is not None:
             scale = number_list(solid.findtext("scale"), 3, f"{where}: <scale>")
             element.set("scale", numbers_text(scale))
         return element
     return None
-
-
-def _file(uri: str) -> str:
-    """Return the name of a mesh file as URDF has it; a model's folder is found as a package's."""
-    scheme, found, rest = uri.partition("://")
-    return f"package://{rest}" if found and scheme == "model" else uri
 
 
 def _colour(material: ET.Element | None, where: str) -> ET.Element | None:

@@ -70,11 +70,14 @@ def read_text(path: Path) -> str:
 # ---------------------------------------------------------------- packages
 
 MANIFEST = "package.xml"
+OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
 NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 
 
 def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> Iterator[Path]:
-    """Yield the folders that may be the ROS package of that name, the surest first.
+    """Yield the folders that may be the ROS package, or Gazebo's model, of that name.
+
+    The surest goes first.
 
     Args:
         name: of the package.
@@ -86,7 +89,8 @@ def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> It
     if name in packages:
         yield packages[name]
     for root in (*_listed("ROS_PACKAGE_PATH"),
-                 *(prefix / "share" for prefix in _listed("AMENT_PREFIX_PATH"))):
+                 *(prefix / "share" for prefix in _listed("AMENT_PREFIX_PATH")),
+                 *(root for variable in OF_MODELS for root in _listed(variable))):
         yield root / name
         if root.name == name:
             yield root
