@@ -88,7 +88,8 @@ def placement_gap(pair, q):
 
 
 def _others(model):
-    return {model.body(b).name for b in range(model.nbody)} | {model.joint(j).name for j in range(model.njnt)}
+    return {x.name for x in (*map(model.body, range(model.nbody)),
+                             *map(model.joint, range(model.njnt)))}
 
 
 def mass_matrices(pair, q):

@@ -238,6 +238,8 @@ def test_forces_are_mujocos(tmp_path):
     text = ODD.replace('frictionloss=".3"', 'stiffness="3" springref="5"').replace(
         "</worldbody>", """</worldbody><tendon><spatial name="rope" stiffness="30" damping="2"
         springlength=".2"><site site="s1"/><site site="s2"/></spatial></tendon>""")
+    rotor = 'armature=".5" damping=".7"' if hasattr(mujoco.MjsActuator, "armature") else ""
+    text += f'<actuator><motor joint="h" gear="3" {rotor}/><motor joint="h" {rotor}/></actuator>'
     pair, rng = both(tmp_path, text), np.random.default_rng(7)
     for _ in range(3):
         ours, theirs = accelerations(pair, random_configuration(pair.mech, rng), rng)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from spatial_pin.formats.mjcf.compiling import some
-from spatial_pin.formats.mjcf.tree import Reading
+from spatial_pin.formats.mjcf.tree import Reading, moves_joint
 
 
 def left_out(reading: Reading) -> Iterator[str]:
@@ -20,6 +20,11 @@ def left_out(reading: Reading) -> Iterator[str]:
             yield f"tendon {name}: its {', '.join(words)} is left out"
     for flex in range(model.nflex):
         yield f"flex number {flex}: its elasticity is left out"
+    for actuator in range(len(model.actuator_trntype)):
+        words = list(_of_actuator(reading, actuator))
+        if words:
+            name = repr(model.actuator(actuator).name or actuator)
+            yield f"actuator {name}: its {', '.join(words)} is left out"
     floats = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp)]
     if floats:
         yield f"the gravity compensation of bodies ({some(floats)}) is left out"
@@ -43,6 +48,15 @@ def _of_tendon(reading: Reading, tendon: int) -> Iterator[str]:
     if model.tendon_limited[tendon]:
         yield "range"
     yield from _nonzero(reading, tendon, {"tendon_armature": "armature"})
+
+
+def _of_actuator(reading: Reading, actuator: int) -> Iterator[str]:
+    model, joint = reading.model, reading.model.actuator_trnid[actuator, 0]
+    single = int(reading.mujoco.mjtJoint.mjJNT_SLIDE)
+    if not (moves_joint(reading)[actuator] and model.jnt_type[joint] >= single):
+        yield from _nonzero(reading, actuator, {"actuator_armature": "armature",
+                                                "actuator_damping": "damping"})
+    yield from _nonzero(reading, actuator, {"actuator_dampingpoly": "damping of higher order"})
 
 
 def _of_joint(reading: Reading, joint: int) -> Iterator[str]:

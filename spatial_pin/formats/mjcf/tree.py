@@ -178,11 +178,29 @@ def _resistances(reading: Reading, joint: int) -> dict[str, float]:
     """Return damping, friction and armature of a joint, as `[joints.X]` has them."""
     model, dof = reading.model, reading.model.jnt_dofadr[joint]
     values = {
-        "damping": 0.0 if reading.is_off("DAMPER") else model.dof_damping[dof],
+        "damping": 0.0 if reading.is_off("DAMPER") else (
+            model.dof_damping[dof] + _of_actuators(reading, joint, "actuator_damping")),
         "friction": 0.0 if reading.is_off("FRICTIONLOSS") else model.dof_frictionloss[dof],
-        "armature": model.dof_armature[dof],
+        "armature": model.dof_armature[dof] + _of_actuators(reading, joint, "actuator_armature"),
     }
     return {key: float(x) for key, x in values.items() if x != 0.0}
+
+
+def _of_actuators(reading: Reading, joint: int, key: str) -> float:
+    """Return what actuators add to a joint of one coordinate, by the square of their gears."""
+    model, kinds = reading.model, reading.mujoco.mjtJoint
+    values = getattr(model, key, None)  # older MuJoCo has none
+    if values is None or model.jnt_type[joint] < int(kinds.mjJNT_SLIDE):
+        return 0.0
+    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
+    return float(model.actuator_gear[own, 0] ** 2 @ values[own])
+
+
+def moves_joint(reading: Reading) -> Array:
+    """Return which actuators act on a joint and not through something else."""
+    kinds, found = reading.mujoco.mjtTrn, reading.model.actuator_trntype
+    direct: Array = (found == int(kinds.mjTRN_JOINT)) | (found == int(kinds.mjTRN_JOINTINPARENT))
+    return direct
 
 
 def _effort(reading: Reading, joint: int) -> dict[str, float]:
