@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import spatial_pin as sp
+from spatial_pin.cli import main
 from spatial_pin.formats.files import from_text
 from spatial_pin.mechanism.export import content_of
 
@@ -109,6 +110,13 @@ def test_they_survive_copies_files_and_reduction():
     assert reduced.verify().worst < 1e-12
     assert "aside" not in reduced.frames
     assert sp.reduce(mech, "rocker_pin").verify().worst < 1e-12
+
+
+def test_they_are_listed(tmp_path, capsys):
+    path = bars().save(tmp_path)
+    assert main(["info", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "frames (2):" in text and "rocker_end   on rocker_pin" in text
 
 
 def test_names_that_are_taken_missing_or_circular_are_refused():

@@ -1,6 +1,7 @@
 """A mechanism is saved as a folder that loads as the same mechanism, wherever it is moved."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from spatial_pin.cli import main
 from spatial_pin.formats.files import from_text
 from spatial_pin.mechanism.export import content_of
 
+NEEDS = {".xml": "mujoco", ".usda": "pxr"}
+DATA = Path(__file__).parent / "data"
 ARM = """<robot name="arm">
   <link name="base"/><link name="fore"/><link name="hand"/><link name="tip"/>
   <joint name="z" type="revolute"><parent link="base"/><child link="fore"/>
@@ -55,6 +58,26 @@ def test_so_is_a_reduced_mechanism(name, output, dynamics, tmp_path):
     reduced = sp.reduce(full, outputs, dynamics=dynamics)
     again = saved_twice(reduced, tmp_path)
     same_mechanisms(again, reduced)
+
+
+IMPORTED = [p.relative_to(DATA) for ending in (".xml", ".sdf", ".usda", ".toml", ".urdf")
+            for p in sorted(DATA.rglob(f"*{ending}")) if "far_starts" not in p.parts]
+
+
+@pytest.mark.parametrize("file", IMPORTED, ids=str)
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_so_is_what_was_imported(file, tmp_path):
+    if file.suffix in NEEDS:
+        pytest.importorskip(NEEDS[file.suffix])
+    mech = sp.load(DATA / file)
+    again = saved_twice(mech, tmp_path)
+    same_mechanisms(again, mech)
+
+
+@pytest.mark.parametrize("name", ["rssr", "four_bar", "stewart"])
+def test_so_is_what_floats(name, tmp_path):
+    mech = sp.load(name, free_flyer=True)
+    same_mechanisms(saved_twice(mech, tmp_path), mech)
 
 
 def test_limits_that_urdf_cannot_say_are_kept(tmp_path):

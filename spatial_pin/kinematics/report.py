@@ -25,6 +25,7 @@ class Info:
 
     Attributes:
         mobility: the freedoms at the assembled guess; None when it does not close.
+        frames: frames that the URDF does not have, each with what it is fixed to.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Info:
     mobility: Mobility | None
     closure_error: float
     notes: list[str] = field(default_factory=list)
+    frames: dict[str, str] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -71,6 +73,7 @@ class Info:
             f"joints of the tree ({len(self.joints)}):\n{listing(self.joints)}",
             f"closures ({len(self.closures)}):\n{listing(self.closures)}".rstrip(":\n"),
             f"coordinates ({len(self.coordinates)}):\n{listing(self.coordinates)}",
+            f"frames ({len(self.frames)}):\n{listing(self.frames)}" * bool(self.frames),
             f"drivers ({len(self.drivers)}):\n{listing(self.drivers)}".rstrip(":\n"),
             f"springs ({len(self.springs)}):\n{listing(self.springs)}" * bool(self.springs),
             f"joints that resist ({len(self.resistances)}):\n{listing(self.resistances)}"
@@ -101,6 +104,7 @@ def info(mechanism: Mechanism) -> Info:
         mobility(mechanism, state) if closed else None,
         error,
         _notes(mechanism, closed, error),
+        {f.name: f"on {f.link}" for f in mechanism.frames.values()},
     )
 
 

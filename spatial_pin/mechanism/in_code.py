@@ -46,7 +46,7 @@ def mechanism_of(
     title = _text(given.name if name is None else name) or "mechanism"
     where = f"{WHERE} {title!r}"
     tree = pair_tree(given, where)
-    bodies = _complete(tree.model)
+    bodies = _Completed(tree.model).bodies()
     names = _Names(tree.model, bodies, where)
     names.keep_frames()
     for key, place in _mapping(frames, "frames").items():
@@ -136,65 +136,68 @@ def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin
 # ---------------------------------------------------------------- links
 
 
-def _complete(model: pin.Model) -> Bodies:
-    """Give every joint its frame and a link, and every other link a fixed joint."""
-    taken = {f.name for f in model.frames} | set(model.names)
-    on: list[list[int]] = [[] for _ in range(model.njoints)]
-    for k, frame in enumerate(model.frames):
-        if frame.type == pin.FrameType.BODY:
-            on[frame.parentJoint].append(k)
-    mains: list[str] = []
-    mounts: dict[str, str] = {}
-    used: set[int] = set()
-    for i in range(model.njoints):
-        joint_frame = _joint_frame(model, i)
-        main = next((k for k in on[i] if _is_identity(model.frames[k].placement)), None)
+class _Completed:
+    """A model in which every joint has its frame and a link, and every other link a fixed joint."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.names = model, list(model.names)
+        frames = list(model.frames)
+        self.taken = {f.name for f in frames} | set(self.names)
+        self.taken_by_others = {f.name for f in frames if f.type != pin.FrameType.JOINT}
+        self.joint_frames = {f.name: k for k, f in enumerate(frames)
+                             if f.type == pin.FrameType.JOINT}
+        self.links: list[list[int]] = [[] for _ in self.names]
+        for k, frame in enumerate(frames):
+            if frame.type == pin.FrameType.BODY:
+                self.links[frame.parentJoint].append(k)
+        self.mounts: dict[str, str] = {}
+        self.used: set[int] = {0}
+
+    def bodies(self) -> Bodies:
+        """Put in what is missing, and return what there is."""
+        return Bodies(tuple(self._main(i) for i in range(len(self.names))), self.mounts)
+
+    def _add(self, name: str, joint: int, above: int, placement: pin.SE3,
+             kind: pin.FrameType) -> int:
+        return int(self.model.addFrame(pin.Frame(name, joint, above, placement, kind), False))
+
+    def _main(self, i: int) -> str:
+        """Return the link whose axes are those of joint i."""
+        here = pin.SE3.Identity()
+        above = self.joint_frames.get(self.names[i]) if i else 0
+        if above is None:
+            above = self._add(self.names[i], i, 0, here, pin.FrameType.JOINT)
+        main = next((k for k in self.links[i] if _is_identity(self.model.frames[k].placement)),
+                    None)
         if main is None:
-            main = model.addFrame(pin.Frame(_link_name(model, i, taken), i, joint_frame,
-                                            pin.SE3.Identity(), pin.FrameType.BODY), False)
-        mains.append(model.frames[main].name)
-        for k in on[i]:
+            main = self._add(self._link_name(i), i, above, here, pin.FrameType.BODY)
+        for k in self.links[i]:
             if k != main:
-                mount = _mount(model, k, used, taken)
-                used.add(mount)
-                mounts[model.frames[k].name] = model.frames[mount].name
-    return Bodies(tuple(mains), mounts)
+                mount = self._mount(k)
+                self.mounts[self.model.frames[k].name] = self.model.frames[mount].name
+        return str(self.model.frames[main].name)
+
+    def _link_name(self, i: int) -> str:
+        """Return a name for the link that a joint moves: that of the joint, if no frame has it."""
+        if i and self.names[i] not in self.taken_by_others:
+            return str(self.names[i])
+        return fresh(f"{self.names[i]}_link" if i else GROUND, self.taken)
+
+    def _mount(self, link: int) -> int:
+        """Return the frame of the fixed joint that carries a link."""
+        frame = self.model.frames[link]
+        above = self.model.frames[frame.parentFrame]
+        if frame.parentFrame in self.used or above.type != pin.FrameType.FIXED_JOINT \
+                or above.parentJoint != frame.parentJoint or above.name in self.joint_frames \
+                or above.placement != frame.placement:
+            return self._add(fresh(f"{frame.name}_mount", self.taken), frame.parentJoint, 0,
+                             frame.placement, pin.FrameType.FIXED_JOINT)
+        self.used.add(frame.parentFrame)
+        return int(frame.parentFrame)
 
 
 def _is_identity(placement: pin.SE3) -> bool:
     return bool(np.array_equal(placement.homogeneous, np.eye(4)))
-
-
-def _joint_frame(model: pin.Model, i: int) -> int:
-    """Return the frame of a joint, put in where there is none."""
-    if i == 0:
-        return 0
-    for k, frame in enumerate(model.frames):
-        if frame.type == pin.FrameType.JOINT and frame.name == model.names[i]:
-            return k
-    return int(model.addFrame(pin.Frame(model.names[i], i, 0, pin.SE3.Identity(),
-                                        pin.FrameType.JOINT), False))
-
-
-def _link_name(model: pin.Model, i: int, taken: set[str]) -> str:
-    """Return a name for the link that a joint moves: that of the joint, if no frame has it."""
-    others = {f.name for f in model.frames if f.type != pin.FrameType.JOINT}
-    if i and model.names[i] not in others:
-        return str(model.names[i])
-    return fresh(f"{model.names[i]}_link" if i else GROUND, taken)
-
-
-def _mount(model: pin.Model, link: int, used: set[int], taken: set[str]) -> int:
-    """Return the frame of the fixed joint that carries a link, put in where there is none."""
-    frame = model.frames[link]
-    above = model.frames[frame.parentFrame]
-    if (frame.parentFrame not in {0, *used} and above.type == pin.FrameType.FIXED_JOINT
-            and above.parentJoint == frame.parentJoint and above.placement == frame.placement
-            and above.name not in set(model.names)):
-        return int(frame.parentFrame)
-    return int(model.addFrame(pin.Frame(
-        fresh(f"{frame.name}_mount", taken), frame.parentJoint, 0, frame.placement,
-        pin.FrameType.FIXED_JOINT), False))
 
 
 def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:

@@ -318,7 +318,8 @@ def _structure(subject: Subject) -> str:
         for joint, pair in found.joints.items()
     ]
     parts = [f"<h3>Joints of the open tree</h3>{table(('joint', 'pair', 'coordinates'), joints)}"]
-    for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers)):
+    for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers),
+                         ("Frames", found.frames)):
         if items:
             rows = list(items.items())
             parts.append(f"<h3>{title}</h3>{table(('name', 'what it does'), rows)}")
