@@ -598,6 +598,14 @@ def test_loops_with_a_point_on_either_link_close(tmp_path):
             sp.load(path)
 
 
+def test_a_file_about_another_urdf_of_the_folder_is_told_and_left(tmp_path):
+    path = four_bar(tmp_path, "")
+    (tmp_path / "loop_closures.yaml").write_text(
+        "closures:\n- {link_a: arm, link_b: leg, point: [0, 0, 0], axis: [0, 0, 1]}\n")
+    with pytest.warns(UserWarning, match=r"loop_closures\.yaml .* other links, arm, leg"):
+        assert sp.load(path).closures == ()
+
+
 # ---------------------------------------------------------------- under a mechanism file
 
 

@@ -51,6 +51,11 @@ def read_closures(path: Path, reading: Reading) -> None:
     """
     table = {key: value for key, value in table_of(path).items() if key not in LIMITS}
     lists = lists_of(table, (*LOOPS, *NAMES), NAMES, path)
+    named = _links_of(lists)
+    if named and not named & reading.links.keys():
+        reading.notices.append(f"{path.name} beside it is about other links, {', '.join(sorted(named))}: "
+                               "the loops that it states are not closed here")
+        return
     for k, entry in enumerate(lists["closures"]):
         _read_hinge(_Entry(entry, f"closures[{k}]", path, reading), reading.world)
     for key, kind in (("pin_loops", "revolute"), ("ball_loops", "spherical")):
@@ -66,6 +71,13 @@ def read_closures(path: Path, reading: Reading) -> None:
         reading.joint(name, f"{path.name}")
         reading.drive(name)
     _drop_mimics(lists["dependent"], path, reading)
+
+
+def _links_of(lists: dict[str, list[Any]]) -> set[str]:
+    """Return the links that the loops of a file join."""
+    entries = [entry for key in LOOPS for entry in lists[key] if isinstance(entry, dict)]
+    return {entry[key] for entry in entries for key in ("link_a", "link_b", "parent", "child")
+            if isinstance(entry.get(key), str)}
 
 
 class _Entry:
