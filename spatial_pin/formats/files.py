@@ -16,10 +16,10 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, suggestion, warn
 from spatial_pin.formats import urdf
 from spatial_pin.formats.free_flyer import with_free_flyer
+from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.imported import Imported, Request
 from spatial_pin.formats.merging import merged
 from spatial_pin.formats.table import endings, importer_of
-from spatial_pin.formats.urdf_loops import without_loops
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import check_guess
 from spatial_pin.mechanism.faults import Faults

@@ -13,7 +13,7 @@ import pinocchio as pin
 from pxr import UsdPhysics
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.joint_graph import WORLD, Joint
+from spatial_pin.formats.graph.joints import WORLD, Joint
 from spatial_pin.formats.usd.bodies import Body, body_of, rotation_of
 from spatial_pin.formats.usd.stage import Stage
 

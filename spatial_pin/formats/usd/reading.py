@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
+from spatial_pin.formats.graph.open_tree import open_tree
+from spatial_pin.formats.graph.spanning import span
 from spatial_pin.formats.imported import Imported, Request
-from spatial_pin.formats.joint_graph import WORLD, Joint, JointGraph, Link, span
-from spatial_pin.formats.open_tree import open_tree
 from spatial_pin.formats.usd.bodies import Body, link_elements, read_bodies
 from spatial_pin.formats.usd.joints import Joints, read_joints
 from spatial_pin.formats.usd.stage import Stage, open_stage

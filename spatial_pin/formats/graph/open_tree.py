@@ -12,9 +12,10 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
+from spatial_pin.formats.graph.posture import coordinates_at
+from spatial_pin.formats.graph.spanning import SpanningTree, span
 from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.joint_graph import WORLD, Joint, JointGraph, Link, SpanningTree, span
-from spatial_pin.formats.posture import coordinates_at
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.urdf_elements import finite_text, joint_element, numbers_text
 

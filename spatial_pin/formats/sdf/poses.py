@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
-from spatial_pin.formats.joint_graph import WORLD
+from spatial_pin.formats.graph.joints import WORLD
 from spatial_pin.linalg import Array
 
 MODEL = "__model__"  # a model's own frame

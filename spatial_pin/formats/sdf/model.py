@@ -1,24 +1,19 @@
-"""SDFormat: one model, or a world with one, as a joint graph."""
+"""SDFormat: the links, joints and frames of one model as a joint graph."""
 
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
-from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.formats.joint_graph import WORLD, Joint, JointGraph, Link
-from spatial_pin.formats.open_tree import open_tree
-from spatial_pin.formats.sdf_links import is_massless, link_elements
-from spatial_pin.formats.sdf_poses import (
+from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
+from spatial_pin.formats.sdf.links import is_massless, link_elements
+from spatial_pin.formats.sdf.poses import (
     MODEL,
     TRUE,
     WORLDS,
@@ -31,118 +26,37 @@ from spatial_pin.formats.sdf_poses import (
     number_list,
     pose,
 )
+from spatial_pin.formats.sdf.unread import unread
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import read_text
-from spatial_pin.mechanism.xacro_files import parse_xml
 
-OLDEST, NEWEST = (1, 4), (1, 12)
 PAIR_OF = {
     "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
     "ball": "spherical", "universal": "universal", "revolute2": "universal", "fixed": "fixed",
 }
 GEARBOX = "gearbox"
 AXES = {"axis": "first", "axis2": "second"}  # of joints with two, and how they are called here
-UNREAD = re.compile(r"collision|filter|friction|gripper|sensor")  # joins no links
-OF_MODEL = ("static", "self_collide", "allow_auto_disable", "enable_wind", "frame", "pose", "link",
-            "joint", "plugin", "include", "model", "name")
-OF_JOINT = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio",
-            "gearbox_reference_body", "thread_pitch", "screw_thread_pitch")
-JOINERS = re.compile(r"mimic|detachable|attach|grasp|gear|closed.?loop|loop.?clos|constraint", re.I)
-SCENERY = ("model://sun", "model://ground_plane")
-PARALLEL = 1e-6  # sine of the angle between the axes of a gearbox and those of its joints
 
 
-def is_sdf(path: Path) -> bool:
-    """Return whether a file is one; its name says so."""
-    return True
+class Model:
+    """Reads one <model>.
 
-
-def read_sdf(request: Request) -> Imported:
-    """Read an SDFormat file.
-
-    Raises:
-        MechanismFileError: it cannot be used; says which element and why.
+    Attributes:
+        model: its element.
+        where: file and model, for errors.
+        version: of SDFormat.
+        notices: what was changed or left out.
+        links, joints, named: the elements of its links, joints and frames, by name.
+        canonical: the link that its own frame moves with.
+        frames: all frames.
+        frame_of: the name in `frames` of every joint's.
     """
-    path = request.path
-    if request.parameters:
-        raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
-                                 ".xacro files have any")
-    root = parse_xml(_plain(read_text(path)), path)
-    version = _version(root, path)
-    model, content, notices = _one_model(root, path)
-    reader = _Model(model, f"{path}: model {model.get('name', '')!r}", version)
-    graph = reader.graph()
-    content["closures"] = reader.couplings(graph.joints)
-    coupled = {name for table in content["closures"] for name in table["joints"]}
-    graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
-    content = {"name": model.get("name") or path.stem, **content}
-    return open_tree(graph, str(path), content, (*notices, *reader.notices))
-
-
-def _plain(text: str) -> str:
-    """Return XML text without comments and declaration: in SDFormat these may stand as they like.
-
-    Lines keep their numbers.
-    """
-    return re.sub(r"<!--.*?-->|<\?xml.*?\?>", lambda part: "\n" * part[0].count("\n"), text,
-                  flags=re.S).lstrip(" \t\ufeff")
-
-
-def _version(root: ET.Element, path: Path) -> tuple[int, int]:
-    if root.tag != "sdf":
-        raise MechanismFileError(f"{path}: the root element is <{root.tag}>, not <sdf>")
-    found = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
-    version = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not OLDEST <= version <= NEWEST:
-        raise MechanismFileError(
-            f"{path}: SDFormat version {root.get('version', '')!r}; versions "
-            f"{'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))} are read")
-    return version
-
-
-def _one_model(root: ET.Element, path: Path) -> tuple[ET.Element, dict[str, Any], list[str]]:
-    """Return the one model of a file, what its world says, and notices."""
-    models, content, notices = root.findall("model"), {}, []
-    for world in root.findall("world"):
-        where = f"{path}: world {world.get('name', '')!r}"
-        for include in world.findall("include"):
-            uri = (include.findtext("uri") or "").strip()
-            if uri not in SCENERY:
-                _refuse_include(where, uri)
-        for joint in world.findall("joint"):
-            raise MechanismFileError(f"{where}: <joint name={joint.get('name', '')!r}> joins "
-                                     "models; only joints within one model are read")
-        gravity = world.find("gravity")
-        if gravity is None:
-            gravity = world.find("physics/gravity")  # up to version 1.5
-        if gravity is not None:
-            content["gravity"] = number_list(gravity.text, 3, f"{where}: <gravity>").tolist()
-        models += world.findall("model")
-    moving = [model for model in models if not is_true(model, "static")] or models
-    if len(moving) != 1:
-        names = ", ".join(repr(model.get("name", "")) for model in moving) or "none"
-        raise MechanismFileError(f"{path}: it needs exactly one model that is not static; it has "
-                                 f"{names}")
-    notices += [f"the static model {model.get('name', '')!r} is left out" for model in models
-                if model is not moving[0]]
-    return moving[0], content, notices
-
-
-def _refuse_include(where: str, uri: str) -> None:
-    raise MechanismFileError(f"{where}: <include> of {uri!r}: models that include others are not "
-                             "read; write the included one in its place ('gz sdf -p' does so)")
-
-
-class _Model:
-    """Reads one <model>."""
 
     def __init__(self, model: ET.Element, where: str, version: tuple[int, int]) -> None:
         self.model, self.where, self.version = model, where, version
         self.notices: list[str] = []
-        self.unread: list[str] = []
-        self._refuse()
-        if self.unread:
-            self.notices.append(f"not read: {', '.join(dict.fromkeys(self.unread))}")
+        left_out = unread(model, where)
+        if left_out:
+            self.notices.append(f"not read: {', '.join(left_out)}")
         self.links = children(model, "link", where)
         self.joints = children(model, "joint", where)
         self.named = children(model, "frame", where)
@@ -156,45 +70,6 @@ class _Model:
         self.frame_of: dict[str, str] = {}  # joint -> its frame
         self._put_frames()
         self._put_model()
-
-    # ------------------------------------------------------------ what is not read
-
-    def _refuse(self) -> None:
-        """Refuse what joins links and is not read; tell of the rest."""
-        for include in self.model.findall("include"):
-            _refuse_include(self.where, (include.findtext("uri") or "").strip())
-        for nested in self.model.findall("model"):
-            raise MechanismFileError(f"{self.where}: the nested <model name="
-                                     f"{nested.get('name', '')!r}> is not read; put its links and "
-                                     "joints in the model itself")
-        for plugin in self.model.iter("plugin"):
-            name, file = plugin.get("name", ""), plugin.get("filename", "")
-            if JOINERS.search(f"{name} {file}"):
-                raise MechanismFileError(
-                    f"{self.where}: <plugin name={name!r} filename={file!r}> joins links or joints "
-                    "when it runs, which is not read here; write a <joint>, or <mimic>, in its "
-                    "place")
-            self.unread.append(f"<plugin name={name!r} filename={file!r}>")
-        links = {x.get("name", "") for tag in ("link", "frame", "joint")
-                 for x in self.model.findall(tag)}
-        for parent, known in ((self.model, OF_MODEL), *(
-                (joint, OF_JOINT) for joint in self.model.findall("joint"))):
-            for element in parent:
-                if element.tag not in known:
-                    self._unknown(element, parent, links)
-
-    def _unknown(self, element: ET.Element, parent: ET.Element, links: set[str]) -> None:
-        """Refuse an element of another program that names two links, frames or joints."""
-        tag = str(element.tag).rpartition("}")[2]
-        texts = {word for x in element.iter()
-                 for word in ((x.text or "").strip(), *x.attrib.values())}
-        named = sorted(texts & links)
-        joins = len(named) > 1 or (named and parent is not self.model)
-        if joins and not UNREAD.search(tag):
-            raise MechanismFileError(
-                f"{self.where}: <{tag}> joins {', '.join(map(repr, named))} and is not read; write "
-                "a <joint> in its place")
-        self.unread.append(f"<{tag}>")
 
     # ------------------------------------------------------------ frames
 
@@ -334,7 +209,7 @@ class _Model:
         limit, dynamics = axis.find("limit"), axis.find("dynamics")
         effort, velocity = (bound(limit, key, math.inf, where) for key in ("effort", "velocity"))
         return replace(
-            joint, axis=self._direction(name, axis, where),
+            joint, axis=self.direction(name, axis, where),
             lower=bound(limit, "lower", -math.inf, where),
             upper=bound(limit, "upper", math.inf, where),
             effort=effort if effort >= 0.0 else math.inf,  # -1 for none
@@ -344,7 +219,7 @@ class _Model:
             stiffness=number(dynamics, "spring_stiffness", 0.0, where),
             reference=number(dynamics, "spring_reference", 0.0, where))
 
-    def _direction(self, joint: str, axis: ET.Element, where: str) -> Array:
+    def direction(self, joint: str, axis: ET.Element, where: str) -> Array:
         """Return an axis (3,) of a joint in the joint's frame."""
         element = axis.find("xyz")
         text = element.text if element is not None else "0 0 1"
@@ -385,73 +260,6 @@ class _Model:
         return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
                            replace(second, parent=cross, on_parent=pin.SE3.Identity())]
 
-    # ------------------------------------------------------------ couplings
-
-    def couplings(self, joints: tuple[Joint, ...]) -> list[dict[str, Any]]:
-        """Return the gearboxes and mimicking axes as couplings of coordinates."""
-        found = []
-        for name, element in self.joints.items():
-            if element.get("type") == GEARBOX:
-                found.append(self._gearbox(name, element, joints))
-            for tag in AXES:
-                mimic = element.find(f"{tag}/mimic")
-                if mimic is not None:
-                    found.append(self._mimic(name, tag, mimic))
-        return found
-
-    def _gearbox(
-        self, name: str, element: ET.Element, joints: tuple[Joint, ...]
-    ) -> dict[str, Any]:
-        """Return a gearbox: angle of the child = -ratio * angle of the parent, from a body."""
-        where = f"{self.where}: gearbox {name!r}"
-        body = self.link_of((element.findtext("gearbox_reference_body") or "").strip(),
-                            f"<gearbox_reference_body> of joint {name!r}")
-        ratio = -number(element, "gearbox_ratio", 1.0, where)
-        names = []
-        for end, tag in (("parent", "axis"), ("child", "axis2")):
-            link = self.link_of((element.findtext(end) or "").strip(), f"<{end}> of {name!r}")
-            axis = element.find(tag)
-            if axis is None:
-                raise MechanismFileError(f"{where} needs <{tag}>")
-            turned = self.frames.in_world(self.frame_of[name], "gearbox").rotation
-            about = turned @ self._direction(name, axis, where)
-            joint, sense = self._turning(body, link, about, joints, where)
-            names.append(joint.name)
-            ratio *= sense
-        return {"name": name, "type": "coupling", "joints": names, "ratio": ratio}
-
-    def _turning(
-        self, body: str, link: str, about: Array, joints: tuple[Joint, ...], where: str
-    ) -> tuple[Joint, float]:
-        """Return the joint by which a link turns against a body about a direction, and its sign."""
-        for joint in joints:
-            if joint.type == "revolute" and {joint.parent, joint.child} == {body, link}:
-                frame = self.frame_of[joint.name]
-                at = self.frames.in_world(frame, "gearbox").rotation @ joint.axis
-                if np.linalg.norm(np.cross(at, about)) < PARALLEL:
-                    return joint, math.copysign(1.0, at @ about) * (
-                        1.0 if joint.parent == body else -1.0)
-        raise MechanismFileError(
-            f"{where}: no revolute joint joins {link!r} to the reference body {body!r} about its "
-            "axis: the angle that it couples is no coordinate")
-
-    def _mimic(self, name: str, tag: str, mimic: ET.Element) -> dict[str, Any]:
-        where = f"{self.where}: joint {name!r}: <mimic>"
-        leader = mimic.get("joint", "")
-        if leader not in self.joints:
-            raise MechanismFileError(
-                f"{where}: no joint {leader!r}; {suggestion(leader, self.joints)}")
-        ratio, offset, reference = (number(mimic, key, default, where) for key, default in (
-            ("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0)))
-        names = [self._coordinate(leader, mimic.get("axis") or "axis"), self._coordinate(name, tag)]
-        return {"name": f"mimic_{names[1]}", "type": "coupling", "joints": names, "ratio": ratio,
-                "offset": offset - ratio * reference}
-
-    def _coordinate(self, joint: str, tag: str) -> str:
-        two = PAIR_OF.get(self.joints[joint].get("type", "")) == "universal"
-        return f"{joint}.{AXES.get(tag, tag)}" if two else joint
-
-
 def _lead(element: ET.Element, where: str) -> float:
     """Return the translation per turn of a screw [m].
 
@@ -467,4 +275,3 @@ def _lead(element: ET.Element, where: str) -> float:
     return -2.0 * math.pi / pitch
 
 
-IMPORTER = Importer("SDFormat", (".sdf", ".world"), is_sdf, read_sdf)

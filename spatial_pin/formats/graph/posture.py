@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.joint_graph import Joint
+from spatial_pin.formats.graph.joints import Joint
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import axes_from_z
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.formats.graph.joints import Joint, JointGraph, Link
+from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.joint_graph import Joint, JointGraph, Link
-from spatial_pin.formats.open_tree import open_tree
 from spatial_pin.mechanism.faults import Faults
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.urdf import (

@@ -1,0 +1,135 @@
+"""Chains of revolute joints through one point, with massless links between them, are one pair.
+
+Three are a ball, two a universal joint. Only joints of loops are replaced, and none of which
+anything else is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.formats.graph.joints import Joint, JointGraph, joints_at
+from spatial_pin.linalg import Array
+
+SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss directions of a ball
+
+
+def without_chains(graph: JointGraph) -> tuple[JointGraph, tuple[str, ...]]:
+    """Put one pair in the place of revolute joints that meet in a point, between massless links."""
+    notices: list[str] = []
+    for count, make in ((3, _ball), (2, _universal)):
+        for chain in _chains(graph, count):
+            known = {joint.name for joint in graph.joints}
+            if any(joint.name not in known for joint in chain) or not _in_a_loop(graph, chain):
+                continue  # a joint of another chain by now, or one that closes nothing
+            pair = make(chain, graph.rounding)
+            if pair is None:
+                continue
+            gone = {joint.child for joint in chain[:-1]}
+            names = [joint.name for joint in chain]
+            notices.append(
+                f"the revolute joints {', '.join(names)} meet in one point with massless links "
+                f"between them: they are the {pair.type} joint {pair.name!r}")
+            graph = replace(
+                graph, links=tuple(x for x in graph.links if x.name not in gone),
+                joints=tuple(pair if x.name == names[0] else x for x in graph.joints
+                             if x.name not in names[1:]))
+    return graph, tuple(notices)
+
+
+def _chains(graph: JointGraph, count: int) -> list[list[Joint]]:
+    """Return the chains of `count` bare revolute joints with nothing on the links between them."""
+    meeting = joints_at(graph.joints)
+    between = {
+        link.name for link in graph.links
+        if link.massless and all(x.tag == "inertial" for x in link.elements)
+        and len(meeting[link.name]) == 2
+        and all(joint.type == "revolute" and joint.is_bare and joint.name not in graph.needed
+                for joint in meeting[link.name])}
+    chains, seen = [], set()
+    for first in graph.joints:
+        for start in (first.parent, first.child):
+            chain: list[Joint] = []
+            at = start
+            joint: Joint | None = first
+            while joint is not None and len(chain) < count:
+                chain.append(joint if joint.parent == at else joint.turned())
+                at = chain[-1].child
+                last = joint.name
+                joint = next((x for x in meeting[at] if x.name != last), None) \
+                    if at in between else None
+            names = frozenset(x.name for x in chain)
+            ends = {chain[0].parent, chain[-1].child}
+            if len(names) == count and names not in seen and len(ends) == 2 \
+                    and all(x.child in between for x in chain[:-1]):
+                seen.add(names)
+                chains.append(chain)
+    return chains
+
+
+def _in_a_loop(graph: JointGraph, chain: Sequence[Joint]) -> bool:
+    """Whether the ends of a chain are joined without it, too."""
+    names = {joint.name for joint in chain}
+    meeting = joints_at(joint for joint in graph.joints if joint.name not in names)
+    reached, waiting = {chain[0].parent}, [chain[0].parent]
+    while waiting:
+        link = waiting.pop()
+        new = {joint.other(link) for joint in meeting.get(link, ())} - reached
+        reached |= new
+        waiting += new
+    return chain[-1].child in reached
+
+
+def _lines(chain: Sequence[Joint]) -> tuple[Array, Array, pin.SE3]:
+    """Return points and directions (n, 3) of a chain's axes, on its first link, and its last link.
+
+    All at zero of its coordinates.
+    """
+    points, axes, at = [], [], pin.SE3.Identity()
+    for joint in chain:
+        frame = at * joint.on_parent
+        points.append(frame.translation)
+        axes.append(frame.rotation @ joint.axis)
+        at = frame * joint.on_child.inverse()
+    return np.array(points), np.array(axes), at
+
+
+def _common_point(points: Array, axes: Array, rounding: float) -> Array | None:
+    """Return the point (3,) in which lines meet, None where they do not to within rounding."""
+    away = [np.eye(3) - np.outer(a, a) for a in axes]
+    total = np.sum(away, axis=0)
+    centre: Array = points[0] + np.linalg.solve(total, np.sum(
+        [p @ (x - points[0]) for p, x in zip(away, points, strict=True)], axis=0))
+    misses = [float(np.linalg.norm(p @ (x - centre))) for p, x in zip(away, points, strict=True)]
+    size = max(float(np.abs(points).max()), float(np.linalg.norm(points - centre, axis=1).max()))
+    return centre if max(misses) <= 10.0 * rounding * size else None
+
+
+def _ball(chain: Sequence[Joint], rounding: float) -> Joint | None:
+    points, axes, last = _lines(chain)
+    if abs(axes[0] @ axes[1]) > SQUARE or abs(axes[1] @ axes[2]) > SQUARE:
+        return None
+    return _one_pair("spherical", chain, points, axes, last, rounding)
+
+
+def _universal(chain: Sequence[Joint], rounding: float) -> Joint | None:
+    points, axes, last = _lines(chain)
+    if abs(axes[0] @ axes[1]) > 10.0 * rounding:
+        return None
+    return _one_pair("universal", chain, points, axes, last, rounding)
+
+
+def _one_pair(
+    kind: str, chain: Sequence[Joint], points: Array, axes: Array, last: pin.SE3, rounding: float
+) -> Joint | None:
+    centre = _common_point(points, axes, rounding)
+    if centre is None:
+        return None
+    frame = pin.SE3(np.eye(3), centre)
+    second = axes[1] - axes[0] * (axes[0] @ axes[1])
+    return Joint("+".join(joint.name for joint in chain), kind, chain[0].parent, chain[-1].child,
+                 frame, last.inverse() * frame, axes[0], second / np.linalg.norm(second))
