@@ -532,6 +532,49 @@ def test_inertias_belong_to_links():
     near(state.com("tool").position, [0.5, 0.0, 0.0], 1e-15)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_inertias_are_told_apart_at_any_size(unit):
+    model = pin.Model()
+    i = model.addJoint(0, pin.JointModelRX(), at(), "pin")
+    near_one, far_one = pin.Inertia.FromBox(2.0, unit, 2 * unit, 3 * unit), pin.Inertia.FromBox(
+        1.0, 0.1 * unit, 0.2 * unit, 0.3 * unit)
+    disc = pin.Inertia(0.0, np.zeros(3), np.diag([0.2, 0.1, 0.1]) * unit**2)
+    model.addFrame(pin.Frame("near", i, 0, at(0.5 * unit), pin.FrameType.BODY, near_one))
+    model.addFrame(pin.Frame("far", i, 0, at(3 * unit), pin.FrameType.BODY, far_one))
+    mech = from_model(model)
+    assert mech.inertias == {"near": near_one, "far": far_one}
+    model.appendBodyToJoint(i, disc, at())  # turns, and weighs nothing
+    mech = from_model(model)
+    assert mech.inertias["far"] == far_one and mech.inertias["near"].mass == 2.0
+    near(mech.inertias["near"].inertia, near_one.inertia + disc.inertia, 1e-11 * unit**2)
+    alone = pin.Model()
+    alone.addJoint(0, pin.JointModelRX(), at(), "pin")
+    alone.appendBodyToJoint(1, far_one, at(1e4 * unit))
+    assert from_model(alone).inertias["pin"] == alone.inertias[1]
+
+
+ODD = ["a b", 'say "x"', "\u00e4\u6f22", "<b>&'", "a.b", "x/y", "[k]", "1", "true", "#", "_"]
+
+
+def test_odd_names_are_kept(tmp_path):
+    model, on = pin.Model(), 0
+    for name in ODD:
+        on = model.addJoint(on, pin.JointModelRX(), at(0.1), name)
+        model.appendBodyToJoint(on, pin.Inertia.FromSphere(1.0, 0.1), at())
+        model.addFrame(pin.Frame(f"{name} tip", on, 0, at(0.0, 0.1), pin.FrameType.OP_FRAME))
+    mech = from_model(model, [sp.closures.distance(f"{ODD[-1]} tip", f"{ODD[0]} tip", 0.5,
+                                                   name=ODD[1])],
+                      drivers={name: name for name in ODD}, guess=dict.fromkeys(ODD, 0.1),
+                      name="a \"b\"\nc: [x] #")
+    same_mechanisms(sp.load(mech.save(tmp_path)), mech)
+
+
+def test_a_model_without_joints_is_a_mechanism(tmp_path):
+    mech = from_model(pin.Model(), frames={"tip": ("world", at(0.1))})
+    assert mech.links == ("world",) and mech.coordinates == ()
+    same_mechanisms(sp.load(mech.save(tmp_path)), mech)
+
+
 def test_what_the_joint_carries_is_what_counts():
     model = pin.Model()
     i = model.addJoint(0, pin.JointModelRX(), at(), "pin")

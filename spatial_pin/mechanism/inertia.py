@@ -53,25 +53,29 @@ def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia |
     Returns:
         None where nothing that there can be is left.
     """
-    left = total.toPseudoInertia().toMatrix()
-    size = np.abs(left).max()
-    for part in parts:
-        size = max(size, np.abs(part.toPseudoInertia().toMatrix()).max())
-        left = left - part.toPseudoInertia().toMatrix()
-    if np.abs(left).max() <= LEFT * size:
+    given = [total, *parts]
+    if len(given) == 1:
+        return total
+    matrices = np.array([x.toPseudoInertia().toMatrix() for x in given])
+    masses, second = matrices[:, 3, 3], np.abs(matrices[:, :3, :3]).max(axis=(1, 2))
+    heavy = masses.max() > 0.0 and second.max() > 0.0
+    length = math.sqrt(second.max() / masses.max()) if heavy else 1.0  # of the bodies, about
+    scale = np.array([1.0 / length] * 3 + [1.0])
+    matrices *= scale[:, None] * scale
+    left, least = matrices[0] - matrices[1:].sum(axis=0), LEFT * np.abs(matrices).max()
+    if np.abs(left).max() <= least:
         return pin.Inertia.Zero()
-    mass, first, second = left[3, 3], left[:3, 3], left[:3, :3]
-    if mass < LEFT * size:
-        if mass < -LEFT * size or np.abs(first).max() > LEFT * size:
+    mass, first, rest = left[3, 3], left[:3, 3], left[:3, :3]
+    if mass < least:
+        if mass < -least or np.abs(first).max() > least:
             return None
-        mass, lever = 0.0, np.zeros(3)
-    else:
-        lever = first / mass
-    second = second - mass * np.outer(lever, lever)
-    moments = np.linalg.eigvalsh(second)
-    if moments[0] < -LEFT * size:
+        mass, first = 0.0, np.zeros(3)
+    lever = first / mass if mass else first
+    rest = rest - mass * np.outer(lever, lever)
+    if np.linalg.eigvalsh(rest)[0] < -least:
         return None
-    return inertia_of(mass, lever, np.trace(second) * np.eye(3) - second)
+    return inertia_of(mass, length * lever,
+                      length**2 * (np.trace(rest) * np.eye(3) - rest))
 
 
 def _unit(masses: Iterable[float]) -> float:
