@@ -8,8 +8,9 @@ import numpy as np
 
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.formats.mjcf.compiling import compiled, is_mjcf
+from spatial_pin.formats.mjcf.drives import read_drivers, read_guess, read_springs
 from spatial_pin.formats.mjcf.left_out import left_out
-from spatial_pin.formats.mjcf.loops import read_closures, read_drivers, read_guess, read_springs
+from spatial_pin.formats.mjcf.loops import read_closures
 from spatial_pin.formats.mjcf.tree import Reading, read_tree
 from spatial_pin.mechanism.sources import shown
 

@@ -1,4 +1,4 @@
-"""MuJoCo's equalities, actuators, springs and keys to what a mechanism file says beside a tree."""
+"""MuJoCo's equalities as closures."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.mjcf.drives import fixed_lengths
 from spatial_pin.formats.mjcf.tree import Reading, pose, shift
 from spatial_pin.formats.urdf_text import unique
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import rotation_vectors
 from spatial_pin.mechanism.pairs import axes_from_z
 
-HOME = "home"  # the key that is the guess, if there is one
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
 ALIGNED = 1e-14  # of two unit vectors, by round-off
 TORQUE_SCALE = 10  # of the data of a weld: the weight of its turns, 0 for a ball
@@ -54,8 +53,9 @@ def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
     connects: dict[frozenset[int], list[Connect]] = {}
     for eq in _active(reading):
         kind, name = _kind(reading, eq), model.equality(eq).name
-        if kind == "joint":
-            closures.append((eq, _coupling(reading, eq, name, where)))
+        if kind in ("joint", "tendon"):
+            couple = _coupling if kind == "joint" else _tendon_coupling
+            closures.append((eq, couple(reading, eq, name, where)))
             continue
         if kind not in ("connect", "weld"):
             raise MechanismFileError(
@@ -222,6 +222,31 @@ def _coupling(reading: Reading, eq: int, name: str, where: str) -> dict[str, Any
             "offset": float(value - data[1] * refs[driving])}
 
 
+def _tendon_coupling(reading: Reading, eq: int, name: str, where: str) -> dict[str, Any]:
+    """Return length1 - rest1 = c0 + c1 (length2 - rest2) of fixed tendons over two joints."""
+    model, data = reading.model, reading.model.eq_data[eq]
+    first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
+    terms = fixed_lengths(reading, first)
+    rest = model.tendon_length0[first] + data[0]
+    if second >= 0:
+        rest -= data[1] * model.tendon_length0[second]
+        for joint, weight in fixed_lengths(reading, second).items():
+            terms[joint] = terms.get(joint, 0.0) - data[1] * weight
+    terms = {joint: weight for joint, weight in terms.items() if weight}
+    if not 1 <= len(terms) <= 2 or (second >= 0 and np.any(data[2:5])):
+        raise MechanismFileError(
+            f"{where}: equality {_called(reading, eq)} of tendons is no linear coupling of two "
+            "joints, for which there is a closure; take it out or set active=\"false\"")
+    (driven, weight), *others = terms.items()
+    if not others:
+        name = name or f"{reading.joints[driven].name}_held"
+        return _held(reading, driven, float(rest / weight), name)
+    (driving, other), = others
+    joints = [reading.joints[driving].name, reading.joints[driven].name]
+    return {"name": name or "_".join(reversed(joints)), "type": "coupling", "joints": joints,
+            "ratio": float(-other / weight), "offset": float(rest / weight)}
+
+
 def _held(reading: Reading, joint: int, value: float, name: str) -> dict[str, Any]:
     """Return the one equation that holds a coordinate: one of a weld whose z is the axis."""
     place, model = reading.joints[joint], reading.model
@@ -233,139 +258,3 @@ def _held(reading: Reading, joint: int, value: float, name: str) -> dict[str, An
               reading.urdf.frame(f"{name}_2", place.child, axes)]
     return {"name": name, "type": "weld", "frames": frames,
             "equations": [TURN if turns else SLIDE]}
-
-
-# ---------------------------------------------------------------- drivers
-
-
-def read_drivers(
-    reading: Reading, closures: list[dict[str, Any]]
-) -> dict[str, dict[str, str]]:
-    """Return a driver for every joint that an actuator moves, by name of the actuator."""
-    model, drivers = reading.model, {}
-    joints = {place.name for place in reading.joints}
-    driven: set[str] = set()
-    for actuator in range(len(model.actuator_trntype)):  # some have several controls
-        name = model.actuator(actuator).name
-        joint, why = _driven_joint(reading, actuator, closures)
-        if joint is None:
-            called = repr(name) if name else f"number {actuator}"
-            reading.notices.append(f"actuator {called} is no driver: {why}")
-        elif joint not in driven:
-            driven.add(joint)
-            taken = name in drivers or (name in joints and name != joint)
-            drivers[joint if taken or not name else name] = {"joint": joint}
-    return drivers
-
-
-def _driven_joint(
-    reading: Reading, actuator: int, closures: list[dict[str, Any]]
-) -> tuple[str | None, str]:
-    """Return the joint that an actuator moves, or None and why it is none."""
-    model, kinds = reading.model, reading.mujoco.mjtTrn
-    kind = kinds(model.actuator_trntype[actuator])
-    target = int(model.actuator_trnid[actuator, 0])
-    if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
-        joint = reading.joints[target].name
-        single = model.jnt_type[target] in _single(reading)
-        return (joint, "") if single else (None, f"joint {joint!r} has several coordinates")
-    if kind == kinds.mjTRN_TENDON:
-        name = model.tendon(target).name
-        joints = _tendon_joints(reading, target)
-        if len(joints) == 1 or (joints and joints <= _coupled(joints, closures)):
-            return next(x.name for x in reading.joints if x.name in joints), ""
-        return None, f"tendon {name!r} moves more than one coordinate"
-    word = kind.name.removeprefix("mjTRN_").lower()
-    return None, f"its transmission is of type {word}"
-
-
-def _single(reading: Reading) -> tuple[int, int]:
-    """Return the numbers of the kinds of joint with one coordinate: a hinge and a slide."""
-    kinds = reading.mujoco.mjtJoint
-    return int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
-
-
-def _tendon_joints(reading: Reading, tendon: int) -> set[str]:
-    """Return the joints of a fixed tendon; none of a spatial one."""
-    model = reading.model
-    wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
-    kinds, objects = model.wrap_type[wraps], model.wrap_objid[wraps]
-    if np.any(kinds != reading.mujoco.mjtWrap.mjWRAP_JOINT):
-        return set()
-    return {reading.joints[j].name for j in objects}
-
-
-def _coupled(joints: set[str], closures: list[dict[str, Any]]) -> set[str]:
-    """Return the joints that move with one of the given ones."""
-    found, pairs = {min(joints)}, [set(c["joints"]) for c in closures if "joints" in c]
-    while True:
-        more = {j for pair in pairs if pair & found for j in pair}
-        if more <= found:
-            return found
-        found |= more
-
-
-# ---------------------------------------------------------------- springs and guess
-
-
-def read_springs(reading: Reading) -> list[dict[str, Any]]:
-    """Return the springs of joints and of tendons that are straight."""
-    if reading.is_off("SPRING"):
-        return []
-    model = reading.model
-    springs = [x for k in range(model.ntendon) if (x := _straight_tendon(reading, k)) is not None]
-    for joint, place in enumerate(reading.joints):
-        if not model.jnt_stiffness[joint]:
-            continue
-        kind = model.jnt_type[joint]
-        if kind not in _single(reading):
-            reading.notices.append(f"joint {place.name!r}: a stiffness of several coordinates is "
-                                   "left out")
-            continue
-        free = "free_angle" if kind == _single(reading)[0] else "free_length"
-        at_rest = model.qpos_spring[model.jnt_qposadr[joint]]
-        springs.append({"name": f"{place.name}_spring", "joint": place.name, free: float(at_rest),
-                        "stiffness": float(model.jnt_stiffness[joint])})
-    return springs
-
-
-def _straight_tendon(reading: Reading, tendon: int) -> dict[str, Any] | None:
-    """Return the spring between two sites that a tendon is; None for any other."""
-    model = reading.model
-    stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
-    wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
-    low, high = model.tendon_lengthspring[tendon]
-    straight = (model.tendon_num[tendon] == 2 and low == high
-                and np.all(model.wrap_type[wraps] == int(reading.mujoco.mjtWrap.mjWRAP_SITE)))
-    if not straight or not (stiffness or damping):
-        return None
-    sites = [model.site(s) for s in model.wrap_objid[wraps]]
-    if len({int(model.body_weldid[s.bodyid[0]]) for s in sites}) == 1:
-        return None
-    name = model.tendon(tendon).name or f"tendon_{tendon}"
-    reading.tendons.add(tendon)
-    frames = [reading.urdf.frame(f"{name}_{k}", reading.links[s.bodyid[0]], pose(s.pos, s.quat))
-              for k, s in enumerate(sites, start=1)]
-    return {"name": name, "frames": frames, "stiffness": float(stiffness),
-            "damping": 0.0 if reading.is_off("DAMPER") else float(damping),
-            "free_length": float(low)}
-
-
-def read_guess(reading: Reading) -> dict[str, Any]:
-    """Return the configuration of the key "home", else of the first key, else the file's pose."""
-    model = reading.model
-    names = [model.key(k).name for k in range(model.nkey)]
-    key = names.index(HOME) if HOME in names else 0
-    q = model.key_qpos[key] if names else model.qpos0
-    guess = {place.name: _value(reading, joint, q) for joint, place in enumerate(reading.joints)}
-    return {name: x for name, x in guess.items() if names or np.any(x)}
-
-
-def _value(reading: Reading, joint: int, q: Array) -> Any:
-    kinds, kind = reading.mujoco.mjtJoint, reading.model.jnt_type[joint]
-    at = int(reading.model.jnt_qposadr[joint])
-    if kind in _single(reading):
-        return float(q[at])
-    turn = at + 3 if kind == kinds.mjJNT_FREE else at
-    vector = rotation_vectors(q[turn:turn + 4][[1, 2, 3, 0]][None])[0]
-    return [*q[at:turn].tolist(), *vector.tolist()]

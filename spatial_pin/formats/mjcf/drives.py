@@ -1,0 +1,155 @@
+"""MuJoCo's actuators as drivers, its springs, and the key that is the guess."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.formats.mjcf.tree import Reading, pose
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.configuration import rotation_vectors
+
+HOME = "home"  # the key that is the guess, if there is one
+
+# ---------------------------------------------------------------- drivers
+
+
+def read_drivers(
+    reading: Reading, closures: list[dict[str, Any]]
+) -> dict[str, dict[str, str]]:
+    """Return a driver for every joint that an actuator moves, by name of the actuator."""
+    model, drivers = reading.model, {}
+    joints = {place.name for place in reading.joints}
+    driven: set[str] = set()
+    for actuator in range(len(model.actuator_trntype)):  # some have several controls
+        name = model.actuator(actuator).name
+        joint, why = _driven_joint(reading, actuator, closures)
+        if joint is None:
+            called = repr(name) if name else f"number {actuator}"
+            reading.notices.append(f"actuator {called} is no driver: {why}")
+        elif joint not in driven:
+            driven.add(joint)
+            taken = name in drivers or (name in joints and name != joint)
+            drivers[joint if taken or not name else name] = {"joint": joint}
+    return drivers
+
+
+def _driven_joint(
+    reading: Reading, actuator: int, closures: list[dict[str, Any]]
+) -> tuple[str | None, str]:
+    """Return the joint that an actuator moves, or None and why it is none."""
+    model, kinds = reading.model, reading.mujoco.mjtTrn
+    kind = kinds(model.actuator_trntype[actuator])
+    target = int(model.actuator_trnid[actuator, 0])
+    if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+        joint = reading.joints[target].name
+        single = model.jnt_type[target] in _single(reading)
+        return (joint, "") if single else (None, f"joint {joint!r} has several coordinates")
+    if kind == kinds.mjTRN_TENDON:
+        name = model.tendon(target).name
+        joints = _tendon_joints(reading, target)
+        if len(joints) == 1 or (joints and joints <= _coupled(joints, closures)):
+            return next(x.name for x in reading.joints if x.name in joints), ""
+        return None, f"tendon {name!r} moves more than one coordinate"
+    word = kind.name.removeprefix("mjTRN_").lower()
+    return None, f"its transmission is of type {word}"
+
+
+def _single(reading: Reading) -> tuple[int, int]:
+    """Return the numbers of the kinds of joint with one coordinate: a hinge and a slide."""
+    kinds = reading.mujoco.mjtJoint
+    return int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
+
+
+def _tendon_joints(reading: Reading, tendon: int) -> set[str]:
+    """Return the joints of a fixed tendon; none of a spatial one."""
+    return {reading.joints[joint].name for joint in fixed_lengths(reading, tendon)}
+
+
+def _coupled(joints: set[str], closures: list[dict[str, Any]]) -> set[str]:
+    """Return the joints that move with one of the given ones."""
+    found, pairs = {min(joints)}, [set(c["joints"]) for c in closures if "joints" in c]
+    while True:
+        more = {j for pair in pairs if pair & found for j in pair}
+        if more <= found:
+            return found
+        found |= more
+
+
+def fixed_lengths(reading: Reading, tendon: int) -> dict[int, float]:
+    """Return what each joint adds to the length of a fixed tendon; none of a spatial one."""
+    model = reading.model
+    found: dict[int, float] = {}
+    for k in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
+        if model.wrap_type[k] != int(reading.mujoco.mjtWrap.mjWRAP_JOINT):
+            return {}
+        joint = int(model.wrap_objid[k])
+        found[joint] = found.get(joint, 0.0) + float(model.wrap_prm[k])
+    return found
+
+
+# ---------------------------------------------------------------- springs and guess
+
+
+def read_springs(reading: Reading) -> list[dict[str, Any]]:
+    """Return the springs of joints and of tendons that are straight."""
+    if reading.is_off("SPRING"):
+        return []
+    model = reading.model
+    springs = [x for k in range(model.ntendon) if (x := _straight_tendon(reading, k)) is not None]
+    for joint, place in enumerate(reading.joints):
+        if not model.jnt_stiffness[joint]:
+            continue
+        kind = model.jnt_type[joint]
+        if kind not in _single(reading):
+            reading.notices.append(f"joint {place.name!r}: a stiffness of several coordinates is "
+                                   "left out")
+            continue
+        free = "free_angle" if kind == _single(reading)[0] else "free_length"
+        at_rest = model.qpos_spring[model.jnt_qposadr[joint]]
+        springs.append({"name": f"{place.name}_spring", "joint": place.name, free: float(at_rest),
+                        "stiffness": float(model.jnt_stiffness[joint])})
+    return springs
+
+
+def _straight_tendon(reading: Reading, tendon: int) -> dict[str, Any] | None:
+    """Return the spring between two sites that a tendon is; None for any other."""
+    model = reading.model
+    stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
+    wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+    low, high = model.tendon_lengthspring[tendon]
+    straight = (model.tendon_num[tendon] == 2 and low == high
+                and np.all(model.wrap_type[wraps] == int(reading.mujoco.mjtWrap.mjWRAP_SITE)))
+    if not straight or not (stiffness or damping):
+        return None
+    sites = [model.site(s) for s in model.wrap_objid[wraps]]
+    if len({int(model.body_weldid[s.bodyid[0]]) for s in sites}) == 1:
+        return None
+    name = model.tendon(tendon).name or f"tendon_{tendon}"
+    reading.tendons.add(tendon)
+    frames = [reading.urdf.frame(f"{name}_{k}", reading.links[s.bodyid[0]], pose(s.pos, s.quat))
+              for k, s in enumerate(sites, start=1)]
+    return {"name": name, "frames": frames, "stiffness": float(stiffness),
+            "damping": 0.0 if reading.is_off("DAMPER") else float(damping),
+            "free_length": float(low)}
+
+
+def read_guess(reading: Reading) -> dict[str, Any]:
+    """Return the configuration of the key "home", else of the first key, else the file's pose."""
+    model = reading.model
+    names = [model.key(k).name for k in range(model.nkey)]
+    key = names.index(HOME) if HOME in names else 0
+    q = model.key_qpos[key] if names else model.qpos0
+    guess = {place.name: _value(reading, joint, q) for joint, place in enumerate(reading.joints)}
+    return {name: x for name, x in guess.items() if names or np.any(x)}
+
+
+def _value(reading: Reading, joint: int, q: Array) -> Any:
+    kinds, kind = reading.mujoco.mjtJoint, reading.model.jnt_type[joint]
+    at = int(reading.model.jnt_qposadr[joint])
+    if kind in _single(reading):
+        return float(q[at])
+    turn = at + 3 if kind == kinds.mjJNT_FREE else at
+    vector = rotation_vectors(q[turn:turn + 4][[1, 2, 3, 0]][None])[0]
+    return [*q[at:turn].tolist(), *vector.tolist()]
