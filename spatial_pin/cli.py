@@ -139,6 +139,9 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("sweep", _sweep, "follow one branch from one driver value to another")
     _sweep_arguments(sub)
+    sub.add_argument("--hold", action="append", default=[], metavar="NAME",
+                     help="a joint or coordinate that stands still, besides a free base; springs "
+                          "for all joints that springs act about")
     sub.add_argument("--only", action="append", default=[], metavar="NAME",
                      help="sweep the smallest model that yields this coordinate, link or frame, "
                           "and say what it leaves out")
@@ -417,6 +420,8 @@ def _run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motio
     task = _sweep_task(options, mechanism)
     if getattr(options, "only", None):
         mechanism, task["guess"] = _reduced(options, mechanism)
+    if getattr(options, "hold", None):
+        task["hold"] = ["base", *options.hold]
     return sp.sweep(mechanism, progress=True, **task)
 
 

@@ -10,7 +10,7 @@ the shortest that bear the same loads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 
@@ -45,7 +45,7 @@ from spatial_pin.linalg import (
 )
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.lending import lent
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 
 ON_AXIS = 1e-6  # characteristic lengths that a centre of mass may be off the axis of a link idle
@@ -172,12 +172,14 @@ class Equations:
         """Return the shortest multipliers (n_rows,) whose generalised force is `closures`."""
         return self.spaces.minimum_norm_transposed(self.scale * closures)
 
-    def of_one_link(self, freedoms: Array) -> list[tuple[str, Array]]:
+    def of_one_link(
+        self, freedoms: Array, actuated: Iterable[Coordinate] | None = None
+    ) -> list[tuple[str, Array]]:
         """Return (joint, (k, nv)) the motions that move one link only, of freedoms (n, nv), scaled.
 
-        The freedoms leave actuators at rest.
+        The freedoms leave actuators, the drivers by default, at rest.
         """
-        found = passive_freedoms(self.evaluation, freedoms * self.scale)
+        found = passive_freedoms(self.evaluation, freedoms * self.scale, actuated)
         return [(joint, motions / self.scale) for joint, motions in found]
 
     def idle_among(self, found: list[tuple[str, Array]]) -> Array:

@@ -27,7 +27,7 @@ class Actuation:
 
     Attributes:
         names: as they were given.
-        columns: (k,) their places in the velocity vector.
+        coordinates: these; columns: (k,) their places in the velocity vector.
         root: (k,) one over the square root of each weight.
 
     Args:
@@ -47,7 +47,8 @@ class Actuation:
                             for n in self.names])
         if np.any(weights <= 0.0):
             raise ValueError("weights of efforts must be positive")
-        self.columns = np.array([mechanism.driven_coordinate(n).v for n in self.names], dtype=int)
+        self.coordinates = [mechanism.driven_coordinate(n) for n in self.names]
+        self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
 
     def generalised(self, efforts: Array, nv: int) -> Array:
@@ -201,7 +202,7 @@ def _unactuated(
     pull = freedoms[:, actuation.columns]
     size = np.abs(pull).max(axis=0, initial=0.0)
     spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-    found = equations.of_one_link(spare) if len(spare) else []
+    found = equations.of_one_link(spare, actuation.coordinates) if len(spare) else []
     missing = len(spare) - sum(len(motions) for _, motions in found)
     if missing:
         active = equations.active_among(spare, found)

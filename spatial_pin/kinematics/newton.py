@@ -331,33 +331,37 @@ class SquareSystem:
             return (f"{where}what is held cannot all stand still beside the loops and the base: "
                     "they move it together; hold less")
         freedom = closures.shape[1] - decompose(closures).rank
+        moving = drive @ decompose(closures).null_space.T
         if freedom < len(self.driven):
             if closures.shape[1] - decompose(closures, NEARLY).rank >= len(self.driven):
                 return (f"{where}singular configuration: branches cross so near that round-off "
                         "hides which equations depend on others; start further from it")
-            moved = drive @ decompose(closures).null_space.T
-            kept = common_rows(moved[None], np.zeros((0, moved.shape[1])), freedom)
+            kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
             more = ", ".join(repr(c.name) for k, c in enumerate(self.driven) if k not in kept)
             return (f"{where}{len(self.driven)} coordinates are prescribed ({names}), but the "
                     f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
                     f"prescribe fewer: leave out {len(self.driven) - freedom}, such as {more}, "
                     "which the others move")
-        moved = np.abs(drive @ decompose(closures).null_space.T).max(axis=1, initial=0.0)
+        moved = np.abs(moving).max(axis=1, initial=0.0)
         stuck = ", ".join(repr(c.name) for c, m in zip(self.driven, moved, strict=True)
                           if m < NEARLY)
         if stuck:
             return (f"{where}singular configuration: {stuck} is at a limit position (dead centre) "
                     "there, where no speed of it moves the mechanism; start beside it, or "
                     "prescribe another coordinate")
+        kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(self.driven))
+        follow = [repr(c.name) for k, c in enumerate(self.driven) if k not in kept]
         return (f"{where}singular configuration: the prescribed {names} depend on each other "
-                "there, for the loops let them move together only; prescribe another coordinate "
-                "instead of one of them")
+                f"there, for the loops let them move together only: {', '.join(follow)} "
+                f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
+                "instead")
 
     def _check_passive(self, q: Array) -> None:
         """Refuse freedoms that are not the motion of one link: somebody must drive them."""
         mechanism, null_space = self.evaluation.mechanism, self.passive
         found = [(joint, v) for joint, v in passive_freedoms(
-            self.evaluation, null_space * self.scale) if joint not in free_bases(mechanism)]
+            self.evaluation, null_space * self.scale, self.driven)
+                 if joint not in free_bases(mechanism)]
         determined = sum(len(v) for _, v in found) == len(null_space)
         if determined:
             self._check_free()

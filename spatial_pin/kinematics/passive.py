@@ -14,7 +14,7 @@ import numpy as np
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, decompose
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Closure, Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 
 STILL = 1e-8  # twist of a body that rests, by that of the one that moves most
@@ -25,21 +25,29 @@ MEETING = 1e-9  # characteristic lengths between the centres of the pairs of a c
 PARALLEL = 1e-6  # least sine of the angle between its axes
 
 
-def driven_groups(mechanism: Mechanism) -> list[int]:
+def driven_groups(
+    mechanism: Mechanism, driven: Iterable[Coordinate] | None = None
+) -> list[int]:
     """Return for every body (by its joint's index) the first body that it stands together with.
 
     The two halves of a driven telescopic leg are one body as long as the driver stands still; so
     are those of a rod that a closure welds.
+
+    Args:
+        mechanism: the mechanism.
+        driven: what is prescribed; default the drivers.
     """
-    if "groups" not in mechanism.memo:
-        mechanism.memo["groups"] = _groups(mechanism)
-    found: list[int] = mechanism.memo["groups"]
+    if driven is None:
+        driven = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
+    key = "groups", frozenset(c.name for c in driven)
+    if key not in mechanism.memo:
+        mechanism.memo[key] = _groups(mechanism, key[1])
+    found: list[int] = mechanism.memo[key]
     return found
 
 
-def _groups(mechanism: Mechanism) -> list[int]:
+def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
     model = mechanism.model
-    driven = {mechanism.prescribed_coordinate(d.joint).name for d in mechanism.drivers.values()}
     names: dict[str, list[str]] = {}
     for c in mechanism.coordinate_table.values():
         names.setdefault(c.joint, []).append(c.name)
@@ -152,7 +160,9 @@ def _axis(mechanism: Mechanism, joint: int) -> Array:
 # ---------------------------------------------------------------- motions
 
 
-def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[str, Array]]:
+def passive_freedoms(
+    evaluation: Evaluation, null_space: Array, driven: Iterable[Coordinate] | None = None
+) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) for the motions that move one link only.
 
     A link is named by the first of its bodies. Links inside chains of hinges may move with it.
@@ -160,10 +170,11 @@ def passive_freedoms(evaluation: Evaluation, null_space: Array) -> list[tuple[st
     Args:
         evaluation: at the configuration in question.
         null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
+        driven: what is prescribed; default the drivers.
     """
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)
-    groups = np.array(driven_groups(mechanism)[1:])
+    groups = np.array(driven_groups(mechanism, driven)[1:])
     moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL
     chains = chain_links(mechanism)
     inside = np.isin(np.arange(1, len(groups) + 1), list(chains))

@@ -8,6 +8,7 @@ import numpy as np
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kinematics.assembly import assembled
+from spatial_pin.kinematics.holding import BASE, SPRINGS
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.state import State
 from spatial_pin.kinematics.sweep import sweep
@@ -21,11 +22,13 @@ ROWS = 361
 
 def _reach(state: State, driver: str, way: Array) -> Motion | None:
     """Return the motion of a driver by `way` from a state on, as far as it goes, or None."""
-    values = state.coordinate(driver).value + way
-    try:
-        return sweep(state.mechanism, driver, values, guess=state, on_limit="stop")
-    except SpatialPinError as error:
-        return getattr(error, "motion", None)
+    values, found = state.coordinate(driver).value + way, None
+    for hold in (BASE, [BASE, SPRINGS])[: 1 + bool(state.mechanism.springs)]:
+        try:
+            return sweep(state.mechanism, driver, values, guess=state, hold=hold, on_limit="stop")
+        except SpatialPinError as error:
+            found = getattr(error, "motion", None) or found
+    return found
 
 
 def usual_motion(
@@ -35,7 +38,8 @@ def usual_motion(
 
     A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess
     on; where a limit or a singular position is in the way, to there, in the direction in which it
-    comes further. The other drivers are held. The motion has no speed, nor time.
+    comes further. The other drivers are held, a free base too, and joints with springs where the
+    drivers do not determine the motion. The motion has no speed, nor time.
 
     Args:
         mechanism: the mechanism.
