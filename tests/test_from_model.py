@@ -494,6 +494,9 @@ def test_limits_resistance_and_gravity_are_kept(tmp_path):
     model.gravity.linear = np.array([1.0, 2.0, -3.0])
     mech = from_model(model, name="one")
     model.lowerVelocityLimit = -model.upperVelocityLimit  # addJoint puts the upper there
+    for side in ("lower", "upper"):  # and the largest number where there is none
+        limits = getattr(model, f"{side}PositionLimit")
+        limits[np.abs(limits) == np.finfo(float).max] *= 2.0
     same_models(mech.model, model)
     same_mechanisms(sp.load(mech.save(tmp_path)), mech)
 
@@ -585,6 +588,13 @@ def test_what_the_joint_carries_is_what_counts():
     assert mech.inertias["bar"] == model.inertias[i]
     model.inertias[i] = pin.Inertia.Zero()
     assert not from_model(model).inertias
+
+
+def test_what_says_nothing_is_saved_as_nothing(tmp_path):
+    text = four_bar().save(tmp_path).read_text()
+    assert "[joints" not in text and "e+308" not in text
+    urdf = (tmp_path / "bars.urdf").read_text()
+    assert urdf.count('type="continuous"') == 3 and "<limit" not in urdf
 
 
 def test_joints_without_frames_get_frames_and_links_of_their_names(tmp_path):

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import pinocchio as pin
 
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.urdf_elements import LARGE, numbers_text, origin
+from spatial_pin.mechanism.urdf_elements import UNBOUNDED, numbers_text, origin
 
 
 class UrdfText:
@@ -60,8 +60,8 @@ class UrdfText:
             ET.SubElement(joint, "axis", xyz=numbers_text(axis))
         if limits is not None:
             ET.SubElement(joint, "limit", lower=repr(float(limits[0])),
-                          upper=repr(float(limits[1])), effort=repr(LARGE),
-                          velocity=repr(LARGE))
+                          upper=repr(float(limits[1])), effort=repr(UNBOUNDED),
+                          velocity=repr(UNBOUNDED))
         return name, link
 
     def frame(self, wanted: str, parent: str, placement: pin.SE3) -> str:

@@ -90,7 +90,7 @@ def _add_joint(mechanism: Mechanism, bodies: Bodies, robot: ET.Element, i: int) 
         ET.SubElement(element, "axis", xyz=numbers_text(joint_axis(joint)))
     bounds = {} if kind == "continuous" else {"lower": low, "upper": high}
     bounds |= {"effort": model.upperEffortLimit[v], "velocity": model.upperVelocityLimit[v]}
-    if kind != "continuous" or np.isfinite(list(bounds.values())).all():
+    if kind != "continuous" or np.isfinite(list(bounds.values())).any():
         ET.SubElement(element, "limit", {key: finite_text(x) for key, x in bounds.items()})
     resisting = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v]}
     if any(resisting.values()):

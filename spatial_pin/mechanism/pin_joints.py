@@ -18,6 +18,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, axes_from_z, unit
+from spatial_pin.mechanism.urdf_elements import UNBOUNDED
 
 SQUARE = 1e-9  # cosine of the angle between the pins of a universal joint
 ALIKE = 1e-12  # difference of two directions that are one
@@ -213,7 +214,7 @@ KINDS: dict[str, Callable[[Any], Recognised | None]] = {  # by how names begin, 
 
 
 def _copy_numbers(given: pin.Model, new: pin.Model, i: int) -> None:
-    """Copy limits of joint i, what resists, and what adds inertia."""
+    """Copy limits of joint i, infinite where there are none, what resists and adds inertia."""
     for names, at, counts in ((V_ARRAYS, "idx_vs", "nvs"), (Q_ARRAYS, "idx_qs", "nqs")):
         there, here = int(getattr(given, at)[i]), int(getattr(new, at)[i])
         had, has = int(getattr(given, counts)[i]), int(getattr(new, counts)[i])
@@ -222,6 +223,8 @@ def _copy_numbers(given: pin.Model, new: pin.Model, i: int) -> None:
             values = getattr(given, name)[there : there + had - free]
             if had != has:
                 values = np.append(values, [_none(name)] * (has - len(values)))
+            if "Limit" in name and "Friction" not in name:  # the largest number is none
+                values = np.where(np.abs(values) >= UNBOUNDED, np.copysign(np.inf, values), values)
             getattr(new, name)[here : here + has] = values
 
 

@@ -25,13 +25,13 @@ from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
 from spatial_pin.mechanism.shapes import Shapes, take_shapes
 from spatial_pin.mechanism.sources import NO_PACKAGES
 from spatial_pin.mechanism.urdf_checks import (
-    UNBOUNDED,
     check_joint,
     check_links,
     check_structure,
     end_of,
     numbers,
 )
+from spatial_pin.mechanism.urdf_elements import UNBOUNDED
 from spatial_pin.mechanism.xacro_files import parse_urdf
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it

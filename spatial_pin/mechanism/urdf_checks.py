@@ -7,7 +7,6 @@ can be lived with is noted, the rest is refused.
 from __future__ import annotations
 
 import math
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Sequence
 from pathlib import Path
@@ -19,9 +18,9 @@ from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.faults import Faults
 from spatial_pin.mechanism.inertia import inertia_of
+from spatial_pin.mechanism.urdf_elements import UNBOUNDED
 
 LIGHTEST = 1e-200  # kg
-UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
 
 # ---------------------------------------------------------------- structure
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spatial_pin.linalg import Array
 
-LARGE = sys.float_info.max  # a limit that is none: URDF has no infinity
+UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
 
 
 def numbers_text(values: Array) -> str:
@@ -21,7 +21,7 @@ def numbers_text(values: Array) -> str:
 
 def finite_text(value: float) -> str:
     """Return a limit; URDF has no infinity."""
-    return repr(math.copysign(min(abs(float(value)), LARGE), value))
+    return repr(math.copysign(min(abs(float(value)), UNBOUNDED), value))
 
 
 def origin(placement: pin.SE3) -> ET.Element:

@@ -14,7 +14,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.export import tree_axes
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
-from spatial_pin.mechanism.urdf_elements import LARGE, numbers_text
+from spatial_pin.mechanism.urdf_elements import UNBOUNDED, numbers_text
 
 UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
 HINGE, SLIDE, BALL, FREE = "hinge", "slide", "ball", "free"
@@ -135,8 +135,8 @@ def _limits(mech: Mechanism, at: int, v: int) -> dict[str, str]:
     model = mech.model
     found: dict[str, str] = {}
     lower, upper = model.lowerPositionLimit[at], model.upperPositionLimit[at]
-    if max(lower, -LARGE) < min(upper, LARGE) and (lower > -UNSET or upper < UNSET):
-        lower, upper = max(lower, -LARGE), min(upper, LARGE)
+    if max(lower, -UNBOUNDED) < min(upper, UNBOUNDED) and (lower > -UNSET or upper < UNSET):
+        lower, upper = max(lower, -UNBOUNDED), min(upper, UNBOUNDED)
         found |= {"limited": "true", "range": numbers_text(np.array([lower, upper]))}
     least, most = model.lowerEffortLimit[v], model.upperEffortLimit[v]
     if least < 0.0 < most and max(-least, most) < UNSET:
