@@ -121,14 +121,16 @@ def test_a_body_that_cannot_be_has_forces_and_a_warning(told):
     assert np.all(np.isfinite(sp.forward_dynamics(mechanism, sp.assemble(mechanism)).a))
 
 
-@pytest.mark.parametrize("hand", [
-    '<inertial><mass value="2"/></inertial>', f"<inertial>{INERTIA}</inertial>",
-    inertial(2.0, '<inertia ixx="1" iyy="1" izz="1"/>'),
+@pytest.mark.parametrize(("hand", "missing", "mass", "moment"), [
+    ('<inertial><mass value="2"/></inertial>', "ixx ixy ixz iyy iyz izz", 2, 0),
+    (f"<inertial>{INERTIA}</inertial>", "mass", 0, 0.04),
+    (inertial(2.0, '<inertia ixx="1" iyy="1" izz="1"/>'), "ixy ixz iyz", 2, 1),
 ])
-def test_an_inertial_that_is_not_whole_counts_as_none_as_in_pinocchio(told, hand):
+def test_what_is_missing_of_an_inertial_counts_as_zero(told, hand, missing, mass, moment):
     mechanism, text = told(arm(hand))
-    assert "link 'hand' (no <" in text and "massless" in text
-    assert pin.computeTotalMass(mechanism.model) == 2.0
+    assert text == f"link 'hand': {missing}: of <inertial> missing, counts as 0"
+    body = mechanism.model.inertias[2]
+    assert (body.mass, body.inertia[2, 2]) == (mass, moment)
 
 
 # ---------------------------------------------------------------- joints and links

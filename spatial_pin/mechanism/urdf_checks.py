@@ -146,24 +146,34 @@ def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.
     inertias = {}
     for link in robot.findall("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
-        if inertial is None:
-            continue
-        lacks = [what for what in (*MASS, *MOMENTS) if not _has(inertial, *what)]
-        if not lacks:
-            inertias[name] = _inertia(inertial, f"{path}: link {name!r}")
-        elif len(inertial):
-            faults.note(INCOMPLETE, f"link {name!r} (no <{' '.join(lacks[0])}>)")
+        if inertial is not None:
+            inertias[name] = _inertia(inertial, f"{path}: link {name!r}", faults, name)
     return inertias
 
 
-MASS = (("mass", "value"),)
-MOMENTS = tuple(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-INCOMPLETE = "<inertial> not whole, counts as massless"
+INERTIAL = (("mass", "value"),
+            *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 
 
-def _has(inertial: ET.Element, tag: str, attribute: str) -> bool:
-    element = inertial.find(tag)
-    return element is not None and attribute in element.attrib
+def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin.Inertia:
+    place = placement(inertial.find("origin"), where)
+    values, missing = [], []
+    for tag, key in INERTIAL:
+        element = inertial.find(tag)
+        if element is not None and key in element.attrib:
+            values.append(float(numbers(element, key, 1, where)[0]))
+        else:
+            values.append(0.0)
+            missing.append(key if tag == "inertia" else "mass")
+    if missing and len(inertial):
+        faults.note("of <inertial> missing, counts as 0", f"link {name!r}: {' '.join(missing)}")
+    mass, xx, xy, xz, yy, yz, zz = values
+    if mass and not LIGHTEST <= abs(mass) <= 1.0 / LIGHTEST:
+        raise MechanismFileError(
+            f"{where}: a mass of {mass:.3g} kg; only 0 and masses from {LIGHTEST:g} to "
+            f"{1.0 / LIGHTEST:g} kg can be worked with")
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return inertia_of(mass, place.translation, place.rotation @ matrix @ place.rotation.T)
 
 
 def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:
@@ -193,16 +203,3 @@ def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:
         if dynamics is not None and attribute in dynamics.attrib \
                 and numbers(dynamics, attribute, 1, where)[0] < 0.0:
             raise MechanismFileError(f"{where}: <dynamics {attribute}> is negative")
-
-
-def _inertia(inertial: ET.Element, where: str) -> pin.Inertia:
-    place = placement(inertial.find("origin"), where)
-    (mass,), (xx, xy, xz, yy, yz, zz) = (
-        [float(numbers(element, key, 1, where)[0]) for tag, key in keys
-         if (element := inertial.find(tag)) is not None] for keys in (MASS, MOMENTS))
-    if mass and not LIGHTEST <= abs(mass) <= 1.0 / LIGHTEST:
-        raise MechanismFileError(
-            f"{where}: a mass of {mass:.3g} kg; only 0 and masses from {LIGHTEST:g} to "
-            f"{1.0 / LIGHTEST:g} kg can be worked with")
-    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return inertia_of(mass, place.translation, place.rotation @ matrix @ place.rotation.T)
