@@ -100,7 +100,8 @@ class UrdfText:
         shape.append(origin(placement))
         ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
         if rgba is not None:
-            material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}")
+            material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}",
+                                     override="true")
             ET.SubElement(material, "color", rgba=numbers_text(rgba))
 
     def text(self) -> str:

@@ -22,8 +22,40 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism import mesh_reader
 from spatial_pin.mechanism.sources import is_file, package_folders
 
+Colours = tuple[tuple[int, tuple[float, ...] | None], ...]  # of triangles that follow each other
+Seen = tuple[str, int, int]  # a file as it was read: path, size, time of its last change
+
+_COLOURS: dict[Seen, Colours] = {}
 LEAST_TIME = 20.0  # s for meshes to be read, the start of the process with it
 TIME_OF_A_BYTE = 2e-6  # s, ten times what was seen
+
+
+def mesh_colours(file: str) -> Colours:
+    """Return how many triangles of a mesh file have one colour, and which, in their order.
+
+    A colour is red, green, blue and opacity, 0 to 1 each; None where the file gives none.
+    """
+    try:
+        seen = _seen(file)
+    except OSError:
+        return ()
+    if seen not in _COLOURS:
+        read_meshes([file])
+    return _COLOURS.get(seen, ())
+
+
+def _seen(file: str) -> Seen:
+    status = os.stat(file)
+    return file, status.st_size, status.st_mtime_ns
+
+
+def _runs(colours: Array) -> Colours:
+    """Return equal colours (M, 4) that follow each other once, with their number."""
+    known = np.where(np.isnan(colours).any(axis=1, keepdims=True), -1.0, colours)
+    starts = np.flatnonzero(np.r_[True, np.any(known[1:] != known[:-1], axis=1)])
+    counts = np.diff(np.r_[starts, len(known)])
+    return tuple((int(n), None if known[k, 0] < 0.0 else tuple(np.clip(known[k], 0, 1).tolist()))
+                 for k, n in zip(starts, counts, strict=True))
 
 
 def read_meshes(files: Iterable[str]) -> dict[str, tuple[Array, Array] | str]:
@@ -38,7 +70,7 @@ def read_meshes(files: Iterable[str]) -> dict[str, tuple[Array, Array] | str]:
         for _ in names:  # each run that ends too soon has at least begun one more
             if not _ended_too_soon(command, time):
                 break
-        return read | {name: _outcome(Path(folder), k) for k, name in enumerate(names)}
+        return read | {name: _outcome(Path(folder), k, name) for k, name in enumerate(names)}
 
 
 def _ended_too_soon(command: list[str], time: float) -> bool:
@@ -55,26 +87,28 @@ def _ended_too_soon(command: list[str], time: float) -> bool:
     return run.returncode != 0
 
 
-def _outcome(folder: Path, k: int) -> tuple[Array, Array] | str:
+def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
     target, report = folder / f"{k}.npz", folder / f"{k}.txt"
     try:
         if report.is_file():
             return _reason(report.read_text(encoding="utf-8"))
         with np.load(target) as found:
-            points, corners = found["points"], found["corners"]
+            points, corners, colours = found["points"], found["corners"], found["colours"]
     except (OSError, ValueError, zipfile.BadZipFile):
         return "reading it does not end, or ends the process that reads it"
     if not np.all(np.isfinite(points)):
         return "it has points that are NaN or infinite"
     if corners.min() < 0 or corners.max() >= len(points):
         return "it has triangles of points that it does not have"
+    _COLOURS[_seen(name)] = _runs(colours)
     return points, corners
 
 
 def _reason(text: str) -> str:
     """Return what the reader says, without where in its sources it says it."""
     lines = text.split("message:")[-1].strip().splitlines() or ["for no reason that it tells"]
-    return " ".join(lines[0].split())[:200]
+    told = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
+    return " ".join((told or lines)[0].split())[:200]
 
 
 # ---------------------------------------------------------------- where they lie

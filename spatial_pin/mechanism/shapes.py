@@ -18,7 +18,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, warn
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.faults import Faults
-from spatial_pin.mechanism.meshes import mesh_file, package_of, read_meshes
+from spatial_pin.mechanism.meshes import mesh_colours, mesh_file, package_of, read_meshes
 from spatial_pin.mechanism.sources import shown
 from spatial_pin.mechanism.urdf_checks import numbers, placement
 
@@ -44,6 +44,8 @@ class Shape:
         file: of a mesh, as the URDF names it.
         path: of a mesh, where it lies; None where it is not found.
         colour: red, green, blue, opacity; None where the URDF gives none.
+        overrides: whether it goes before the colours of a mesh, as `override="true"` at its
+            material says; otherwise those of the mesh do, as other viewers of URDF have it.
     """
 
     kind: str
@@ -55,6 +57,7 @@ class Shape:
     file: str = ""
     path: Path | None = None
     colour: tuple[float, ...] | None = None
+    overrides: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +103,14 @@ class Shapes:
 
 
 def _object(shape: Shape, solid: Any, frame_id: int, frame: pin.Frame) -> pin.GeometryObject:
-    scale = np.array(shape.sizes) if shape.solid == "mesh" else np.ones(3)
+    is_mesh = shape.solid == "mesh"
+    path = str(shape.path) if is_mesh else shape.solid.upper()
+    painted = is_mesh and any(colour for _, colour in mesh_colours(path))
     return pin.GeometryObject(
-        shape.name, frame.parentJoint, frame_id, frame.placement * shape.place, solid,
-        str(shape.path) if shape.solid == "mesh" else shape.solid.upper(), scale,
-        shape.colour is not None, np.array(shape.colour or NO_COLOUR), "")
+        shape.name, frame.parentJoint, frame_id, frame.placement * shape.place, solid, path,
+        np.array(shape.sizes) if is_mesh else np.ones(3),
+        shape.colour is not None and (shape.overrides or not painted),
+        np.array(shape.colour or NO_COLOUR), "")
 
 
 def _solid(
@@ -185,13 +191,18 @@ def take_shapes(
                     continue
                 tag = "capsule" if kind == "collision" and _is_capsule(element, link) else solid.tag
                 shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
-                              colour=colour)
+                              colour=colour, overrides=_overrides(element))
                 if solid.tag == "mesh":
                     shape = _sought(shape, solid, path.parent, packages, lost)
                 taken.append(shape)
                 count += 1
     lost.tell(faults)
     return tuple(taken)
+
+
+def _overrides(element: ET.Element) -> bool:
+    material = element.find("material")
+    return material is not None and material.get("override") == "true"
 
 
 def _is_capsule(element: ET.Element, link: ET.Element) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import warn
-from spatial_pin.view.shapes import solid
+from spatial_pin.view.shapes import coloured, solid
 from spatial_pin.view.stage import Item, Layer, Stage
 
 # bodies without a colour of their own: steel grey ground, then the colours of Okabe and Ito
@@ -36,14 +36,17 @@ def body_items(visuals: Sequence[pin.GeometryObject], size: float) -> tuple[Item
     """Return every geometry object that can be drawn, fixed to its joint; warn of the others."""
     items = []
     for k, visual in enumerate(visuals):
-        drawn = solid(visual, size)
-        if drawn is None:
+        joint, place = int(visual.parentJoint), visual.placement.homogeneous
+        name, own = f"{k} {visual.name}", colour(visual)
+        parts = coloured(visual)
+        items += [Item(f"{name} part {i}", part, painted or own, joint, place)
+                  for i, (part, painted) in enumerate(parts)]
+        drawn = None if parts else solid(visual, size)
+        if drawn is not None:
+            items.append(Item(name, drawn, own, joint, place))
+        elif not parts:
             empty = type(visual.geometry).__name__
             warn(f"{visual.name!r} is not shown: it is an empty {empty}")
-            continue
-        place = visual.placement.homogeneous
-        joint = int(visual.parentJoint)
-        items.append(Item(f"{k} {visual.name}", drawn, colour(visual), joint, place))
     return tuple(items)
 
 

@@ -15,6 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.meshes import mesh_colours
 from spatial_pin.view.quiet_meshcat import mg
 
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -196,6 +197,32 @@ def _quads(rings: int, segments: int) -> NDArray[np.int64]:
     a, b = k * segments + s, k * segments + (s + 1) % segments
     quads = np.stack([a, b, b + segments, a, b + segments, a + segments], axis=1)
     return quads.reshape(-1, 3)
+
+
+def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] | None]]:
+    """Return the parts of a mesh that have colours of their own; none where it has none.
+
+    Args:
+        visual: the geometry object, whose colour goes before those of the file.
+    """
+    shape = visual.geometry
+    if visual.overrideMaterial or not isinstance(shape, coal.BVHModelBase):
+        return []
+    runs = mesh_colours(visual.meshPath)
+    if all(colour is None for _, colour in runs) or sum(n for n, _ in runs) != shape.num_tris:
+        return []
+    faces = np.array([[t[0], t[1], t[2]] for t in map(shape.tri_indices, range(shape.num_tris))])
+    ends = np.cumsum([n for n, _ in runs])[:-1]
+    pieces: dict[tuple[float, ...] | None, list[Array]] = {}
+    for (_, colour), piece in zip(runs, np.split(faces, ends), strict=True):
+        pieces.setdefault(colour, []).append(piece)
+    return [(_part(shape.vertices(), np.concatenate(piece)), colour)
+            for colour, piece in pieces.items()]
+
+
+def _part(points: Array, faces: Array) -> Solid:
+    used, places = np.unique(faces, return_inverse=True)
+    return Solid(mg.TriangularMeshGeometry(points[used], places.reshape(-1, 3)), faceted=True)
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:

@@ -110,6 +110,6 @@ def _colour(material: ET.Element | None, where: str) -> ET.Element | None:
     words = (stated[0].text or "").split()
     values = number_list(" ".join([*words, "1"] if len(words) == 3 else words), 4,
                          f"{where}: <{stated[0].tag}>")
-    element = ET.Element("material", name="")
+    element = ET.Element("material", name="", override="true")
     ET.SubElement(element, "color", rgba=numbers_text(np.clip(values, 0.0, 1.0)))
     return element
