@@ -41,8 +41,10 @@ def dae(
     material = '<material id="{0}"><instance_effect url="#{0}-effect"/></material>'
     inputs = '<input semantic="VERTEX" source="#v" offset="0"/>'
     geometry = (
-        '<geometry id="{0}"><mesh><source id="{0}-p"><float_array id="{0}-a" count="12">'
-        '0 0 0 2 0 0 0 2 0 0 0 2</float_array><technique_common><accessor source="#{0}-a" count="4" stride="3">'
+        '<geometry id="{0}"><mesh><source id="{0}-p">'
+        '<float_array id="{0}-a" count="12">'
+        '0 0 0 2 0 0 0 2 0 0 0 2</float_array><technique_common>'
+        '<accessor source="#{0}-a" count="4" stride="3">'
         '<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>'
         '</accessor></technique_common></source><vertices id="v{0}"><input semantic="POSITION" '
         'source="#{0}-p"/></vertices><{1} material="m" count="1">{2}</{1}></mesh></geometry>')
