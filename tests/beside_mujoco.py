@@ -98,7 +98,10 @@ def mass_matrices(pair, q):
 
     put(pair, q)
     theirs = np.zeros((pair.model.nv, pair.model.nv))
-    mujoco.mj_fullM(pair.model, pair.data, theirs)
+    try:
+        mujoco.mj_fullM(pair.model, pair.data, theirs)
+    except TypeError:  # MuJoCo 3
+        mujoco.mj_fullM(pair.model, theirs, pair.data.qM)
     turn = velocities(pair)
     ours = pin.crba(pair.mech.model, pair.mech.model.createData(), q)
     ours = np.triu(ours) + np.triu(ours, 1).T

@@ -127,8 +127,10 @@ def _without_meshes(
     """Take from a spec all files that are not needed; return meshes, massless bodies, notices."""
     notices: list[str] = []
     _name_bodies(spec)
+    for mesh in spec.meshes:  # as MuJoCo does, some of it only later
+        mesh.name = mesh.name or Path(mesh.file).stem
     _without_pictures(mujoco, spec, notices)
-    files = {mesh.name: _file_of(mesh, folders) for mesh in spec.meshes if mesh.file}
+    files = {mesh.name: _file_of(spec, mesh, folders) for mesh in spec.meshes if mesh.file}
     missing = {name for name, file in files.items() if file is None}
     massless = _unknown_inertias(mujoco, spec, missing)
     fitted = {g.meshname for g in spec.geoms if g.meshname and _is_fitted(mujoco, g)} - missing
@@ -183,9 +185,10 @@ def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
         spec.delete(element)
 
 
-def _file_of(mesh: Any, folders: list[Path]) -> Path | None:
+def _file_of(spec: Any, mesh: Any, folders: list[Path]) -> Path | None:
     """Return the file of a mesh asset, None where it is not there."""
-    tried = (folder / mesh.compiler.meshdir / mesh.file for folder in folders)
+    meshdir = getattr(mesh, "compiler", spec.compiler).meshdir  # MuJoCo 3 has one for all
+    tried = (folder / meshdir / mesh.file for folder in folders)
     return next((file.resolve() for file in tried if is_file(file)), None)
 
 
