@@ -51,6 +51,26 @@ def test_folder_urdf_and_yaml_are_the_same_robot():
         assert (other.pairs, list(other.drivers)) == (one.pairs, list(one.drivers))
 
 
+def test_a_robot_of_a_folder_takes_all_that_load_takes(tmp_path):
+    mech = sp.load(DATA / "talos_like", free_flyer=True)
+    assert mech.pairs[0] == "floating"
+    assert sp.mobility(mech).dof == ROBOTS["talos_like"][3] + 6
+    saved = sp.load(mech.save(tmp_path))
+    assert [c.name for c in saved.closures] == [c.name for c in mech.closures]
+    assert saved.pairs == mech.pairs
+
+
+def test_meshes_of_a_folder_lie_beside_its_urdf(tmp_path):
+    folder = tmp_path / "pkg"
+    (folder / "urdf").mkdir(parents=True)
+    (folder / "tip.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for file in ("../tip.obj", "package://pkg/tip.obj"):
+        (folder / "urdf" / "pkg.urdf").write_text(TREE.replace(
+            '<link name="a"/>', f'<link name="a"><visual><geometry><mesh filename="{file}"/>'
+            "</geometry></visual></link>"))
+        assert len(sp.load(folder).visual_model.geometryObjects) == 1
+
+
 def test_a_universal_joint_turns_about_the_two_axes_that_its_type_names():
     mech = sp.load(DATA / "digit_like_2legs")
     joint = "spherical_free_knee"

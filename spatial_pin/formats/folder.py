@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
@@ -51,7 +52,7 @@ def read_statement(request: Request) -> Imported:
 
 
 def _read(urdf: Path, request: Request, name: str, statement: Path | None = None) -> Imported:
-    imported = read_urdf(Request(urdf, request.parameters, request.trusted), statement)
+    imported = read_urdf(replace(request, path=urdf), statement)
     robot = parse_xml(imported.urdf, urdf)
     for mesh in robot.iter("mesh"):
         file = mesh.get("filename", "")
