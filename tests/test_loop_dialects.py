@@ -362,6 +362,38 @@ def test_a_gazebo_joint_stands_where_its_pose_says(tmp_path):
         assert sp.mobility(mech, state).dof == 1
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_link_that_only_gazebo_has_joins_the_tree_and_closes_the_loop(turned, tmp_path):
+    """Its first joint hangs it on the tree, whichever link that calls the parent."""
+    lengths = LENGTHS["crank-rocker"]
+    text, ends, t1, t3 = closed_four_bar(*lengths)
+    tree = ET.fromstring(text + "</robot>")
+    for element in tree.findall("*[@name='c']") + tree.findall("*[@name='j3']"):
+        tree.remove(element)
+    at = written(ends[0][1].translation)
+    joint = f"<parent>c</parent><child>b</child><pose>{at} 0 0 0</pose>" if turned else \
+        f"<parent>b</parent><child>c</child><pose relative_to='b'>{at} 0 0 0</pose>"
+    stated = f"""<gazebo><joint name="j4" type="revolute">{joint}<axis><xyz>0 1 0</xyz>
+        <dynamics><damping>0.5</damping></dynamics></axis></joint></gazebo>
+        <gazebo><link name="c"><pose>{lengths[3]} 0 0 0 {t3} 0</pose><inertial><mass>2</mass>
+        </inertial></link><joint name="j3" type="revolute"><parent>base</parent><child>c</child>
+        <axis><xyz>0 1 0</xyz></axis></joint></gazebo>"""
+    path = tmp_path / "four.urdf"
+    path.write_text(ET.tostring(tree, encoding="unicode").replace("</robot>", stated + "</robot>"))
+    mech = sp.load(path)
+    assert [c.name for c in mech.closures] == ["j3"]
+    assert mech.inertias["c"].mass == 2.0
+    assert mech.model.damping[mech.coordinate("j4").v] == 0.5
+    assert sp.mobility(mech).dof == 1
+    state = sp.assemble(mech, {"j1": 0.4})
+    b, c = (np.arctan2(*state.placement(link).rotation[[0, 2], 2]) for link in "bc")
+    assert abs(freudenstein(*lengths, np.pi / 2 - t1 - 0.4, np.pi / 2 - c)) < 1e-12
+    begin = sp.assemble(mech, {"j1": 0.0})
+    b0, c0 = (np.arctan2(*begin.placement(link).rotation[[0, 2], 2]) for link in "bc")
+    sense = -1.0 if turned else 1.0
+    assert state.coordinate("j4").value == pytest.approx(sense * (c - b - c0 + b0), abs=1e-12)
+
+
 def test_gazebo_before_sdformat_closes_the_gripper_that_mimics_only_copied(tmp_path):
     text = closed_four_bar(*LENGTHS["parallelogram"])[0].replace(
         '<axis xyz="0 1 0"/></joint>\n</robot>', "")

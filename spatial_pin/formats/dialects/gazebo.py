@@ -23,12 +23,15 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading, end, local, said
+from spatial_pin.formats.sdf_poses import pose
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.sources import shown
 
 WORLD, MODEL = "world", "__model__"
 OLD = {"hinge": "revolute", "slider": "prismatic", "ball": "spherical"}
@@ -50,21 +53,27 @@ def read_gazebo(element: ET.Element, reading: Reading) -> None:
 
 def _read_joint(joint: ET.Element, reading: Reading) -> None:
     links = []
-    for tag in ("parent", "child"):
-        name = _text(joint, tag)
+    for role in ("parent", "child"):
+        name = linked(joint, role)
         on_ground = name == WORLD and WORLD not in reading.links
         links.append(reading.root if on_ground else reading.link(name, joint))
     if links[0] == links[1] and joint.get("type") == "fixed":
         return  # the base stands on the ground anyway
-    kind, world = reading.pair(joint), reading.world
-    stands = _pose(joint, links[1], reading)
+    kind, stands, axes, more = geometry(joint, links, reading)
+    ends = [(link, reading.world[link].actInv(stands)) for link in links]
+    reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]), **more)
+
+
+def geometry(joint: ET.Element, links: list[str], reading: Reading
+             ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
+    """Return a joint's pair, where its frame stands, its two axes there, and what else it needs."""
+    kind, stands = reading.pair(joint), _pose(joint, links[1], reading)
     axes, more = _axes(joint, kind, stands, reading), {}
     if kind == "universal":
         more = {"axis2": axes[1].tolist()}
     elif kind == "screw":
         more = {"lead": _lead(joint, reading)}
-    ends = [(link, world[link].actInv(stands)) for link in links]
-    reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]), **more)
+    return kind, stands, axes, more
 
 
 def _read_mimic_plugin(plugin: ET.Element, reading: Reading) -> None:
@@ -77,8 +86,8 @@ def _read_mimic_plugin(plugin: ET.Element, reading: Reading) -> None:
 
 
 def _read_old_joint(joint: ET.Element, reading: Reading) -> None:
-    links = [reading.link(_text(joint, key), joint) for key in ("body1", "body2")]
-    anchor = reading.link(_text(joint, "anchor") or links[1], joint)
+    links = [reading.link(linked(joint, key), joint) for key in ("body1", "body2")]
+    anchor = reading.link(linked(joint, "anchor") or links[1], joint)
     world, stands = reading.world, pin.SE3.Identity()
     offset, along = joint.find("anchorOffset"), joint.find("axis")
     if offset is not None:
@@ -105,16 +114,9 @@ def _drop_mimics(joint: ET.Element, chains: list[list[str]], reading: Reading) -
 
 
 def _pose(joint: ET.Element, child: str, reading: Reading) -> pin.SE3:
-    pose = joint.find("pose")
-    if pose is None:
-        return reading.world[child]
-    base = _frame(pose.get("relative_to") or child, joint, reading)
-    values = reading.texts(pose, 6, joint) if (pose.text or "").strip() else np.zeros(6)
-    if pose.get("rotation_format", "euler_rpy") != "euler_rpy":
-        raise reading.fail(joint, f"<pose rotation_format={pose.get('rotation_format')!r}> cannot "
-                                  "be read; write roll, pitch and yaw")
-    turn = values[3:] * (math.pi / 180.0 if pose.get("degrees") in ("true", "1") else 1.0)
-    return base * pin.SE3(pin.rpy.rpyToMatrix(turn), values[:3])
+    place = joint.find("pose")
+    base = (place.get("relative_to") if place is not None else None) or child
+    return frame(base, joint, reading) * pose(place, f"{shown(reading.path)}: {said(joint)}")
 
 
 def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> list[Array]:
@@ -128,7 +130,7 @@ def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> li
             parent_model = flag is not None and (flag.text or "").strip() in ("1", "true")
             other = xyz.get("expressed_in") or (MODEL if parent_model else None)
             if other:
-                turn = _frame(other, joint, reading).rotation
+                turn = frame(other, joint, reading).rotation
                 axis = stands.rotation.T @ turn @ axis
         elif kind == "universal":
             raise reading.fail(joint, f"a universal joint needs <{tag}><xyz>")
@@ -148,7 +150,7 @@ def _lead(joint: ET.Element, reading: Reading) -> float:
     raise reading.fail(joint, "a screw needs <screw_thread_pitch>, in metres per turn")
 
 
-def _frame(name: str, joint: ET.Element, reading: Reading) -> pin.SE3:
+def frame(name: str, joint: ET.Element, reading: Reading) -> pin.SE3:
     """Return where a link, a joint of the tree, or the model stands when all joints are at zero."""
     if name not in reading.links and name in reading.joints:
         name = end(reading.joints[name], "child")
@@ -159,7 +161,7 @@ def _frame(name: str, joint: ET.Element, reading: Reading) -> pin.SE3:
     raise reading.fail(joint, f"frame {name!r} does not exist")
 
 
-def _text(joint: ET.Element, tag: str) -> str:
+def linked(joint: ET.Element, tag: str) -> str:
     """Return the link of <parent> or <child>, which SDFormat writes as text."""
     found = joint.find(tag)
     return ((found.text or "").strip() or found.get("link", "")) if found is not None else ""

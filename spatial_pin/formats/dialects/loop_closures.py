@@ -53,8 +53,8 @@ def read_closures(path: Path, reading: Reading) -> None:
     lists = lists_of(table, (*LOOPS, *NAMES), NAMES, path)
     named = _links_of(lists)
     if named and not named & reading.links.keys():
-        reading.notices.append(f"{path.name} beside it is about other links, {', '.join(sorted(named))}: "
-                               "the loops that it states are not closed here")
+        reading.notices.append(f"{path.name} beside it is about other links, "
+                               f"{', '.join(sorted(named))}: its loops are not closed here")
         return
     for k, entry in enumerate(lists["closures"]):
         _read_hinge(_Entry(entry, f"closures[{k}]", path, reading), reading.world)

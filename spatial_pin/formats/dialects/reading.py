@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -228,6 +228,13 @@ class Reading:
         """
         name = self.names[key].free(entry["name"])
         self.content.setdefault(key, []).append({**entry, "name": name})
+
+    def put_link(self, name: str, elements: Iterable[ET.Element]) -> None:
+        """Put a link with these elements beside the others."""
+        link = ET.SubElement(self.robot, "link", name=name)
+        link.extend(list(elements))
+        self.links[name] = link
+        self.names["frames"].taken.add(name)
 
     def put_joint(self, joint: ET.Element) -> None:
         """Put a joint into the tree."""

@@ -14,6 +14,7 @@ from spatial_pin.formats.dialects import (
     actuators,
     drake,
     gazebo,
+    gazebo_links,
     gepetto,
     isaac,
     loop_closures,
@@ -62,6 +63,7 @@ def read_dialects(reading: Reading, beside: Path | None = None) -> None:
     """
     for element in reading.take(lambda e: local(e) == "joint" and drake.is_drake(e)):
         drake.read_joint(element, reading)
+    gazebo_links.hang_links(reading)
     for element in list(reading.robot):
         if isinstance(element.tag, str) and local(element) in LEFT:
             LEFT[local(element)](element, reading)
