@@ -109,8 +109,9 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
         values = np.array([np.nan])
     if values.size != count or not np.all(np.isfinite(values)):
         wanted = "one finite number" if count == 1 else f"{count} finite numbers"
+        tag = str(element.tag).rpartition("}")[2]
         raise MechanismFileError(
-            f"{where}: <{element.tag} {attribute}={text!r}> needs {wanted}"
+            f"{where}: <{tag} {attribute}={text!r}> needs {wanted}"
         )
     return values
 

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from spatial_pin.formats.dialects import gazebo
 from spatial_pin.formats.dialects.reading import Reading, said
-from spatial_pin.formats.sdf_links import link_elements
-from spatial_pin.formats.sdf_poses import pose
+from spatial_pin.formats.sdf.links import link_elements
+from spatial_pin.formats.sdf.poses import pose
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.sources import shown
 from spatial_pin.mechanism.urdf_elements import origin
