@@ -534,6 +534,7 @@ def test_meshes_of_models_are_found_round_the_file_and_on_gazebos_paths(
                                                    "</gearbox_reference_body>")), "gearbox 'g'"),
     (sdf(link("a") + link("a")), "two links are named 'a'"),
     (sdf("<link name='a'><inertial auto='true'/></link>", "1.11"), "auto"),
+    (sdf(link("a", "0 0 0 0.1 0.2 0.3", 1e308) + joint("j", "revolute", "world", "a")), "link 'a'"),
     (sdf(""), "no <link>"),
     ("<sdf version='1.7'/>", "exactly one model"),
     ("<robot/>", "<robot>, not <sdf>"),

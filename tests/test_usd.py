@@ -527,7 +527,9 @@ def test_bodies_of_an_instance_are_read(tmp_path):
     (lambda s: UsdGeom.Xformable(s.stage.GetPrimAtPath("/a")).GetOrderedXformOps()[2].Set(
         Gf.Vec3f(1, 1, -1)), "mirrored"),
     (lambda s: UsdPhysics.RevoluteJoint.Get(s.stage, "/j").CreateLowerLimitAttr(float("nan")),
-     "limit"),
+     "lowerLimit is nan"),
+    (lambda s: UsdPhysics.MassAPI.Get(s.stage, "/a").CreateMassAttr(float("inf")), "mass is inf"),
+    (lambda s: UsdPhysics.RevoluteJoint.Get(s.stage, "/j").CreateAxisAttr("W"), "'W'"),
     (lambda s: s.stage.RemovePrim("/a"), "no rigid body"),
     (lambda s: UsdGeom.SetStageMetersPerUnit(s.stage, 0.0), "metersPerUnit"),
 ], ids=lambda x: x if isinstance(x, str) else "")

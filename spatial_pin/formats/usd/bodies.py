@@ -10,8 +10,10 @@ import numpy as np
 import pinocchio as pin
 from pxr import Gf, UsdGeom, UsdPhysics
 
-from spatial_pin.formats.usd.stage import Stage
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.usd.stage import Stage, rotation_of
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.urdf_checks import LIGHTEST
 from spatial_pin.mechanism.urdf_elements import inertial, numbers_text, origin
 
 AXES = {"X": pin.utils.rotate("y", np.pi / 2), "Y": pin.utils.rotate("x", -np.pi / 2),
@@ -41,15 +43,15 @@ class Body:
 def read_bodies(stage: Stage) -> dict[str, Body]:
     """Return the rigid bodies of a stage by path; they are named as briefly as is unambiguous."""
     prims = [prim for prim in stage.prims() if prim.HasAPI(UsdPhysics.RigidBodyAPI)
-             and UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get()]
+             and UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get() is not False]
     names = [prim.GetName() for prim in prims]
     bodies = {}
     for prim, name in zip(prims, names, strict=True):
         path = str(prim.GetPath())
         unique = names.count(name) == 1 and name != "universe"
-        held = UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get()
+        held = UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get() is True
         placement, scale = stage.placement(prim)
-        bodies[path] = Body(prim, name if unique else path.strip("/"), placement, scale, bool(held))
+        bodies[path] = Body(prim, name if unique else path.strip("/"), placement, scale, held)
     return bodies
 
 
@@ -85,7 +87,7 @@ class Solid:
 
 def solid_of(stage: Stage, prim: Any, body: Body) -> Solid | None:
     """Return the shape of a prim on a body; None where URDF has none such."""
-    size = _size(prim)
+    size = _size(stage, prim)
     if size is None:
         return None
     placement, scale = stage.placement(prim, mirrored=True)  # each of these is its own image
@@ -101,24 +103,24 @@ def solid_of(stage: Stage, prim: Any, body: Body) -> Solid | None:
     if np.ptp(scale) > EVEN * scale.max():
         return None
     numbers = {key: value * float(scale.mean()) for key, value in numbers.items()}
-    turn = pin.SE3(AXES[str(prim.GetAttribute("axis").Get() or "Z")] if kind != "sphere"
-                   else np.eye(3), np.zeros(3))
+    axis = "Z" if kind == "sphere" else stage.word(prim.GetAttribute("axis"), AXES)
+    turn = pin.SE3(AXES[axis], np.zeros(3))
     volume, about, across = _round(kind, **numbers)
     element = ET.Element(kind, {key: repr(value) for key, value in numbers.items()})
     return Solid(element, on_body * turn, volume, np.diag([across, across, about]))
 
 
-def _size(prim: Any) -> tuple[str, dict[str, float]] | None:
+def _size(stage: Stage, prim: Any) -> tuple[str, dict[str, float]] | None:
     """Return URDF's name of a shape and its sizes in the prim's units."""
     if prim.IsA(UsdGeom.Cube):
-        return "box", {"size": float(UsdGeom.Cube(prim).GetSizeAttr().Get())}
+        return "box", {"size": stage.number(UsdGeom.Cube(prim).GetSizeAttr())}
     if prim.IsA(UsdGeom.Sphere):
-        return "sphere", {"radius": float(UsdGeom.Sphere(prim).GetRadiusAttr().Get())}
+        return "sphere", {"radius": stage.number(UsdGeom.Sphere(prim).GetRadiusAttr())}
     for kind, schema in (("cylinder", UsdGeom.Cylinder), ("capsule", UsdGeom.Capsule)):
         if prim.IsA(schema):
             shape = schema(prim)
-            return kind, {"radius": float(shape.GetRadiusAttr().Get()),
-                          "length": float(shape.GetHeightAttr().Get())}
+            return kind, {"radius": stage.number(shape.GetRadiusAttr()),
+                          "length": stage.number(shape.GetHeightAttr())}
     return None
 
 
@@ -172,10 +174,12 @@ def link_elements(stage: Stage, body: Body, bodies: dict[str, Body]
 
 def _colour(prim: Any) -> ET.Element | None:
     colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
-    if not colours:
-        return None
     opacities = UsdGeom.Gprim(prim).GetDisplayOpacityAttr().Get()
-    rgba = np.clip([*colours[0], opacities[0] if opacities else 1.0], 0.0, 1.0)
+    try:
+        rgba = np.array([*colours[0], opacities[0] if opacities else 1.0], dtype=float)
+    except (TypeError, ValueError, IndexError):
+        return None  # none is stated
+    rgba = np.clip(np.nan_to_num(rgba), 0.0, 1.0)
     element = ET.Element("material", name="")
     ET.SubElement(element, "color", rgba=numbers_text(rgba))
     return element
@@ -185,38 +189,35 @@ def inertia_of(stage: Stage, body: Body, bodies: dict[str, Body]) -> pin.Inertia
     """Return the inertia of a body [kg, m]; None where it has no mass."""
     api = UsdPhysics.MassAPI(body.prim)
     stated = body.prim.HasAPI(UsdPhysics.MassAPI)
-    mass = float(api.GetMassAttr().Get()) if stated else 0.0
-    centre = np.array(api.GetCenterOfMassAttr().Get() if stated else [-np.inf] * 3, dtype=float)
-    moments = np.array(api.GetDiagonalInertiaAttr().Get() if stated else [0.0] * 3, dtype=float)
-    axes = api.GetPrincipalAxesAttr().Get() if stated else None
+    mass: float = 0.0
+    centre: Array = np.full(3, -np.inf)
+    moments: Array = np.zeros(3)
+    turn: Array = np.eye(3)
+    if stated:
+        mass = float(stage.numbers(api.GetMassAttr())[0])
+        centre = stage.numbers(api.GetCenterOfMassAttr(), 3, infinite=True)
+        moments = stage.numbers(api.GetDiagonalInertiaAttr(), 3)
+        turn = stage.rotation(api.GetPrincipalAxesAttr())
     known = bool(np.all(np.isfinite(centre)))
-    if mass > 0.0 and np.any(moments) and known:
-        turn = rotation_of(axes) if axes is not None else np.eye(3)
-        at = stage.metre * body.scale * centre
-    else:
+    at = stage.metre * body.scale * (centre if known else np.zeros(3))
+    if not (mass > 0.0 and np.any(moments) and known):
         found = _from_shapes(stage, body, bodies)
-        if found is None:
-            return _point(stage, body, mass, moments, centre if known else np.zeros(3), axes)
-        mass, moments, at, turn = found
-    matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
-    return pin.Inertia(stage.kilogram * mass, at, matrix)
-
-
-def _point(
-    stage: Stage, body: Body, mass: float, moments: Array, centre: Array, axes: Any
-) -> pin.Inertia | None:
-    """Return the inertia of a body without shapes that have a volume."""
+        if found is not None:
+            mass, moments, at, turn = found
+        elif not np.any(moments) and mass > 0.0:
+            stage.notices.append(f"{body.name!r} has a mass, but no moments of inertia and no "
+                                 "shape whose volume is known: it is a point mass")
     if mass <= 0.0:
         if np.any(moments):
             stage.notices.append(f"{body.name!r} has moments of inertia, but no mass: they are "
                                  "left out")
         return None
-    if not np.any(moments):
-        stage.notices.append(f"{body.name!r} has a mass, but no moments of inertia and no shape "
-                             "whose volume is known: it is a point mass")
-    turn = rotation_of(axes) if axes is not None else np.eye(3)
-    matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
-    return pin.Inertia(stage.kilogram * mass, stage.metre * body.scale * centre, matrix)
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
+    if not np.all(np.abs(matrix) <= 1.0 / LIGHTEST):
+        raise MechanismFileError(f"{stage.where}: {body.prim.GetPath()}: its moments of inertia "
+                                 "leave the range of numbers")
+    return pin.Inertia(stage.kilogram * mass, at, 0.5 * (matrix + matrix.T))
 
 
 def _from_shapes(
@@ -256,16 +257,3 @@ def _from_shapes(
                              f"{', '.join(unknown)} count for nothing")
     return (float(mass), np.array(moments, dtype=float),
             stage.metre * np.array(centre, dtype=float), rotation_of(axes))
-
-
-def rotation_of(quaternion: Any) -> Array:
-    """Return the rotation (3, 3) of a quaternion of USD, which may be rounded, or zero for none."""
-    x, y, z = map(float, quaternion.GetImaginary())
-    values = np.array([x, y, z, float(quaternion.GetReal())])
-    size = float(np.linalg.norm(values))
-    if not (np.isfinite(size) and size > 0.0):
-        return np.eye(3)
-    if np.array_equal(np.abs(values) / size, [0.0, 0.0, 0.0, 1.0]):
-        return np.eye(3)
-    rotation: Array = pin.Quaternion(values / size).matrix()
-    return rotation

@@ -14,7 +14,7 @@ from pxr import UsdPhysics
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.graph.joints import WORLD, Joint
-from spatial_pin.formats.usd.bodies import Body, body_of, rotation_of
+from spatial_pin.formats.usd.bodies import Body, body_of
 from spatial_pin.formats.usd.stage import Stage
 
 DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
@@ -59,7 +59,7 @@ def read_joints(stage: Stage, bodies: dict[str, Body]) -> Joints:
         if joint is None:
             continue
         joints.found.append(joint)
-        drives = _drives(prim)
+        drives = _drives(stage, prim)
         if any(drive["stiffness"] or drive["damping"] for drive in drives.values()):
             joints.driven.append(name)
         elif drives:
@@ -104,7 +104,7 @@ def _applied(prim: Any) -> list[str]:
 def _joint(stage: Stage, prim: Any, name: str, bodies: dict[str, Body]) -> Joint | None:
     """Return a joint, None for one that holds nothing."""
     api = UsdPhysics.Joint(prim)
-    if not api.GetJointEnabledAttr().Get():
+    if api.GetJointEnabledAttr().Get() is False:
         stage.notices.append(f"joint {name!r} is not enabled: it is left out")
         return None
     ends, frames = [], []
@@ -119,7 +119,7 @@ def _joint(stage: Stage, prim: Any, name: str, bodies: dict[str, Body]) -> Joint
         stage.notices.append(f"joint {name!r} joins {what} with itself: it is left out")
         return None
     joint = Joint(name, "fixed", ends[0], ends[1], frames[0], frames[1],
-                  cut=bool(api.GetExcludeFromArticulationAttr().Get()))
+                  cut=api.GetExcludeFromArticulationAttr().Get() is True)
     for schema, read in _KINDS.items():
         if prim.IsA(getattr(UsdPhysics, schema)):
             return read(stage, prim, joint)
@@ -134,10 +134,7 @@ def _end(
     targets = rel.GetTargets()
     if len(targets) > 1:
         _fail(stage, prim, f"body{side} names {len(targets)} prims; it must be one")
-    at = np.array(position.Get(), dtype=float)
-    if not np.all(np.isfinite(at)):
-        _fail(stage, prim, f"localPos{side} is no number")
-    turn = rotation_of(rotation.Get())
+    at, turn = stage.numbers(position, 3), stage.rotation(rotation)
     if not targets:
         return WORLD, pin.SE3(turn, stage.metre * at)
     target = stage.usd.GetPrimAtPath(targets[0])
@@ -156,33 +153,32 @@ def _fixed(stage: Stage, prim: Any, joint: Joint) -> Joint:
 
 
 def _revolute(stage: Stage, prim: Any, joint: Joint) -> Joint:
-    api = UsdPhysics.RevoluteJoint(prim)
-    return _one(stage, prim, joint.but(
-        type="revolute", axis=DIRECTIONS[str(api.GetAxisAttr().Get())]), "angular",
-        api.GetLowerLimitAttr().Get(), api.GetUpperLimitAttr().Get())
+    return _about(stage, prim, UsdPhysics.RevoluteJoint(prim), joint.but(type="revolute"))
 
 
 def _prismatic(stage: Stage, prim: Any, joint: Joint) -> Joint:
-    api = UsdPhysics.PrismaticJoint(prim)
-    return _one(stage, prim, joint.but(
-        type="prismatic", axis=DIRECTIONS[str(api.GetAxisAttr().Get())]), "linear",
-        api.GetLowerLimitAttr().Get(), api.GetUpperLimitAttr().Get())
+    return _about(stage, prim, UsdPhysics.PrismaticJoint(prim), joint.but(type="prismatic"))
 
 
-def _one(
-    stage: Stage, prim: Any, joint: Joint, freedom: str, lower: float, upper: float
-) -> Joint:
+def _about(stage: Stage, prim: Any, api: Any, joint: Joint) -> Joint:
+    """Return a joint about or along an axis that it states."""
+    lower, upper = (stage.number(x) for x in (api.GetLowerLimitAttr(), api.GetUpperLimitAttr()))
+    axis = DIRECTIONS[stage.word(api.GetAxisAttr(), DIRECTIONS)]
+    return _one(stage, prim, joint.but(axis=axis), lower, upper)
+
+
+def _one(stage: Stage, prim: Any, joint: Joint, lower: float, upper: float) -> Joint:
     """Return a joint of one coordinate with limits and what its drive and simulator say."""
     turns = joint.type == "revolute"
     unit = DEGREE if turns else stage.metre
     if not lower <= upper:
         _fail(stage, prim, f"its lower limit {lower} is above its upper limit {upper}")
     force = stage.kilogram * stage.metre ** (2 if turns else 1)
-    drives = _drives(prim)
+    drives = _drives(stage, prim)
     most = max((drive["most"] for drive in drives.values()), default=math.inf)
-    fastest = _number(prim, "physxJoint:maxJointVelocity", math.inf)
-    armature = _number(prim, "physxJoint:armature", 0.0)
-    if _number(prim, "physxJoint:jointFriction", 0.0):
+    fastest = _number(stage, prim, "physxJoint:maxJointVelocity", math.inf)
+    armature = _number(stage, prim, "physxJoint:armature", 0.0)
+    if _number(stage, prim, "physxJoint:jointFriction", 0.0):
         stage.notices.append(f"the friction coefficient of joint {joint.name!r} is left out")
     return joint.but(
         lower=_limit(lower, unit), upper=_limit(upper, unit),
@@ -195,15 +191,14 @@ def _limit(value: float, unit: float) -> float:
     return math.copysign(math.inf, value) if abs(value) >= LARGEST else float(value) * unit
 
 
-def _number(prim: Any, name: str, default: float) -> float:
+def _number(stage: Stage, prim: Any, name: str, default: float) -> float:
     attribute = prim.GetAttribute(name)
-    value = attribute.Get() if attribute else None
-    return default if value is None else float(value)
+    return stage.number(attribute) if attribute and attribute.HasValue() else default
 
 
 def _spherical(stage: Stage, prim: Any, joint: Joint) -> Joint:
     api = UsdPhysics.SphericalJoint(prim)
-    cone = [float(x.Get()) for x in (api.GetConeAngle0LimitAttr(), api.GetConeAngle1LimitAttr())]
+    cone = [stage.number(x) for x in (api.GetConeAngle0LimitAttr(), api.GetConeAngle1LimitAttr())]
     if any(0.0 <= angle < LARGEST for angle in cone):
         stage.notices.append(f"the cone limit of joint {joint.name!r} is left out")
     return joint.but(type="spherical")
@@ -211,7 +206,7 @@ def _spherical(stage: Stage, prim: Any, joint: Joint) -> Joint:
 
 def _distance(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
     api = UsdPhysics.DistanceJoint(prim)
-    least, most = (float(x.Get()) for x in (api.GetMinDistanceAttr(), api.GetMaxDistanceAttr()))
+    least, most = (stage.number(x) for x in (api.GetMinDistanceAttr(), api.GetMaxDistanceAttr()))
     if least != most or least < 0.0:
         stage.notices.append(f"joint {joint.name!r} bounds a distance and holds none: it is left "
                              "out")
@@ -231,7 +226,7 @@ def _generic(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
         kind, _, freedom = schema.partition(":")
         if kind == "PhysicsLimitAPI":
             api = UsdPhysics.LimitAPI(prim, freedom)
-            limits[freedom] = float(api.GetLowAttr().Get()), float(api.GetHighAttr().Get())
+            limits[freedom] = stage.number(api.GetLowAttr()), stage.number(api.GetHighAttr())
     if "distance" in limits:
         _fail(stage, prim, "a limit of distance is not read; write a PhysicsDistanceJoint")
     free = [x for x in FREEDOMS if x not in limits or not limits[x][0] > limits[x][1]]
@@ -245,7 +240,7 @@ def _generic(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
     if len(free) == 1:
         kind = "revolute" if turns else "prismatic"
         joint = joint.but(type=kind, axis=DIRECTIONS[free[0][-1]])
-        return _one(stage, prim, joint, free[0], *limits.get(free[0], (-math.inf, math.inf)))
+        return _one(stage, prim, joint, *limits.get(free[0], (-math.inf, math.inf)))
     pair = _pair_of("".join(slides), "".join(turns))
     if not pair:
         _fail(stage, prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
@@ -279,16 +274,16 @@ _KINDS = {
 # ---------------------------------------------------------------- drives and mimics
 
 
-def _drives(prim: Any) -> dict[str, dict[str, float]]:
+def _drives(stage: Stage, prim: Any) -> dict[str, dict[str, float]]:
     """Return stiffness, damping and largest force of the drives of a joint."""
     found = {}
     for schema in _applied(prim):
         kind, _, freedom = schema.partition(":")
         if kind == "PhysicsDriveAPI":
             api = UsdPhysics.DriveAPI(prim, freedom)
-            found[freedom] = {"stiffness": float(api.GetStiffnessAttr().Get()),
-                              "damping": float(api.GetDampingAttr().Get()),
-                              "most": float(api.GetMaxForceAttr().Get())}
+            found[freedom] = {"stiffness": stage.number(api.GetStiffnessAttr()),
+                              "damping": stage.number(api.GetDampingAttr()),
+                              "most": stage.number(api.GetMaxForceAttr())}
     return found
 
 
@@ -317,6 +312,6 @@ def _mimics(
         found.append({
             "name": f"mimic_{name}", "type": "coupling",
             "joints": [of_path[str(other.GetPath())], name],
-            "ratio": -_number(prim, f"{start}:gearing", 1.0),
-            "offset": -_number(prim, f"{start}:offset", 0.0) * unit})
+            "ratio": -_number(stage, prim, f"{start}:gearing", 1.0),
+            "offset": -_number(stage, prim, f"{start}:offset", 0.0) * unit})
     return found

@@ -12,7 +12,7 @@ from spatial_pin.formats.graph.spanning import span
 from spatial_pin.formats.imported import Imported, Request
 from spatial_pin.formats.usd.bodies import Body, link_elements, read_bodies
 from spatial_pin.formats.usd.joints import Joints, read_joints
-from spatial_pin.formats.usd.stage import Stage, open_stage
+from spatial_pin.formats.usd.stage import Stage, open_stage, quietly
 
 ROUNDING = 1e-6  # of numbers of 32 bits, after a few of them were put together
 
@@ -23,17 +23,20 @@ def read_stage(request: Request) -> Imported:
     Raises:
         MechanismFileError: it cannot be used.
     """
-    stage = open_stage(request.path, request.trusted)
-    bodies = read_bodies(stage)
-    if not bodies:
-        raise MechanismFileError(f"{stage.where}: no rigid body (PhysicsRigidBodyAPI) in it")
-    joints = read_joints(stage, bodies)
+    with quietly(request.path):
+        stage = open_stage(request.path, request.trusted)
+        bodies = read_bodies(stage)
+        if not bodies:
+            raise MechanismFileError(f"{stage.where}: no rigid body (PhysicsRigidBodyAPI) in it")
+        joints = read_joints(stage, bodies)
+        links = _links(stage, bodies)
+        gravity = stage.gravity().tolist()
     coupled = frozenset(name for table in joints.couplings for name in table["joints"])
-    graph = JointGraph(tuple(_links(stage, bodies)), (*_held(bodies), *joints.found),
-                       rounding=ROUNDING, needed=coupled | set(joints.driven))
+    graph = JointGraph(tuple(links), (*_held(bodies), *joints.found), rounding=ROUNDING,
+                       needed=coupled | set(joints.driven))
     drivers = _drivers(stage, joints, graph)
     content: dict[str, Any] = {
-        "name": request.path.stem, "gravity": stage.gravity().tolist(),
+        "name": request.path.stem, "gravity": gravity,
         "closures": joints.couplings, **({"drivers": drivers} if joints.driven else {})}
     graph = replace(graph, needed=coupled | set(drivers))
     return open_tree(graph, stage.where, content, stage.notices)

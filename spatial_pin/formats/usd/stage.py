@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -66,17 +67,76 @@ class Stage:
         quaternion = pin.Quaternion(axes / scale).normalized()
         return pin.SE3(quaternion.matrix(), self.metre * matrix[:3, 3]), scale
 
+    def numbers(self, attribute: Any, count: int = 1, infinite: bool = False) -> Array:
+        """Return the (count,) numbers of an attribute.
+
+        Raises:
+            MechanismFileError: they are others, NaN, or infinite where they may not be.
+        """
+        value = attribute.Get() if attribute else None
+        try:
+            found = np.array(value, dtype=float).reshape(-1)
+        except (TypeError, ValueError):
+            found = np.empty(0)
+        usable = ~np.isnan(found) if infinite else np.isfinite(found)
+        if found.size != count or not np.all(usable):
+            raise MechanismFileError(
+                f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; it must be "
+                f"{'a number' if count == 1 else f'{count} numbers'}")
+        return found
+
+    def number(self, attribute: Any) -> float:
+        """Return the number of an attribute, which may be infinite."""
+        return float(self.numbers(attribute, infinite=True)[0])
+
+    def word(self, attribute: Any, valid: Collection[str]) -> str:
+        """Return the text of an attribute.
+
+        Raises:
+            MechanismFileError: it is none of those that are valid.
+        """
+        text = str(attribute.Get())
+        if text not in valid:
+            raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {text[:80]!r}; it "
+                                     f"must be one of {', '.join(valid)}")
+        return text
+
+    def rotation(self, attribute: Any) -> Array:
+        """Return the rotation (3, 3) of an attribute, a quaternion.
+
+        Raises:
+            MechanismFileError: it is none.
+        """
+        value = attribute.Get()
+        if not hasattr(value, "GetImaginary"):
+            raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; "
+                                     "it must be a quaternion")
+        return rotation_of(value)
+
     def gravity(self) -> Array:
         """Return gravity (3,) [m/s²]: the scene's, else the earth's along the up axis."""
         up = np.eye(3)["XYZ".index(str(UsdGeom.GetStageUpAxis(self.usd)))]
         scene = next((UsdPhysics.Scene(x) for x in self.prims() if x.IsA(UsdPhysics.Scene)), None)
         if scene is None:
             return -EARTH * up
-        direction = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
-        size = float(scene.GetGravityMagnitudeAttr().Get())
+        direction = self.numbers(scene.GetGravityDirectionAttr(), 3)
+        size = self.number(scene.GetGravityMagnitudeAttr())
         length = float(np.linalg.norm(direction))
         along = direction / length if length > 0.0 else -up
         return along * (size * self.metre if np.isfinite(size) and size >= 0.0 else EARTH)
+
+
+def rotation_of(quaternion: Any) -> Array:
+    """Return the rotation (3, 3) of a quaternion of USD, which may be rounded, or zero for none."""
+    x, y, z = map(float, quaternion.GetImaginary())
+    values = np.array([x, y, z, float(quaternion.GetReal())])
+    size = float(np.linalg.norm(values))
+    if not (np.isfinite(size) and size > 0.0):
+        return np.eye(3)
+    if np.array_equal(np.abs(values) / size, [0.0, 0.0, 0.0, 1.0]):
+        return np.eye(3)
+    rotation: Array = pin.Quaternion(values / size).matrix()
+    return rotation
 
 
 def open_stage(path: Path, trusted: bool) -> Stage:
@@ -91,13 +151,7 @@ def open_stage(path: Path, trusted: bool) -> Stage:
         MechanismFileError: it is no USD, or is composed of files from elsewhere.
     """
     where = shown(path)
-    with _Silence():
-        try:
-            usd = Usd.Stage.Open(str(path))
-        except Tf.ErrorException as error:
-            said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(str(error).split()))
-            reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
-            raise MechanismFileError(f"{where}: USD cannot read it: {reason}") from error
+    usd = Usd.Stage.Open(str(path))
     home = path.resolve().parent
     for layer in usd.GetUsedLayers():
         file = Sdf.Layer.SplitIdentifier(layer.realPath)[0].partition("[")[0]
@@ -118,12 +172,19 @@ def open_stage(path: Path, trusted: bool) -> Stage:
     return stage
 
 
-class _Silence:
-    """What USD would print is kept from the terminal."""
+@contextmanager
+def quietly(path: Path) -> Iterator[None]:
+    """Keep what USD prints from the terminal; its errors become the library's.
 
-    def __enter__(self) -> None:
-        self._delegate = UsdUtils.CoalescingDiagnosticDelegate()
-
-    def __exit__(self, *_: object) -> None:
-        self._delegate.TakeUncoalescedDiagnostics()
-        del self._delegate
+    Raises:
+        MechanismFileError: USD has found an error in the file.
+    """
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    except Tf.ErrorException as error:
+        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(str(error).split()))
+        reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
+        raise MechanismFileError(f"{shown(path)}: USD cannot read it: {reason}") from error
+    finally:
+        delegate.TakeUncoalescedDiagnostics()
