@@ -174,7 +174,12 @@ def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin
             f"{where}: a mass of {mass:.3g} kg; only 0 and masses from {LIGHTEST:g} to "
             f"{1.0 / LIGHTEST:g} kg can be worked with")
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return inertia_of(mass, place.translation, place.rotation @ matrix @ place.rotation.T)
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = place.rotation @ matrix @ place.rotation.T
+    if not np.all(np.abs(turned) <= 1.0 / LIGHTEST):
+        raise MechanismFileError(f"{where}: its moments of inertia are above {1.0 / LIGHTEST:g} "
+                                 "kg·m², more than can be worked with")
+    return inertia_of(mass, place.translation, turned)
 
 
 def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:
