@@ -195,6 +195,16 @@ def test_a_distance_may_be_that_of_two_other_frames():
         np.linalg.norm(p["arm_4"] - q), abs=1e-12)
 
 
+def test_the_universe_is_what_stands_still():
+    for ground in ("universe", "world"):
+        mech = from_model(bars(), [sp.closures.spherical(("coupler", at(0.6)), (ground, at(0.8)))],
+                          frames={"mark": (ground, at(0.1)), "centre": (ground, at())},
+                          springs=[sp.Spring("s", ("rocker", ground), stiffness=1.0)], guess=GUESS)
+        assert mech.frames["spherical_2"].link == mech.frames["mark"].link == "world"
+        assert mech.springs[0].frames == ("rocker", "world")
+        near(sp.assemble(mech).placement("spherical_1").translation, [0.8, 0.0, 0.0], 1e-14)
+
+
 def test_closures_without_names_get_one_each():
     ball = sp.closures.spherical(*PLACES)
     named = sp.closures.spherical("arm_6", "arm_2", name="hold")

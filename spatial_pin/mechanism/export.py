@@ -106,9 +106,10 @@ def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
               for joint in ET.fromstring(mechanism.urdf).findall("joint")
               if joint.find("mimic") is not None}
     content = {**content_of(mechanism), "tree": tree}
-    closures = [table for table in content.pop("closures", ())
+    closures = [table for table in content.get("closures", ())
                 if not (table["type"] == COUPLING and table["name"] in stated)]
-    return {**content, "closures": closures} if closures else content
+    return {key: closures if key == "closures" else value for key, value in content.items()
+            if key != "closures" or closures}
 
 
 # ---------------------------------------------------------------- meshes

@@ -31,6 +31,7 @@ from spatial_pin.mechanism.model_urdf import Bodies, fresh, urdf_of
 from spatial_pin.mechanism.pin_joints import own_configuration, pair_tree
 
 GROUND = "world"  # the link that stands for the world
+UNIVERSE = "universe"  # what Pinocchio calls it
 WHERE = "from_model"
 
 
@@ -264,20 +265,22 @@ class _Names:
                 and isinstance(placement, pin.SE3)):
             raise TypeError(f"frames: {name!r} is given as (link or joint, pin.SE3), not "
                             f"{str(place)[:60]!r}")
-        self.new[name] = _frame(name, link, placement)
+        self.new[name] = _frame(name, self.link(link), placement)
         self.taken.add(name)
+
+    def link(self, name: str) -> str:
+        """Return the name of a link or joint; the universe's is that of the root link."""
+        return self.bodies.mains[0] if name == UNIVERSE else name
 
     def named(self, places: Iterable[FramePlace], owner: str) -> tuple[str, ...]:
         """Return the names of frames; those that have none are called after their owner."""
         names = []
         for k, place in enumerate(places, 1):
-            if isinstance(place, str):
-                names.append(place)
-            elif _is_identity(place[1]):
-                names.append(place[0])
-            else:
-                names.append(fresh(f"{owner}_{k}", self.taken))
-                self.new[names[-1]] = _frame(names[-1], *place)
+            on, placement = (place, None) if isinstance(place, str) else place
+            names.append(self.link(on))
+            if placement is not None and not _is_identity(placement):
+                names[-1] = fresh(f"{owner}_{k}", self.taken)
+                self.new[names[-1]] = _frame(names[-1], self.link(on), placement)
         return tuple(names)
 
     def closures(self, given: Iterable[Any]) -> tuple[Closure, ...]:

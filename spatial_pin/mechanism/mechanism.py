@@ -247,8 +247,9 @@ class Mechanism:
                 Those without a name, or with one that is taken, get one.
             drivers: joints or coordinates by the drivers' names, or only joints. Default: in a
                 tree without closures every coordinate, by its own name; else none.
-            springs: `spatial_pin.Spring`s.
-            passives: `spatial_pin.Passive`s.
+            springs: `spatial_pin.Spring`s; their frames by name or, as those of closures, as
+                (link or joint, `pin.SE3` on it). What stands still is "universe".
+            passives: `spatial_pin.Passive`s, likewise.
             guess: rough configuration, by joint, as in a mechanism file, or (nq,) of the model.
             frames: (link, frame or joint, placement on it) by name.
             name: of the mechanism; default that of the model.
