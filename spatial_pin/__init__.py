@@ -60,11 +60,11 @@ from spatial_pin.mechanism.mechanism import (
     Closure,
     Coordinate,
     Driver,
-    Frame,
     Mechanism,
     Passive,
     Spring,
 )
+from spatial_pin.mechanism.named_frames import Frame
 from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"

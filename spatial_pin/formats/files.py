@@ -27,14 +27,13 @@ from spatial_pin.mechanism.inertia import impossible_inertias
 from spatial_pin.mechanism.mechanism import (
     Closure,
     Driver,
-    Frame,
     Mechanism,
     Passive,
     Spring,
-    add_frames,
     check_mechanism,
     drivers_of_tree,
 )
+from spatial_pin.mechanism.named_frames import Frame, add_frames
 from spatial_pin.mechanism.pairs import (
     CLOSURE_TYPES,
     COUPLING,

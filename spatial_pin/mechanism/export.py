@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import xml.etree.ElementTree as ET
@@ -18,6 +17,7 @@ from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.pin_joints import joint_axis
 from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.mechanism.sources import is_file
+from spatial_pin.mechanism.toml_files import toml_text
 from spatial_pin.mechanism.urdf import (
     LIMITS,
     PAIR_OF_URDF_TYPE,
@@ -51,7 +51,7 @@ def save(mechanism: Mechanism, folder: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         text, meshes = _gathered(mechanism)
-        _write(mechanism, {urdf: text, toml: _toml(_beside(mechanism, urdf.name))},
+        _write(mechanism, {urdf: text, toml: toml_text(_beside(mechanism, urdf.name))},
                {folder / target: source for target, source in meshes.items()})
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
@@ -78,7 +78,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
         "name", "tree", "gravity"}
     if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
-        files[path.with_suffix(".toml")] = _toml(content)
+        files[path.with_suffix(".toml")] = toml_text(content)
     try:
         _write(mechanism, files, {})
     except OSError as error:
@@ -299,40 +299,3 @@ def _spring(spring: Spring) -> dict[str, Any]:
         free = "free_length" if spring.free_length else "free_angle"
         return {**table, "joint": spring.joint, free: spring.free}
     return {**table, "frames": list(spring.frames), "free_length": spring.free_length}
-
-
-def _toml(content: dict[str, Any], prefix: str = "") -> str:
-    """Return TOML text of tables, arrays of tables and plain values, as mechanism files use."""
-    plain = {k: v for k, v in content.items() if not _is_table(v)}
-    lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]
-    for key, value in content.items():
-        name = f"{prefix}{_key(key)}"
-        if isinstance(value, dict):
-            inner_is_tables = value and all(isinstance(v, dict) for v in value.values())
-            head = [] if inner_is_tables else ["", f"[{name}]"]
-            lines += [*head, _toml(value, f"{name}.").rstrip("\n")]
-        elif _is_table(value):
-            for item in value:
-                lines += ["", f"[[{name}]]", _toml(item, f"{name}.").rstrip("\n")]
-    return "\n".join(lines) + "\n"
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (
-        isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
-    )
-
-
-def _key(key: str) -> str:
-    bare = key and all(c.isascii() and (c.isalnum() or c in "_-") for c in key)
-    return key if bare else _value(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    return repr(value)

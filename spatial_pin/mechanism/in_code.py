@@ -18,16 +18,14 @@ from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import (
     Closure,
     Driver,
-    Frame,
     Mechanism,
     Passive,
     Spring,
-    add_frames,
     check_mechanism,
     drivers_of_tree,
-    frames_by_name,
 )
 from spatial_pin.mechanism.model_urdf import Bodies, fresh, urdf_of
+from spatial_pin.mechanism.named_frames import Frame, add_frames, frames_by_name
 from spatial_pin.mechanism.pin_joints import own_configuration, pair_tree
 
 GROUND = "world"  # the link that stands for the world
