@@ -18,8 +18,8 @@ LIBRARY = ("four_bar", "rssr", "stewart", "delta", "double_cardan", "screw_press
 KINDS = ("revolute", "continuous", "prismatic")
 
 
-def tree(seed: int, joints: int = 8) -> str:
-    """Return a random open tree as URDF text."""
+def tree(seed: int, joints: int = 8, serial: bool = False) -> str:
+    """Return a random open tree, or chain, as URDF text."""
     rng = np.random.default_rng(seed)
     lines = ['<robot name="tree"><link name="l0"/>']
     for k in range(1, joints + 1):
@@ -27,7 +27,8 @@ def tree(seed: int, joints: int = 8) -> str:
         lines.append(
             f'<link name="l{k}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
             f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{k}" '
-            f'type="{KINDS[rng.integers(3)]}"><parent link="l{rng.integers(k)}"/>'
+            f'type="{KINDS[rng.integers(3)]}">'
+            f'<parent link="l{k - 1 if serial else rng.integers(k)}"/>'
             f'<child link="l{k}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')
     return "".join([*lines, "</robot>"])
@@ -344,3 +345,49 @@ def test_a_free_base_is_saved(tmp_path: Path) -> None:
     again = sp.load(mechanism.save(tmp_path / "saved"))
     assert list(again.coordinates) == list(mechanism.coordinates)
     assert free_bases(again) == ("root_joint",)
+
+
+def test_joints_with_springs_are_held_by_one_word(tmp_path: Path) -> None:
+    (tmp_path / "tree.urdf").write_text(tree(7, serial=True))
+    toml = tmp_path / "sprung.toml"
+    toml.write_text('name = "sprung"\ntree = "tree.urdf"\n' + "".join(
+        f'[drivers.j{k}]\njoint = "j{k}"\n' for k in range(3, 9)) + "".join(
+        f'[[springs]]\nname = "s{k}"\njoint = "j{k}"\nstiffness = 5.0\n' for k in (1, 2)))
+    mechanism = sp.load(toml, free_flyer=True)
+    state = random_state(mechanism, 7)
+    words = r"2 of its freedoms .* more of .*hold=\['base', 'springs'\] stops the joints"
+    with pytest.raises(sp.SingularError, match=words):
+        sp.jacobian(mechanism, state, "l8")
+    columns = [mechanism.coordinate(name).v for name in mechanism.drivers]
+    expected = pinocchios(mechanism, state.q, "l8")[:, columns]
+    for hold in (["base", "springs"], ["base", "j1", "j2"]):
+        assert sp.jacobian(mechanism, state, "l8", hold=hold) == pytest.approx(expected, abs=1e-13)
+        motion = sp.sweep(mechanism, "j5", np.linspace(0.0, 0.4, 5), hold=hold)
+        assert np.ptp(motion.coordinate("j1").value) == 0.0
+        assert motion.state(3).rate_error < 1e-12
+
+
+def test_the_rate_of_a_jacobian_of_a_released_base_is_its_derivative(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(6), free_flyer=True)
+    state = random_state(mechanism, 6)
+    rng = np.random.default_rng(6)
+    speeds = dict(zip(mechanism.drivers, rng.normal(size=8).tolist(), strict=True))
+    moving = sp.solve_rates(mechanism, state, {**speeds, "root_joint": rng.normal(size=6)})
+    found = sp.jacobian_rate(mechanism, moving, "l8", hold=None)
+    h, ends = 1e-5, []
+    for step in (h, -h):
+        q = pin.integrate(mechanism.model, state.q, step * moving.v)
+        ends.append(sp.jacobian(mechanism, sp.assemble(mechanism, {}, q), "l8", hold=None))
+    assert found == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-7)
+    accel = sp.influence(mechanism, moving, hold=None)
+    assert accel.first == pytest.approx(
+        np.vstack([np.hstack([np.zeros((6, 8)), np.eye(6)]), np.eye(8, 14)]), abs=1e-14)
+
+
+def test_a_robot_in_the_air_moves_as_a_free_body(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, tree(2), free_flyer=True)
+    motion = sp.simulate(mechanism, sp.assemble(mechanism), 0.1, times=np.linspace(0.0, 0.1, 5))
+    model, data = mechanism.model, mechanism.model.createData()
+    heights = [pin.centerOfMass(model, data, q)[2] for q in motion.q]
+    fallen = np.array(heights) - heights[0]
+    assert fallen == pytest.approx(-0.5 * 9.81 * np.linspace(0.0, 0.1, 5) ** 2, abs=1e-8)

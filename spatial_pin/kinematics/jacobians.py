@@ -164,7 +164,7 @@ def jacobian_rate(
             polar = [system.acceleration(state.q, v, still) for v in (state.v + w, state.v - w)]
             system.evaluation.update(state.q)
             skew = _row_brackets(system.evaluation, turned, state.v, w)
-            spread = system.rates_of(skew, turned[system.drive_at])
+            spread = system.rates_of(skew, still)
             rate = 0.25 * (polar[0] - polar[1]) + 0.5 * spread
             columns.append(moving.rate(w, turned) + moving.jacobian @ rate)
     return np.array(columns).reshape(-1, 6).T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
-from spatial_pin.kinematics.holding import free_bases, still_entries
+from spatial_pin.kinematics.holding import BASE, SPRINGS, free_bases, still_entries
 from spatial_pin.kinematics.passive import is_in_loop, passive_freedoms
 from spatial_pin.kinematics.rotations import Rotations, rotations_of
 from spatial_pin.linalg import (
@@ -373,14 +373,12 @@ class SquareSystem:
         moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
         names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
         picked = independent_rows(np.where(moving[:, None], null_space.T, 0.0))[:missing]
-        example = ", ".join(f"'{mechanism.coordinates[v]}': 0.0" for v in sorted(picked))
+        chosen = [mechanism.coordinates[v] for v in sorted(picked)]
         given = ", ".join(repr(c.name) for c in self.driven) or "nothing"
         raise SingularError(
             f"mechanism {mechanism.name!r}: {given} is prescribed, and {missing} of its freedoms "
             f"are not prescribed; prescribe {missing} more of {', '.join(names)}, such as "
-            f"solve_rates(..., {{{example}}}) or sweep(..., hold={{{example}}}); each may "
-            "have a [drivers.name] in the file too"
-        )
+            + _ways_to_prescribe(mechanism, chosen, set(names)))
 
     def check_regular(self, q: Array) -> None:
         """Refuse a configuration q at which the loops lose independent equations.
@@ -530,6 +528,16 @@ class SquareSystem:
         if not self._bent:
             rates[self.drive_at] = drive  # as asked for, to the last digit
         return rates
+
+
+def _ways_to_prescribe(mechanism: Mechanism, names: Sequence[str], moving: Container[str]) -> str:
+    """Return how coordinates are prescribed, for messages; `moving` are all that are not."""
+    rates = ", ".join(f"{name!r}: 0.0" for name in names)
+    base = [BASE] if free_bases(mechanism) else []
+    said = (f"solve_rates(..., {{{rates}}}), sweep(..., hold={[*base, *names]}) or "
+            f"jacobian(..., drivers=[...]); each may have a [drivers.name] in the file too")
+    springs = [spring.joint for spring in mechanism.springs if spring.joint in moving]
+    return said + f"; hold={[*base, SPRINGS]} stops the joints with springs" * bool(springs)
 
 
 class Regular(NamedTuple):

@@ -313,6 +313,8 @@ class Mechanism:
             UnknownNameError: there is none.
             SpatialPinError: it is a joint of several coordinates.
         """
+        if isinstance(name, str) and name in self.coordinate_table:
+            return self.coordinate_table[name]
         components = [c.name for c in self.coordinate_table.values()
                       if isinstance(name, str) and c.joint == name]
         if len(components) > 1 and name not in self.drivers:
