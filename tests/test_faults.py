@@ -126,11 +126,14 @@ def test_a_body_that_cannot_be_has_forces_and_a_warning(told):
     (f"<inertial>{INERTIA}</inertial>", "mass", 0, 0.04),
     (inertial(2.0, '<inertia ixx="1" iyy="1" izz="1"/>'), "ixy ixz iyz", 2, 1),
 ])
-def test_what_is_missing_of_an_inertial_counts_as_zero(told, hand, missing, mass, moment):
+def test_what_is_missing_of_an_inertial_counts_as_zero(
+    told, capfd, hand, missing, mass, moment
+):
     mechanism, text = told(arm(hand))
     assert text == f"link 'hand': {missing}: of <inertial> missing, counts as 0"
     body = mechanism.model.inertias[2]
     assert (body.mass, body.inertia[2, 2]) == (mass, moment)
+    assert capfd.readouterr() == ("", "")
 
 
 # ---------------------------------------------------------------- joints and links
@@ -178,6 +181,13 @@ def test_limits_the_wrong_way_round_are_none(told):
     at = mechanism.coordinate("elbow").q
     assert mechanism.model.lowerPositionLimit[at] == -math.inf
     assert mechanism.model.upperPositionLimit[at] == math.inf
+
+
+def test_numbers_of_no_size_are_read_without_a_word(load, capfd):
+    tree = arm(inertial(2.0, moments(1e-310, 0.03, 0.03)))
+    tree = tree.replace('xyz="1 0 0"', 'xyz="1 1e-320 0"')
+    assert place(load(tree), elbow=math.pi / 2) == [2, 1, 0]
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("head", [

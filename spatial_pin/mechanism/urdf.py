@@ -9,6 +9,7 @@ count turns.
 from __future__ import annotations
 
 import math
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +26,7 @@ from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
 from spatial_pin.mechanism.shapes import Shapes, take_shapes
 from spatial_pin.mechanism.sources import NO_PACKAGES
 from spatial_pin.mechanism.urdf_checks import (
+    INERTIAL,
     check_joint,
     check_links,
     check_structure,
@@ -43,6 +45,7 @@ CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "fixed": ("fixed",),
 }
 PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
+NUMBERS = ("xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
 LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and by which factor
     "lower": {"lowerPositionLimit": 1.0}, "upper": {"upperPositionLimit": 1.0},
@@ -159,9 +162,34 @@ def _plain(element: ET.Element) -> ET.Element:
     """
     kind = element.get("type", "")
     joint = ET.Element("joint", {**element.attrib, "type": PAIR_OF_URDF_TYPE.get(kind, kind)})
-    joint.extend(part for part in element if part.tag not in ("mimic", "limit"))
+    for part in element:
+        if part.tag in ("parent", "child"):
+            joint.append(part)
+        elif part.tag == "origin" or (part.tag == "axis" and kind != "fixed"):
+            joint.append(_normal(part))
     ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return joint
+
+
+def _normal(element: ET.Element) -> ET.Element:
+    """Return an element with its numbers as the URDF reader takes them: of no denormal size."""
+    def plain(word: str) -> str:
+        return "0" if abs(float(word)) < sys.float_info.min else word
+
+    return ET.Element(element.tag, {
+        key: " ".join(map(plain, text.split())) for key, text in element.items()
+        if key in NUMBERS})
+
+
+def _whole(inertial: ET.Element) -> ET.Element:
+    """Return an <inertial> in which nothing is missing."""
+    whole = ET.Element("inertial")
+    whole.extend(map(_normal, inertial.findall("origin")[:1]))
+    for tag, key in INERTIAL:
+        found, stated = whole.find(tag), inertial.find(tag)
+        element = ET.SubElement(whole, tag) if found is None else found
+        element.set(key, "0" if stated is None else _normal(stated).get(key, "0"))
+    return whole
 
 
 def _read(robot: ET.Element, path: Path) -> pin.Model:
@@ -169,8 +197,9 @@ def _read(robot: ET.Element, path: Path) -> pin.Model:
     bare = ET.Element("robot", name=robot.get("name") or path.stem)
     for element in robot:
         if element.tag == "link":
-            link = ET.SubElement(bare, "link", element.attrib)
-            link.extend(element.findall("inertial"))
+            link = ET.SubElement(bare, "link", name=element.get("name", ""))
+            for inertial in element.findall("inertial")[:1]:
+                link.append(_whole(inertial))
         elif element.tag == "joint":
             bare.append(_plain(element))
     try:
