@@ -407,6 +407,7 @@ def test_gazebo_before_sdformat_closes_the_gripper_that_mimics_only_copied(tmp_p
         mech = sp.load(path)
     state = sp.assemble(mech, {"j1": 0.4})
     assert state.coordinate("j3").value == pytest.approx(0.4, abs=1e-12)
+    assert list(mech.drivers) == ["j1"]  # which j3 followed
 
 
 # ---------------------------------------------------------------- onshape-to-robot
@@ -496,7 +497,7 @@ def test_drakes_rotor_is_felt_through_its_gear(tmp_path):
 # ---------------------------------------------------------------- motors
 
 
-WELD = "<loop name='shut' type='fixed'><predecessor link='a'/><successor link='c'/></loop>"
+WELD = "<loop name='shut' type='fixed'><predecessor link='b'/><successor link='c'/></loop>"
 
 
 def test_all_joints_of_a_tree_drive_it_whatever_motors_are_stated(tmp_path):
@@ -522,6 +523,20 @@ def test_a_joint_that_cannot_be_driven_by_itself_gets_no_driver(tmp_path):
     path.write_text(path.read_text().replace('<child link="c"/>',
                                              '<child link="c"/><mimic joint="j1"/>'))
     assert list(sp.load(path).drivers) == ["j1"]
+
+
+def test_joints_in_no_loop_are_drivers_beside_the_motors_that_are_stated(tmp_path):
+    arm = """<link name="d"/><link name="e"/>
+      <joint name="arm" type="continuous"><parent link="base"/><child link="d"/></joint>
+      <joint name="hand" type="prismatic"><parent link="d"/><child link="e"/>
+        <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+      <transmission name="t"><joint name="j1"/></transmission>"""
+    ends = closed_four_bar(*LENGTHS["parallelogram"])[1]
+    mech = sp.load(four_bar(tmp_path, arm + ros("l", "revolute", ends, Y)))
+    assert sorted(mech.drivers) == ["arm", "hand", "j1"]
+    assert sp.sweep(mech, "arm", [0.0, 0.1]).closure_error.max() < 1e-14
+    geared = "<coupling name='g'><predecessor link='a'/><successor link='c'/></coupling>"
+    assert sorted(sp.load(four_bar(tmp_path, geared)).drivers) == ["j1", "j2"]
 
 
 @pytest.mark.parametrize("stated", [

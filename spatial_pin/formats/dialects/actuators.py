@@ -1,6 +1,7 @@
 """Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names.
 
 A joint of `<ros2_control>` with `<param name="mimic">` follows another instead, as with `<mimic>`.
+Few robots state all their motors: joints in no loop are drivers too, and joints that others follow.
 """
 
 from __future__ import annotations
@@ -8,15 +9,17 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 from spatial_pin.formats.dialects import drake
-from spatial_pin.formats.dialects.reading import Reading
+from spatial_pin.formats.dialects.reading import Reading, local
 
+ACTUATED = ("joint", "flexJoint", "rollJoint")  # the latter of PR2's wrist
 DRIVABLE = ("revolute", "continuous", "prismatic")  # one coordinate
 
 
 def read_transmission(element: ET.Element, reading: Reading) -> None:
-    """Read a `<transmission>`: `<joint name>`, or the same as text within."""
-    for joint in element.iter("joint"):
-        _drive(joint.get("name") or (joint.text or "").strip(), reading)
+    """Read a `<transmission>`: its joints by their names, as attributes or text."""
+    for joint in element.iter():
+        if local(joint) in ACTUATED:
+            _drive(joint.get("name") or (joint.text or "").strip(), reading)
     drake.read_armatures(element, reading)
 
 
@@ -31,6 +34,22 @@ def read_ros2_control(element: ET.Element, reading: Reading) -> None:
                            offset, "<ros2_control> with mimic")
         elif joint.find("command_interface") is not None:
             _drive(joint.get("name", ""), reading)
+
+
+def drive_the_rest(reading: Reading) -> None:
+    """Make drivers of the joints that no loop moves, and of those that others follow."""
+    in_loops: set[str] = set()
+    for closure in reading.content["closures"]:
+        if "joints" in closure:
+            in_loops.add(closure["joints"][1])
+        else:
+            ends = [reading.link_of(frame) for frame in closure["frames"]]
+            in_loops.update(name for chain in reading.between(ends) for name in chain)
+    leaders = {mimic.get("joint", "") for joint in reading.joints.values()
+               for mimic in joint.findall("mimic")}
+    for name in reading.joints:
+        if name not in in_loops or name in leaders | reading.leaders:
+            _drive(name, reading)
 
 
 def _drive(name: str, reading: Reading) -> None:

@@ -102,12 +102,8 @@ def _read_old_joint(joint: ET.Element, reading: Reading) -> None:
 
 
 def _drop_mimics(joint: ET.Element, chains: list[list[str]], reading: Reading) -> None:
-    dropped = []
-    for name in (name for chain in chains for name in chain):
-        mimic = reading.joints[name].find("mimic")
-        if mimic is not None:
-            reading.joints[name].remove(mimic)
-            dropped.append(name)
+    dropped = [name for chain in chains for name in chain
+               if reading.drop_mimic(reading.joints[name])]
     if dropped:
         reading.notices.append(f"the <mimic> of {', '.join(dropped)} is left out: {said(joint)} "
                                "closes that loop itself")

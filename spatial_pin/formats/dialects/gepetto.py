@@ -113,7 +113,7 @@ def read_robot(path: Path, reading: Reading) -> None:
         reading.add("closures", {"name": _name(pair, k), "type": "spherical" if point else "weld",
                                  "frames": pair, "source": f"closed_loop of {path.name}"})
     if lists["name_mot"]:
-        reading.content["drivers"] = {}
+        reading.content["drivers"], reading.all_driven = {}, True
     for motor in lists["name_mot"]:
         if motor in reading.joints:
             reading.drive(motor)

@@ -66,7 +66,7 @@ def read_closures(path: Path, reading: Reading) -> None:
         reading.refine(name, type="spherical")
     motors = [*lists["independent"], *lists["actuated_joints"]]
     if motors:
-        reading.content["drivers"] = {}
+        reading.content["drivers"], reading.all_driven = {}, True
     for name in motors:
         reading.joint(name, f"{path.name}")
         reading.drive(name)
@@ -128,13 +128,8 @@ def _read_pin(entry: _Entry, kind: str, world: dict[str, pin.SE3]) -> None:
 
 
 def _drop_mimics(names: list[str], path: Path, reading: Reading) -> None:
-    dropped = []
-    for name in names:
-        joint = reading.joint(name, f"dependent of {path.name}")
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            joint.remove(mimic)
-            dropped.append(name)
+    dropped = [name for name in names
+               if reading.drop_mimic(reading.joint(name, f"dependent of {path.name}"))]
     if dropped:
         reading.notices.append(f"the <mimic> of {', '.join(dropped)} is left out: {path.name} has "
                                "the loop itself, of which it is a copy or an approximation")

@@ -62,6 +62,8 @@ class Reading:
         content: what a mechanism file would say beside it.
         notices: what was changed or left out, a sentence each.
         followers: joints that follow another, by what stands beside the tree.
+        leaders: joints that others followed, before loops took the place of <mimic>.
+        all_driven: whether the drivers are all that there are, by whoever stated them.
     """
 
     robot: ET.Element
@@ -69,6 +71,8 @@ class Reading:
     content: dict[str, Any] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     followers: set[str] = field(default_factory=set)
+    leaders: set[str] = field(default_factory=set)
+    all_driven: bool = False
 
     def fail(self, element: ET.Element | str, complaint: str) -> MechanismFileError:
         """Return the error about an element of the file."""
@@ -117,6 +121,11 @@ class Reading:
             raise self.fail(element, f"joint {name or ''!r} does not exist; "
                                      f"{suggestion(name or '', self.joints)}")
         return self.joints[name]
+
+    def link_of(self, frame: str) -> str:
+        """Return the link that a frame, or a joint's frame, is fixed to."""
+        frame = self.content.get("frames", {}).get(frame, {}).get("link", frame)
+        return end(self.joints[frame], "child") if frame not in self.links else frame
 
     def placement(self, element: ET.Element | None, where: ET.Element) -> pin.SE3:
         """Return the placement that `xyz` and `rpy` of an element give, identity without."""
@@ -263,6 +272,15 @@ class Reading:
             for tag in ("axis", "limit", "mimic"):
                 for child in element.findall(tag):
                     element.remove(child)
+
+    def drop_mimic(self, joint: ET.Element) -> bool:
+        """Take the <mimic> out of a joint; return whether there was one."""
+        mimic = joint.find("mimic")
+        if mimic is None:
+            return False
+        joint.remove(mimic)
+        self.leaders.add(mimic.get("joint", ""))
+        return True
 
     def drive(self, joint: str) -> None:
         """Make a joint a driver of its own name, unless it follows another."""

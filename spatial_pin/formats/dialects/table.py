@@ -78,3 +78,5 @@ def read_dialects(reading: Reading, beside: Path | None = None) -> None:
     unknown.refuse_unread(reading)
     if not reading.content.get("closures"):  # all joints of a tree drive it, motors or not
         reading.content.pop("drivers", None)
+    elif not reading.all_driven:
+        actuators.drive_the_rest(reading)

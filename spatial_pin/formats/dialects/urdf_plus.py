@@ -65,6 +65,7 @@ def read_independent(reading: Reading) -> None:
     for name, joint in reading.joints.items():
         if joint.get("independent", "").lower() in ("true", "1"):
             reading.drive(name)
+            reading.all_driven = True
 
 
 def _ends(element: ET.Element, reading: Reading) -> list[tuple[str, pin.SE3]]:
