@@ -385,6 +385,64 @@ def test_a_mimic_is_a_coupling(tmp_path):
     assert state.coordinate("j")[0] == pytest.approx(-2.0 * 0.3 - math.pi / 6, abs=1e-12)
 
 
+@quiet
+def test_joints_of_mujoco_between_two_bodies_are_in_series(tmp_path):
+    """Their chain is the one that MuJoCo's own kinematics has."""
+    mujoco = pytest.importorskip("mujoco")
+    xml = """<mujoco><worldbody><body pos="0.1 0.2 0.3" euler="10 20 30">
+      <joint name="i" axis="1 0 0" pos="0.1 0 0" damping="0.5"/><joint name="s" type="slide"
+       axis="0 1 0" armature="2"/><joint name="k" axis="0 0 1" pos="0 0.3 0" stiffness="3"
+       frictionloss="0.25"/><geom size="0.1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    w, x, y, z = data.xquat[1]
+    scene = Scene(tmp_path)
+    scene.body("/a", data.xpos[1], (w, x, y, z))
+    body = pin.SE3(pin.Quaternion(w, x, y, z).matrix(), data.xpos[1].copy())
+    for kind, name, axis, at in (("RevoluteJoint", "i", "X", [0.1, 0, 0]),
+                                 ("PrismaticJoint", "s", "Y", [0, 0, 0]),
+                                 ("RevoluteJoint", "k", "Z", [0, 0.3, 0])):
+        prim = scene.joint(kind, f"/a/{name}", None, "/a", body.act(np.array(at, dtype=float)), at,
+                           axis=axis, turn0=(w, x, y, z)).GetPrim()
+        prim.AddAppliedSchema("MjcJointAPI")
+        for word, value in {"i": {"damping": 0.5}, "s": {"armature": 2.0},
+                            "k": {"stiffness": 3.0, "frictionloss": 0.25}}[name].items():
+            prim.CreateAttribute(f"mjc:{word}", Sdf.ValueTypeNames.Double).Set(value)
+    motor = scene.stage.DefinePrim("/motor", "MjcActuator")
+    motor.CreateRelationship("mjc:target").SetTargets(["/a/k"])
+    mech = scene.load()
+    assert mech.coordinates == ("i", "s", "k") and list(mech.drivers) == ["k"]
+    data.qpos[:] = [0.4, 0.2, -0.7]
+    mujoco.mj_kinematics(model, data)
+    state = sp.assemble(mech, {"i": 0.4, "s": 0.2, "k": -0.7})
+    assert np.abs(state.placement("a").translation - data.xpos[1]).max() < 1e-6
+    assert np.abs(state.placement("a").rotation.ravel() - data.xmat[1]).max() < 1e-6
+    assert mech.model.damping.tolist() == [0.5, 0.0, 0.0]
+    assert mech.model.armature.tolist() == [0.0, 2.0, 0.0]
+    assert mech.model.upperDryFrictionLimit.tolist() == [0.0, 0.0, 0.25]
+    assert [(s.joint, s.stiffness) for s in mech.springs] == [("k", 3.0)]
+
+
+@quiet
+def test_a_mimic_of_newton_counts_the_other_way(tmp_path):
+    scene = Scene(tmp_path)
+    scene.body("/a")
+    scene.body("/b")
+    scene.joint("RevoluteJoint", "/i", None, "/a")
+    prim = scene.joint("RevoluteJoint", "/j", None, "/b").GetPrim()
+    prim.AddAppliedSchema("NewtonMimicAPI")
+    prim.AddAppliedSchema("MjcEqualityJointAPI")
+    for name, value in (("newton:mimicCoef0", 30.0), ("newton:mimicCoef1", 2.0)):
+        prim.CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(value)
+    prim.CreateRelationship("newton:mimicJoint").SetTargets(["/i"])
+    state = sp.assemble(scene.load(), {"i": 0.3})
+    assert state.coordinate("j")[0] == pytest.approx(2.0 * 0.3 + math.pi / 6, abs=1e-12)
+    prim.CreateAttribute("mjc:coef2", Sdf.ValueTypeNames.Double).Set(0.5)
+    with pytest.raises(sp.MechanismFileError, match=r"/j: MjcEqualityJointAPI: .*higher order"):
+        scene.load()
+
+
 def test_tendons_are_told(tmp_path):
     scene = Scene(tmp_path)
     scene.body("/a")
@@ -522,7 +580,8 @@ def test_bodies_of_an_instance_are_read(tmp_path):
 
 @pytest.mark.parametrize(("change", "named"), [
     (lambda s: s.stage.DefinePrim("/gear", "PhysxPhysicsGearJoint"), "PhysxPhysicsGearJoint"),
-    (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("NewtonMimicAPI"), "NewtonMimicAPI"),
+    (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("OtherMimicAPI"), "OtherMimicAPI"),
+    (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("MjcEqualityJointAPI"), "Mjc"),
     (lambda s: UsdPhysics.Joint.Get(s.stage, "/j").GetBody1Rel().SetTargets(["/none"]), "/none"),
     (lambda s: UsdGeom.Xformable(s.stage.GetPrimAtPath("/a")).GetOrderedXformOps()[2].Set(
         Gf.Vec3f(1, 1, -1)), "mirrored"),

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from pxr import UsdPhysics
 
-from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.graph.joints import WORLD, Joint
+from spatial_pin.formats.graph.joints import WORLD, Joint, Link
 from spatial_pin.formats.usd.bodies import Body, body_of
-from spatial_pin.formats.usd.stage import Stage
+from spatial_pin.formats.usd.mimics import mimics
+from spatial_pin.formats.usd.mujoco import MUJOCO, actuated, in_series, with_resistance
+from spatial_pin.formats.usd.stage import DEGREE, Stage, applied
 
 DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
 FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-DEGREE = math.pi / 180.0
 UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
-MIMIC = re.compile(r"Mimic")
 TENDON = re.compile(r"Tendon")
 LARGEST = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
@@ -32,11 +30,13 @@ class Joints:
 
     Attributes:
         found: them, in the stage's order.
+        links: massless ones between joints in series.
         driven: names of the joints that a drive moves.
         couplings: mimics, as a mechanism file has couplings.
     """
 
     found: list[Joint] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
     driven: list[str] = field(default_factory=list)
     couplings: list[dict[str, Any]] = field(default_factory=list)
 
@@ -49,22 +49,27 @@ def read_joints(stage: Stage, bodies: dict[str, Body]) -> Joints:
     """
     of_path = _names(stage)
     tendons = [str(prim.GetPath()) for prim in stage.prims() if any(map(TENDON.search,
-                                                                        _applied(prim)))]
+                                                                        applied(prim)))]
     if tendons:
         stage.notices.append(f"tendons pull on {', '.join(tendons)}: they are left out")
-    joints, passive = Joints(), []
+    joints, passive, series = Joints(), [], []
     for path, name in of_path.items():
         prim = stage.usd.GetPrimAtPath(path)
         joint = _joint(stage, prim, name, bodies)
         if joint is None:
             continue
+        if MUJOCO in applied(prim):
+            joint = with_resistance(stage, prim, joint)
+            series.append(name)
         joints.found.append(joint)
         drives = _drives(stage, prim)
         if any(drive["stiffness"] or drive["damping"] for drive in drives.values()):
             joints.driven.append(name)
         elif drives:
             passive.append(name)
-        joints.couplings += _mimics(stage, prim, name, of_path)
+        joints.couplings += mimics(stage, prim, name, of_path)
+    joints.driven += [x for x in actuated(stage, of_path) if x not in joints.driven]
+    joints.links, joints.found = in_series(joints.found, series)
     if joints.driven:
         stage.notices.append("drives move joints as drivers; their stiffness and damping are no "
                              f"springs here: {', '.join(joints.driven)}")
@@ -82,20 +87,10 @@ def _names(stage: Stage) -> dict[str, str]:
         if prim.IsA(UsdPhysics.Joint):
             prims.append(prim)
         elif kind.endswith(UNREAD):
-            _fail(stage, prim, f"a {kind} is not read; write a joint of UsdPhysics in its place")
+            stage.fail(prim, f"a {kind} is not read; write a joint of UsdPhysics in its place")
     names = [prim.GetName() for prim in prims]
     return {str(prim.GetPath()): name if names.count(name) == 1 and name != "universe"
             else str(prim.GetPath()).strip("/") for prim, name in zip(prims, names, strict=True)}
-
-
-def _fail(stage: Stage, prim: Any, why: str) -> NoReturn:
-    raise MechanismFileError(f"{stage.where}: {prim.GetPath()}: {why}")
-
-
-def _applied(prim: Any) -> list[str]:
-    """Return all schemas applied to a prim, those that this USD does not know too."""
-    stated = prim.GetMetadata("apiSchemas")
-    return [*prim.GetAppliedSchemas(), *(stated.GetAddedOrExplicitItems() if stated else ())]
 
 
 # ---------------------------------------------------------------- one joint
@@ -133,13 +128,13 @@ def _end(
     """Return the link at an end of a joint, and the joint's frame on it."""
     targets = rel.GetTargets()
     if len(targets) > 1:
-        _fail(stage, prim, f"body{side} names {len(targets)} prims; it must be one")
+        stage.fail(prim, f"body{side} names {len(targets)} prims; it must be one")
     at, turn = stage.numbers(position, 3), stage.rotation(rotation)
     if not targets:
         return WORLD, pin.SE3(turn, stage.metre * at)
     target = stage.usd.GetPrimAtPath(targets[0])
     if not target:
-        _fail(stage, prim, f"body{side} is {targets[0]}, which does not exist")
+        stage.fail(prim, f"body{side} is {targets[0]}, which does not exist")
     body = body_of(target, bodies)
     if body is not None and body.prim == target:
         return body.name, pin.SE3(turn, stage.metre * at * body.scale)
@@ -172,13 +167,13 @@ def _one(stage: Stage, prim: Any, joint: Joint, lower: float, upper: float) -> J
     turns = joint.type == "revolute"
     unit = DEGREE if turns else stage.metre
     if not lower <= upper:
-        _fail(stage, prim, f"its lower limit {lower} is above its upper limit {upper}")
+        stage.fail(prim, f"its lower limit {lower} is above its upper limit {upper}")
     force = stage.kilogram * stage.metre ** (2 if turns else 1)
     drives = _drives(stage, prim)
     most = max((drive["most"] for drive in drives.values()), default=math.inf)
-    fastest = _number(stage, prim, "physxJoint:maxJointVelocity", math.inf)
-    armature = _number(stage, prim, "physxJoint:armature", 0.0)
-    if _number(stage, prim, "physxJoint:jointFriction", 0.0):
+    fastest = stage.optional(prim, "physxJoint:maxJointVelocity", math.inf)
+    armature = stage.optional(prim, "physxJoint:armature", 0.0)
+    if stage.optional(prim, "physxJoint:jointFriction", 0.0):
         stage.notices.append(f"the friction coefficient of joint {joint.name!r} is left out")
     return joint.but(
         lower=_limit(lower, unit), upper=_limit(upper, unit),
@@ -189,11 +184,6 @@ def _one(stage: Stage, prim: Any, joint: Joint, lower: float, upper: float) -> J
 
 def _limit(value: float, unit: float) -> float:
     return math.copysign(math.inf, value) if abs(value) >= LARGEST else float(value) * unit
-
-
-def _number(stage: Stage, prim: Any, name: str, default: float) -> float:
-    attribute = prim.GetAttribute(name)
-    return stage.number(attribute) if attribute and attribute.HasValue() else default
 
 
 def _spherical(stage: Stage, prim: Any, joint: Joint) -> Joint:
@@ -222,13 +212,13 @@ def _generic(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
     A freedom whose lower limit is above its upper limit is locked.
     """
     limits = {}
-    for schema in _applied(prim):
+    for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
         if kind == "PhysicsLimitAPI":
             api = UsdPhysics.LimitAPI(prim, freedom)
             limits[freedom] = stage.number(api.GetLowAttr()), stage.number(api.GetHighAttr())
     if "distance" in limits:
-        _fail(stage, prim, "a limit of distance is not read; write a PhysicsDistanceJoint")
+        stage.fail(prim, "a limit of distance is not read; write a PhysicsDistanceJoint")
     free = [x for x in FREEDOMS if x not in limits or not limits[x][0] > limits[x][1]]
     slides = [x[-1] for x in free if x.startswith("trans")]
     turns = [x[-1] for x in free if x.startswith("rot")]
@@ -243,7 +233,7 @@ def _generic(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
         return _one(stage, prim, joint, *limits.get(free[0], (-math.inf, math.inf)))
     pair = _pair_of("".join(slides), "".join(turns))
     if not pair:
-        _fail(stage, prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
+        stage.fail(prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
                            "write it as several joints with bodies between them")
     if any(abs(x) < LARGEST for name in free for x in limits.get(name, ())):
         stage.notices.append(f"the limits of joint {joint.name!r} are left out: it has "
@@ -277,41 +267,11 @@ _KINDS = {
 def _drives(stage: Stage, prim: Any) -> dict[str, dict[str, float]]:
     """Return stiffness, damping and largest force of the drives of a joint."""
     found = {}
-    for schema in _applied(prim):
+    for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
         if kind == "PhysicsDriveAPI":
             api = UsdPhysics.DriveAPI(prim, freedom)
             found[freedom] = {"stiffness": stage.number(api.GetStiffnessAttr()),
                               "damping": stage.number(api.GetDampingAttr()),
                               "most": stage.number(api.GetMaxForceAttr())}
-    return found
-
-
-def _mimics(
-    stage: Stage, prim: Any, name: str, of_path: Mapping[str, str]
-) -> list[dict[str, Any]]:
-    """Return mimics of other joints: coordinate = -gearing * other's - offset."""
-    found = []
-    for schema in dict.fromkeys(_applied(prim)):
-        if not MIMIC.search(schema):
-            continue
-        kind, _, freedom = schema.partition(":")
-        if kind != "PhysxMimicJointAPI":
-            _fail(stage, prim, f"{schema} couples joints and is not read")
-        start = f"physxMimicJoint:{freedom}"
-        targets = prim.GetRelationship(f"{start}:referenceJoint").GetTargets()
-        other = stage.usd.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
-        if not other or str(other.GetPath()) not in of_path:
-            _fail(stage, prim, f"{schema}: referenceJoint must be one joint")
-        pairs = [prim.IsA(UsdPhysics.RevoluteJoint), other.IsA(UsdPhysics.RevoluteJoint)]
-        slides = [prim.IsA(UsdPhysics.PrismaticJoint), other.IsA(UsdPhysics.PrismaticJoint)]
-        if not (all(pairs) or all(slides)):
-            _fail(stage, prim, f"{schema}: it couples a joint that turns with one that slides, or "
-                               "other joints than these; that is not read")
-        unit = DEGREE if all(pairs) else stage.metre
-        found.append({
-            "name": f"mimic_{name}", "type": "coupling",
-            "joints": [of_path[str(other.GetPath())], name],
-            "ratio": -_number(stage, prim, f"{start}:gearing", 1.0),
-            "offset": -_number(stage, prim, f"{start}:offset", 0.0) * unit})
     return found

@@ -29,7 +29,7 @@ def read_stage(request: Request) -> Imported:
         if not bodies:
             raise MechanismFileError(f"{stage.where}: no rigid body (PhysicsRigidBodyAPI) in it")
         joints = read_joints(stage, bodies)
-        links = _links(stage, bodies)
+        links = [*_links(stage, bodies), *joints.links]
         gravity = stage.gravity().tolist()
     coupled = frozenset(name for table in joints.couplings for name in table["joints"])
     graph = JointGraph(tuple(links), (*_held(bodies), *joints.found), rounding=ROUNDING,

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +17,7 @@ from spatial_pin.errors import MechanismFileError
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.sources import shown
 
+DEGREE = np.pi / 180.0
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
 FLAT = 1e-9  # determinant of a prim's axes, relative to their lengths, that is none
 
@@ -66,6 +67,15 @@ class Stage:
                 "body or joint needs right-handed axes")
         quaternion = pin.Quaternion(axes / scale).normalized()
         return pin.SE3(quaternion.matrix(), self.metre * matrix[:3, 3]), scale
+
+    def fail(self, prim: Any, why: str) -> NoReturn:
+        """Raise the error of a prim."""
+        raise MechanismFileError(f"{self.where}: {prim.GetPath()}: {why}")
+
+    def optional(self, prim: Any, name: str, default: float) -> float:
+        """Return the number of a prim's attribute that other programs define."""
+        attribute = prim.GetAttribute(name)
+        return self.number(attribute) if attribute and attribute.HasValue() else default
 
     def numbers(self, attribute: Any, count: int = 1, infinite: bool = False) -> Array:
         """Return the (count,) numbers of an attribute.
@@ -124,6 +134,13 @@ class Stage:
         length = float(np.linalg.norm(direction))
         along = direction / length if length > 0.0 else -up
         return along * (size * self.metre if np.isfinite(size) and size >= 0.0 else EARTH)
+
+
+def applied(prim: Any) -> list[str]:
+    """Return all schemas applied to a prim, those that this USD does not know too."""
+    stated = prim.GetMetadata("apiSchemas")
+    return list(dict.fromkeys([*prim.GetAppliedSchemas(),
+                               *(stated.GetAddedOrExplicitItems() if stated else ())]))
 
 
 def rotation_of(quaternion: Any) -> Array:
