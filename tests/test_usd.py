@@ -1,6 +1,7 @@
 """USD: bodies, joints and loops of UsdPhysics are those of the mechanism, units and all."""
 
 import math
+import sys
 import warnings
 from pathlib import Path
 
@@ -425,6 +426,21 @@ def test_joints_of_mujoco_between_two_bodies_are_in_series(tmp_path):
 
 
 @quiet
+def test_a_coupling_of_mujoco_counts_in_radians(tmp_path):
+    scene = Scene(tmp_path)
+    scene.body("/a")
+    scene.body("/b")
+    scene.joint("RevoluteJoint", "/i", None, "/a")
+    prim = scene.joint("RevoluteJoint", "/j", None, "/b").GetPrim()
+    prim.AddAppliedSchema("MjcEqualityJointAPI")
+    for name, value in (("mjc:coef0", 0.5), ("mjc:coef1", 1.5)):
+        prim.CreateAttribute(name, Sdf.ValueTypeNames.Double).Set(value)
+    prim.CreateRelationship("mjc:target").SetTargets(["/i"])
+    state = sp.assemble(scene.load(), {"i": 0.3})
+    assert state.coordinate("j")[0] == pytest.approx(0.5 + 1.5 * 0.3, abs=1e-12)
+
+
+@quiet
 def test_a_mimic_of_newton_counts_the_other_way(tmp_path):
     scene = Scene(tmp_path)
     scene.body("/a")
@@ -581,7 +597,7 @@ def test_bodies_of_an_instance_are_read(tmp_path):
 @pytest.mark.parametrize(("change", "named"), [
     (lambda s: s.stage.DefinePrim("/gear", "PhysxPhysicsGearJoint"), "PhysxPhysicsGearJoint"),
     (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("OtherMimicAPI"), "OtherMimicAPI"),
-    (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("MjcEqualityJointAPI"), "Mjc"),
+    (lambda s: s.stage.GetPrimAtPath("/j").AddAppliedSchema("MjcEqualityJointAPI"), "mjc:target"),
     (lambda s: UsdPhysics.Joint.Get(s.stage, "/j").GetBody1Rel().SetTargets(["/none"]), "/none"),
     (lambda s: UsdGeom.Xformable(s.stage.GetPrimAtPath("/a")).GetOrderedXformOps()[2].Set(
         Gf.Vec3f(1, 1, -1)), "mirrored"),
@@ -600,6 +616,12 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path, change, named):
     with pytest.raises(sp.MechanismFileError, match=r"s\.usda") as refused:
         scene.load()
     assert named in str(refused.value)
+
+
+def test_without_openusd_the_package_to_install_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    with pytest.raises(sp.MechanismFileError, match=r"pip install 'spatial_pin\[usd\]'"):
+        sp.load(DATA / "four_bar.usda")
 
 
 @pytest.mark.parametrize("content", [b"", b"#usda 1.0\nxxx {", b"PXR-USDC" + bytes(200)])

@@ -36,15 +36,18 @@ def mimics(
             if prim.GetAttribute("newton:mimicEnabled").Get() is False:
                 continue
             sign, words = 1.0, ("newton:mimicJoint", "newton:mimicCoef1", "newton:mimicCoef0")
-        elif kind == EQUALITY and NEWTON in applied(prim):
+        elif kind == EQUALITY:  # the same, its offset in radians
             if any(stage.optional(prim, f"mjc:coef{k}", 0.0) for k in (2, 3, 4)):
                 stage.fail(prim, f"{schema}: a coupling of higher order than one is not read")
-            continue
-        elif "Mimic" in kind or kind == EQUALITY:
+            if NEWTON in applied(prim):  # which says the rest
+                continue
+            sign, words = 1.0, ("mjc:target", "mjc:coef1", "mjc:coef0")
+        elif "Mimic" in kind:
             stage.fail(prim, f"{schema} couples joints and is not read")
         else:
             continue
         other, unit = _leader(stage, prim, schema, words[0])
+        unit = 1.0 if kind == EQUALITY and unit == DEGREE else unit
         if str(other.GetPath()) not in of_path:
             stage.fail(prim, f"{schema}: {other.GetPath()} is no joint")
         found.append({

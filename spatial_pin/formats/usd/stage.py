@@ -140,7 +140,8 @@ def applied(prim: Any) -> list[str]:
     """Return all schemas applied to a prim, those that this USD does not know too."""
     stated = prim.GetMetadata("apiSchemas")
     return list(dict.fromkeys([*prim.GetAppliedSchemas(),
-                               *(stated.GetAddedOrExplicitItems() if stated else ())]))
+                               *(stated.GetAddedOrExplicitItems()
+                                 if isinstance(stated, Sdf.TokenListOp) else ())]))
 
 
 def rotation_of(quaternion: Any) -> Array:
