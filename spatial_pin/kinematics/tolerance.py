@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -233,7 +234,7 @@ def _sample(job: _Job) -> list[Any] | None:
     """Solve one sample; None when it cannot be closed. Runs in any process."""
     path, parameters, dimensions, (q, angles), drive, names, mark = job
     try:
-        nominal = _loaded(path, tuple(sorted(parameters.items())), mark)
+        nominal = _loaded(path, pickle.dumps(parameters), mark)
         near = State(nominal, q, closure_error=np.nan, angles=angles)
         return drive.evaluate(varied(nominal, dimensions), near, names)
     except SpatialPinError:
@@ -241,9 +242,9 @@ def _sample(job: _Job) -> list[Any] | None:
 
 
 @lru_cache(maxsize=1)
-def _loaded(path: str, parameters: tuple[tuple[str, Any], ...], mark: str) -> Mechanism:
+def _loaded(path: str, parameters: bytes, mark: str) -> Mechanism:
     """Load the nominal mechanism, once for all samples of one call, which has its own mark."""
-    return load(path, **dict(parameters))
+    return load(path, **pickle.loads(parameters))
 
 
 class _Together(NamedTuple):
