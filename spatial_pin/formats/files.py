@@ -104,10 +104,12 @@ def load(
     Args:
         source: name of a library mechanism (`list_mechanisms`), or path of a `.toml` mechanism
             file, or of a `.urdf` or `.urdf.xacro` tree with the loops that are stated inside it or
-            in a `robot.yaml` or `loop_closures.yaml` beside it, or of a folder with these.
-        trusted: whether a xacro file may include xacro files and load YAML files from anywhere;
-            otherwise only from below its own folder and from ROS packages (folders with a
-            `package.xml`, or below those of ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and `packages`).
+            in a `robot.yaml` or `loop_closures.yaml` beside it, or of a folder with these, or of an
+            MJCF, SDFormat (`.sdf`, `.world`) or USD file.
+        trusted: whether a xacro file may include xacro files and load YAML files from anywhere, and
+            a USD stage be composed of files from anywhere; otherwise only from below its own folder
+            and, xacro, from ROS packages (folders with a `package.xml`, or below those of
+            ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and `packages`).
         free_flyer: whether a floating joint, `root_joint`, carries the root link, as Pinocchio's
             JointModelFreeFlyer does; what stands still is then the link `world`.
         packages: folders of ROS packages by name, such as {"talos_data": "robots/talos_data"}, in
