@@ -522,7 +522,8 @@ def test_a_joint_that_cannot_be_driven_by_itself_gets_no_driver(tmp_path):
                               "<transmission name='v'><joint name='elsewhere'/></transmission>")
     path.write_text(path.read_text().replace('<child link="c"/>',
                                              '<child link="c"/><mimic joint="j1"/>'))
-    assert list(sp.load(path).drivers) == ["j1"]
+    with pytest.warns(UserWarning, match="<mimic> too"):
+        assert list(sp.load(path).drivers) == ["j1"]
 
 
 def test_joints_in_no_loop_are_drivers_beside_the_motors_that_are_stated(tmp_path):
@@ -625,6 +626,16 @@ def test_a_mimic_of_what_the_loop_decides_is_left_out_and_told(tmp_path):
     with pytest.warns(UserWarning, match="mimic> of j3 is left out"):
         mech = sp.load(path)
     assert sp.assemble(mech, {"j1": 0.4}).coordinate("j3").value == pytest.approx(0.4, abs=1e-12)
+
+
+def test_a_mimic_that_may_only_copy_a_loop_is_told(tmp_path):
+    """The two contradict each other where a copy is rounded; a gear beside a loop looks alike."""
+    ends = closed_four_bar(*LENGTHS["parallelogram"])[1]
+    path = four_bar(tmp_path, isaac("l", "spherical", ends, Y))
+    path.write_text(path.read_text().replace('<child link="c"/>',
+                                             '<child link="c"/><mimic joint="j1"/>'))
+    with pytest.warns(UserWarning, match="j3: moved by a loop, with a <mimic> too"):
+        assert len(sp.load(path).closures) == 2
 
 
 def test_loops_with_a_point_on_either_link_close(tmp_path):

@@ -38,13 +38,9 @@ def read_ros2_control(element: ET.Element, reading: Reading) -> None:
 
 def drive_the_rest(reading: Reading) -> None:
     """Make drivers of the joints that no loop moves, and of those that others follow."""
-    in_loops: set[str] = set()
-    for closure in reading.content["closures"]:
-        if "joints" in closure:
-            in_loops.add(closure["joints"][1])
-        else:
-            ends = [reading.link_of(frame) for frame in closure["frames"]]
-            in_loops.update(name for chain in reading.between(ends) for name in chain)
+    coupled = {closure["joints"][1] for closure in reading.content["closures"]
+               if "joints" in closure}
+    in_loops = reading.in_loops() | coupled
     leaders = {mimic.get("joint", "") for joint in reading.joints.values()
                for mimic in joint.findall("mimic")}
     for name in reading.joints:

@@ -197,6 +197,15 @@ class Reading:
         return [[name for name, joint in way.items()
                  if name not in common and joint.get("type") != "fixed"] for way in ways]
 
+    def in_loops(self) -> set[str]:
+        """Return the joints that the loops stated so far move."""
+        found: set[str] = set()
+        for closure in self.content.get("closures", ()):
+            if "frames" in closure:
+                ends = [self.link_of(frame) for frame in closure["frames"]]
+                found.update(name for chain in self.between(ends) for name in chain)
+        return found
+
     # ------------------------------------------------------------ what is made of it
 
     def frame(self, link: str, placement: pin.SE3, name: str) -> str:

@@ -76,6 +76,7 @@ def read_dialects(reading: Reading, beside: Path | None = None) -> None:
         if path is not None:
             read(path, reading)
     unknown.refuse_unread(reading)
+    unknown.tell_copies(reading)
     if not reading.content.get("closures"):  # all joints of a tree drive it, motors or not
         reading.content.pop("drivers", None)
     elif not reading.all_driven:

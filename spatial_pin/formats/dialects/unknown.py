@@ -1,4 +1,4 @@
-"""Elements that nobody reads: harmless ones are left, those that join links are refused by name."""
+"""What nobody reads: harmless elements are left, those that join links are refused by name."""
 
 from __future__ import annotations
 
@@ -43,6 +43,16 @@ def refuse_unread(reading: Reading) -> None:
                 _refuse(inner, _ends(inner, links), reading)
         else:
             _refuse(element, list(dict.fromkeys(_named(element, links))), reading)
+
+
+def tell_copies(reading: Reading) -> None:
+    """Tell of joints that a loop moves and a <mimic> as well, which viewers need for the loop."""
+    copies = [name for name in sorted(reading.in_loops())
+              if reading.joints[name].find("mimic") is not None]
+    if copies:
+        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
+                               "that only copies the loop, and not to the last digit, nothing can "
+                               "move: take the <mimic> out then")
 
 
 def _refuse(element: ET.Element, ends: list[str], reading: Reading) -> None:
