@@ -1,5 +1,6 @@
 """MuJoCo's models: the same bodies, masses and loops as MuJoCo itself has."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -283,6 +284,8 @@ ARMS = """
     <body name="f_tip" pos=".1 0 .3" quat="1 1 0 0"><geom size=".1"/></body></body>
 </worldbody>"""
 TENDONS = """<tendon>
+  <spatial name="rope"><site site="sf"/><site site="sv"/></spatial>
+  <spatial name="belt"><site site="sf"/><site site="sv"/><site site="w"/></spatial>
   <fixed name="both"><joint joint="u1" coef="2"/><joint joint="v2" coef="-.7"/></fixed>
   <fixed name="one"><joint joint="u1" coef="2"/></fixed>
   <fixed name="other"><joint joint="u2" coef=".6"/></fixed>
@@ -315,6 +318,7 @@ EQUALITIES = {
     "tendon over two joints": '<tendon tendon1="both"/>',
     "two tendons": '<tendon tendon1="one" tendon2="other" polycoef=".1 .5 0 0 0"/>',
     "tendon over one joint": '<tendon tendon1="one" polycoef=".1 0 0 0 0"/>',
+    "straight tendon": '<tendon tendon1="rope" polycoef=".1 0 0 0 0"/>',
     "coupling without slope": '<joint joint1="u1" joint2="v2" polycoef=".2 0 0 0 0"/>',
 }
 
@@ -354,8 +358,10 @@ def test_connects_whose_points_cannot_all_meet_stay_balls(tmp_path):
 @pytest.mark.parametrize("equality, name", [
     ('<joint name="cam" joint1="u1" joint2="u2" polycoef="0 1 .5 0 0"/>', "cam.*higher order"),
     ('<joint joint1="u1" joint2="u2" polycoef="0 1 0 0 1"/>', "number 0.*u1.*higher order"),
-    ('<tendon name="rope" tendon1="three"/>', "rope.*no linear coupling"),
-    ('<tendon tendon1="one" tendon2="other" polycoef="0 1 2 0 0"/>', "number 0.*no linear"),
+    ('<tendon name="rope" tendon1="three"/>', "rope.*neither a linear coupling"),
+    ('<tendon tendon1="belt"/>', "number 0.*neither"),
+    ('<tendon tendon1="rope" tendon2="belt" polycoef="0 1 0 0 0"/>', "number 0.*neither"),
+    ('<tendon tendon1="one" tendon2="other" polycoef="0 1 2 0 0"/>', "number 0.*neither"),
 ])
 def test_an_equality_without_counterpart_is_refused_by_name(tmp_path, equality, name):
     path = written(tmp_path, f"{ARMS}{TENDONS}<equality>{equality}</equality>")
@@ -518,6 +524,13 @@ def test_an_xml_file_that_is_no_mjcf_is_told_so(tmp_path):
 def test_what_mujoco_refuses_is_refused_in_its_words(tmp_path):
     path = written(tmp_path, "<worldbody><body><joint type='spin'/></body></worldbody>")
     with pytest.raises(sp.MechanismFileError, match=r"model.xml: MuJoCo cannot read it: .*spin"):
+        sp.load(path)
+
+
+def test_without_mujoco_it_is_told_how_to_get_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    path = written(tmp_path, ARMS)
+    with pytest.raises(sp.MechanismFileError, match=r"pip install 'spatial_pin\[mjcf\]'"):
         sp.load(path)
 
 

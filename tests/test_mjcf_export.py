@@ -188,12 +188,28 @@ def test_limits_efforts_and_friction_go_with_their_joints(tmp_path):
     assert again.model.upperEffortLimit[0] == 12.0
 
 
+@pytest.mark.parametrize("length", [{"length": 0.9}, {"length_between": ["l0", "l3"]}],
+                         ids=["constant", "of two others"])
+def test_a_distance_is_a_tendon_of_its_length(length, tmp_path):
+    urdf, content = chain(["universal", "spherical", "revolute", "prismatic"])
+    content["closures"] = [{"name": "rod", "type": "distance", "frames": ["l1", "l4"], **length}]
+    mech = from_text(urdf, content, "chain")
+    state = sp.assemble(mech, {})
+    path = exported(mech, tmp_path, state)
+    model, data = at_home(path)
+    assert gap(mech, state, model, data) < 1e-12 and opening(data) < 1e-12
+    again = sp.load(path)
+    assert [(c.type, c.frames, c.between) for c in again.closures] == [
+        (c.type, c.frames, c.between) for c in mech.closures]
+    before, after = (sp.mobility(x, sp.assemble(x, {})) for x in (mech, again))
+    assert (after.rank, after.dof) == (before.rank, before.dof)
+
+
 def test_a_closure_that_mujoco_has_not_is_refused_by_name(tmp_path):
     urdf, content = chain(["revolute", "revolute"])
-    content["closures"] = [{"name": "rod", "type": "distance", "frames": ["l0", "l2"],
-                            "length": 0.5}]
+    content["closures"] = [{"name": "rail", "type": "parallel", "frames": ["l0", "l2"]}]
     mech = from_text(urdf, content, "chain")
-    with pytest.raises(sp.ClosureTypeError, match="'rod' is distance"):
+    with pytest.raises(sp.ClosureTypeError, match="'rail' is parallel"):
         exported(mech, tmp_path)
     assert not (tmp_path / "made.xml").exists()
 

@@ -117,22 +117,34 @@ def _straight_tendon(reading: Reading, tendon: int) -> dict[str, Any] | None:
     """Return the spring between two sites that a tendon is; None for any other."""
     model = reading.model
     stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
-    wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
     low, high = model.tendon_lengthspring[tendon]
-    straight = (model.tendon_num[tendon] == 2 and low == high
-                and np.all(model.wrap_type[wraps] == int(reading.mujoco.mjtWrap.mjWRAP_SITE)))
-    if not straight or not (stiffness or damping):
-        return None
-    sites = [model.site(s) for s in model.wrap_objid[wraps]]
-    if len({int(model.body_weldid[s.bodyid[0]]) for s in sites}) == 1:
+    sites = straight_sites(reading, tendon)
+    if not sites or low != high or not (stiffness or damping):
         return None
     name = model.tendon(tendon).name or f"tendon_{tendon}"
     reading.tendons.add(tendon)
-    frames = [reading.urdf.frame(f"{name}_{k}", reading.links[s.bodyid[0]], pose(s.pos, s.quat))
-              for k, s in enumerate(sites, start=1)]
-    return {"name": name, "frames": frames, "stiffness": float(stiffness),
-            "damping": 0.0 if reading.is_off("DAMPER") else float(damping),
-            "free_length": float(low)}
+    return {"name": name, "frames": site_frames(reading, name, sites),
+            "stiffness": float(stiffness), "free_length": float(low),
+            "damping": 0.0 if reading.is_off("DAMPER") else float(damping)}
+
+
+def straight_sites(reading: Reading, tendon: int) -> list[int]:
+    """Return the two sites of a straight tendon between bodies that can move; else none."""
+    model = reading.model
+    wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+    kinds, sites = model.wrap_type[wraps], [int(site) for site in model.wrap_objid[wraps]]
+    if len(sites) != 2 or np.any(kinds != int(reading.mujoco.mjtWrap.mjWRAP_SITE)):
+        return []
+    bodies = {int(model.body_weldid[model.site_bodyid[site]]) for site in sites}
+    return sites if len(bodies) == 2 else []
+
+
+def site_frames(reading: Reading, name: str, sites: list[int]) -> list[str]:
+    """Return the links that stand for sites; those of sites without a name are added."""
+    model = reading.model
+    return [reading.sites.get(site) or reading.urdf.frame(
+        f"{name}_{k}", reading.links[model.site_bodyid[site]],
+        pose(model.site_pos[site], model.site_quat[site])) for k, site in enumerate(sites, start=1)]
 
 
 def read_guess(reading: Reading) -> dict[str, Any]:

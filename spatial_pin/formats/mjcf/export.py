@@ -40,9 +40,9 @@ def export_mjcf(
     """Write a mechanism as MJCF, the format of MuJoCo.
 
     Balls become `connect`, welds `weld`, hinges two `connect` on their axis, couplings `joint`
-    equalities; a closure that is another joint becomes a body that moves so on the first frame
-    and is welded to the second. Drivers become motors, springs stiffness or tendons.
-    Coordinates are the mechanism's own, and so are the names of links.
+    equalities, distances tendons whose length is held; a closure that is another joint becomes a
+    body that moves so on the first frame and is welded to the second. Drivers become motors,
+    springs stiffness or tendons. Coordinates are the mechanism's own, and so are names of links.
 
     Args:
         mechanism: the mechanism.

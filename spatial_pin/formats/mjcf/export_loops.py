@@ -14,6 +14,7 @@ from spatial_pin.formats.urdf_text import unique
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.urdf_elements import numbers_text
 
 WELDED = ("weld", "fixed")
 COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
@@ -38,6 +39,8 @@ def add_closures(writing: Writing, q: Array) -> None:
             _equality(writing, "weld", closure.name, *_sites(writing, closure, closure.name))
         elif closure.type == "revolute":
             _hinge(writing, closure)
+        elif closure.type == "distance":
+            _rope(writing, closure)
         elif closure.type in COMPOSED:
             _compose(writing, closure, q)
         else:
@@ -82,6 +85,33 @@ def _hinge(writing: Writing, closure: Closure) -> None:
     _equality(writing, "connect", closure.name, *_sites(writing, closure, closure.name))
     end = f"{closure.name}_end"
     _equality(writing, "connect", end, *_sites(writing, closure, end, along))
+
+
+def _rope(writing: Writing, closure: Closure) -> None:
+    """A distance is a straight tendon whose length is held, or is that of another."""
+    assert closure.geometry is not None
+    rest = _tendon(writing, closure.name, closure.frames)
+    attributes = {"name": closure.name, "tendon1": closure.name}
+    offset, ratio = closure.geometry.length - rest, 0.0
+    if closure.between:
+        attributes["tendon2"] = f"{closure.name}_other"
+        offset, ratio = _tendon(writing, attributes["tendon2"], closure.between) - rest, 1.0
+    attributes["polycoef"] = numbers_text(np.array([offset, ratio, 0.0, 0.0, 0.0]))
+    ET.SubElement(writing.part("equality"), "tendon", attributes)
+
+
+def _tendon(writing: Writing, name: str, frames: tuple[str, ...]) -> float:
+    """Add a straight tendon between two frames; return its length [m] where joints are at zero."""
+    mech = writing.mechanism
+    tendon = ET.SubElement(writing.part("tendon"), "spatial", name=name)
+    data = mech.model.createData()
+    pin.forwardKinematics(mech.model, data, mech.neutral)
+    points = []
+    for frame in frames:
+        ET.SubElement(tendon, "site", site=writing.frame(frame))
+        joint, placement = mech.frame_on_joint(frame)
+        points.append(data.oMi[joint].act(placement.translation))
+    return float(np.linalg.norm(points[1] - points[0]))
 
 
 def _compose(writing: Writing, closure: Closure, q: Array) -> None:

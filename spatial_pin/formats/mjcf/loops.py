@@ -8,13 +8,14 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.mjcf.drives import fixed_lengths
+from spatial_pin.formats.mjcf.drives import fixed_lengths, site_frames, straight_sites
 from spatial_pin.formats.mjcf.tree import Reading, pose, shift
 from spatial_pin.formats.urdf_text import unique
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import axes_from_z
 
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
+ROUNDED = 1e-12  # of two lengths that are the same, as the file has them by round-off
 ALIGNED = 1e-14  # of two unit vectors, by round-off
 TORQUE_SCALE = 10  # of the data of a weld: the weight of its turns, 0 for a ball
 TURN, SLIDE = 3, 2  # equations of a weld: no turn about its z, no slide along it
@@ -223,9 +224,15 @@ def _coupling(reading: Reading, eq: int, name: str, where: str) -> dict[str, Any
 
 
 def _tendon_coupling(reading: Reading, eq: int, name: str, where: str) -> dict[str, Any]:
-    """Return length1 - rest1 = c0 + c1 (length2 - rest2) of fixed tendons over two joints."""
+    """Return length1 - rest1 = c0 + c1 (length2 - rest2) of tendons.
+
+    Fixed ones over two joints are a coupling, straight ones between two sites a distance.
+    """
     model, data = reading.model, reading.model.eq_data[eq]
     first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
+    distance = _distance(reading, eq, name or f"tendon_{first}")
+    if distance is not None:
+        return distance
     terms = fixed_lengths(reading, first)
     rest = model.tendon_length0[first] + data[0]
     if second >= 0:
@@ -235,8 +242,9 @@ def _tendon_coupling(reading: Reading, eq: int, name: str, where: str) -> dict[s
     terms = {joint: weight for joint, weight in terms.items() if weight}
     if not 1 <= len(terms) <= 2 or (second >= 0 and np.any(data[2:5])):
         raise MechanismFileError(
-            f"{where}: equality {_called(reading, eq)} of tendons is no linear coupling of two "
-            "joints, for which there is a closure; take it out or set active=\"false\"")
+            f"{where}: equality {_called(reading, eq)} of tendons is neither a linear coupling of "
+            "two joints nor a distance of two sites, for which there are closures; take it out or "
+            "set active=\"false\"")
     (driven, weight), *others = terms.items()
     if not others:
         name = name or f"{reading.joints[driven].name}_held"
@@ -245,6 +253,26 @@ def _tendon_coupling(reading: Reading, eq: int, name: str, where: str) -> dict[s
     joints = [reading.joints[driving].name, reading.joints[driven].name]
     return {"name": name or "_".join(reversed(joints)), "type": "coupling", "joints": joints,
             "ratio": float(-other / weight), "offset": float(rest / weight)}
+
+
+def _distance(reading: Reading, eq: int, name: str) -> dict[str, Any] | None:
+    """Return the distance that a straight tendon of constant length holds; None for another.
+
+    Its length may be that of a second straight tendon, too.
+    """
+    model, data = reading.model, reading.model.eq_data[eq]
+    first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
+    sites, rest = straight_sites(reading, first), float(model.tendon_length0[first])
+    if not sites:
+        return None
+    closure = {"name": name, "type": "distance", "frames": site_frames(reading, name, sites)}
+    if second < 0:
+        return {**closure, "length": rest + float(data[0])} if rest + data[0] > 0.0 else None
+    others, other = straight_sites(reading, second), float(model.tendon_length0[second])
+    same = abs(rest + data[0] - other) <= ROUNDED * max(rest, other)
+    if not others or data[1] != 1.0 or np.any(data[2:5]) or not same:
+        return None
+    return {**closure, "length_between": site_frames(reading, f"{name}_other", others)}
 
 
 def _held(reading: Reading, joint: int, value: float, name: str) -> dict[str, Any]:
