@@ -9,7 +9,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 from spatial_pin.formats.dialects import drake
-from spatial_pin.formats.dialects.reading import Reading, local
+from spatial_pin.formats.dialects.reading import Reading
+from spatial_pin.formats.dialects.tree import local
 
 ACTUATED = ("joint", "flexJoint", "rollJoint")  # the latter of PR2's wrist
 DRIVABLE = ("revolute", "continuous", "prismatic")  # one coordinate

@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.reading import Reading, end, local, said
+from spatial_pin.formats.dialects.reading import Reading
+from spatial_pin.formats.dialects.tree import end, local, said
 from spatial_pin.formats.sdf.poses import pose
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.sources import shown

@@ -16,7 +16,8 @@ import xml.etree.ElementTree as ET
 import pinocchio as pin
 
 from spatial_pin.formats.dialects import gazebo
-from spatial_pin.formats.dialects.reading import Reading, said
+from spatial_pin.formats.dialects.reading import Reading
+from spatial_pin.formats.dialects.tree import said
 from spatial_pin.formats.sdf.links import link_elements
 from spatial_pin.formats.sdf.poses import pose
 from spatial_pin.mechanism.pairs import PAIRS

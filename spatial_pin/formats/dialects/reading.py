@@ -7,25 +7,14 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.formats.dialects.tree import Tree, end, local
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
-from spatial_pin.mechanism.sources import shown
-from spatial_pin.mechanism.urdf_checks import numbers
-
-PAIR_OF = {  # what dialects call a joint -> our pair
-    "revolute": "revolute", "continuous": "revolute", "hinge": "revolute",
-    "spherical": "spherical", "ball": "spherical", "fixed": "weld", "weld": "weld",
-    "prismatic": "prismatic", "slider": "prismatic", "cylindrical": "cylindrical",
-    "planar": "planar", "universal": "universal", "screw": "screw",
-}
-URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
 
 
 class Names:
@@ -53,12 +42,10 @@ class Names:
 
 
 @dataclass
-class Reading:
+class Reading(Tree):
     """A robot element, and what is found in it; the readers of the dialects write on it.
 
     Attributes:
-        robot: the URDF; elements that were read are taken out.
-        path: where it comes from, for errors.
         content: what a mechanism file would say beside it.
         notices: what was changed or left out, a sentence each.
         followers: joints that follow another, by what stands beside the tree.
@@ -66,40 +53,11 @@ class Reading:
         all_driven: whether the drivers are all that there are, by whoever stated them.
     """
 
-    robot: ET.Element
-    path: Path
     content: dict[str, Any] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     followers: set[str] = field(default_factory=set)
     leaders: set[str] = field(default_factory=set)
     all_driven: bool = False
-
-    def fail(self, element: ET.Element | str, complaint: str) -> MechanismFileError:
-        """Return the error about an element of the file."""
-        what = element if isinstance(element, str) else said(element)
-        return MechanismFileError(f"{shown(self.path)}: {what}: {complaint}")
-
-    # ------------------------------------------------------------ what there is
-
-    @cached_property
-    def links(self) -> dict[str, ET.Element]:
-        """The links by name."""
-        return {link.get("name", ""): link for link in self.robot.findall("link")}
-
-    @cached_property
-    def joints(self) -> dict[str, ET.Element]:
-        """The joints of the tree by name."""
-        return {joint.get("name", ""): joint for joint in self.robot.findall("joint")}
-
-    @cached_property
-    def above(self) -> dict[str, tuple[str, ET.Element]]:
-        """Name and element of the joint that carries each link but the root."""
-        return {end(joint, "child"): (name, joint) for name, joint in self.joints.items()}
-
-    @cached_property
-    def root(self) -> str:
-        """The link without a parent."""
-        return next((link for link in self.links if link not in self.above), "")
 
     @cached_property
     def names(self) -> defaultdict[str, Names]:
@@ -108,94 +66,10 @@ class Reading:
         names["frames"].taken.update(self.links, self.joints)
         return names
 
-    def link(self, name: str | None, element: ET.Element | str) -> str:
-        """Return the name of a link; refuse one that does not exist."""
-        if not name or name not in self.links:
-            raise self.fail(element, f"link {name or ''!r} does not exist; "
-                                     f"{suggestion(name or '', self.links)}")
-        return name
-
-    def joint(self, name: str | None, element: ET.Element | str) -> ET.Element:
-        """Return a joint of the tree; refuse a name that does not exist."""
-        if not name or name not in self.joints:
-            raise self.fail(element, f"joint {name or ''!r} does not exist; "
-                                     f"{suggestion(name or '', self.joints)}")
-        return self.joints[name]
-
     def link_of(self, frame: str) -> str:
         """Return the link that a frame, or a joint's frame, is fixed to."""
         frame = self.content.get("frames", {}).get(frame, {}).get("link", frame)
         return end(self.joints[frame], "child") if frame not in self.links else frame
-
-    def placement(self, element: ET.Element | None, where: ET.Element) -> pin.SE3:
-        """Return the placement that `xyz` and `rpy` of an element give, identity without."""
-        if element is None:
-            return pin.SE3.Identity()
-        here = f"{shown(self.path)}: {said(where)}"
-        xyz, rpy = (numbers(element, key, 3, here) if key in element.attrib else np.zeros(3)
-                    for key in ("xyz", "rpy"))
-        return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-
-    def axis(self, element: ET.Element | None, where: ET.Element) -> Array:
-        """Return the unit vector `xyz` of an element, URDF's default without."""
-        if element is None or "xyz" not in element.attrib:
-            return np.array(URDF_AXIS)
-        return self.unit(numbers(element, "xyz", 3, f"{shown(self.path)}: {said(where)}"), where)
-
-    def texts(self, element: ET.Element, count: int, where: ET.Element) -> Array:
-        """Return the `count` numbers in an element's text."""
-        holder = ET.Element(local(element), text=(element.text or "").strip())
-        return numbers(holder, "text", count, f"{shown(self.path)}: {said(where)}")
-
-    def number(self, element: ET.Element | None, where: ET.Element, default: float) -> float:
-        """Return the number in an element's text, the default without an element."""
-        return default if element is None else float(self.texts(element, 1, where)[0])
-
-    def unit(self, axis: Array, where: ET.Element | str) -> Array:
-        """Return a direction at length 1; refuse one of no length."""
-        norm = float(np.linalg.norm(axis))
-        if not 0.0 < norm < np.inf:
-            raise self.fail(where, f"its axis {axis} has no direction")
-        return axis / norm
-
-    def pair(self, element: ET.Element) -> str:
-        """Return the pair of an element's `type`; refuse what closes no loop."""
-        kind = element.get("type", "")
-        if kind not in PAIR_OF:
-            raise self.fail(element, f"a loop of type {kind!r} is not known; "
-                                     f"{suggestion(kind, PAIR_OF)}")
-        return PAIR_OF[kind]
-
-    @cached_property
-    def world(self) -> dict[str, pin.SE3]:
-        """Where every link stands when every joint is at zero, in the root's axes."""
-        placed: dict[str, pin.SE3] = {}
-        for link in self.links:
-            way: list[str] = []
-            seen: set[str] = set()
-            while link not in placed and link in self.above and link not in seen:
-                way.append(link)
-                seen.add(link)
-                link = end(self.above[link][1], "parent")
-            at = placed.setdefault(link, pin.SE3.Identity())
-            for child in reversed(way):
-                joint = self.above[child][1]
-                at = placed[child] = at * self.placement(joint.find("origin"), joint)
-        return placed
-
-    def between(self, links: Sequence[str]) -> list[list[str]]:
-        """Return the joints that move each of two links against the link that carries both."""
-        ways: list[dict[str, ET.Element]] = []
-        for link in links:
-            way: dict[str, ET.Element] = {}
-            while link in self.above and self.above[link][0] not in way:
-                name, joint = self.above[link]
-                way[name] = joint
-                link = end(joint, "parent")
-            ways.append(way)
-        common = ways[0].keys() & ways[1].keys()
-        return [[name for name, joint in way.items()
-                 if name not in common and joint.get("type") != "fixed"] for way in ways]
 
     def in_loops(self) -> set[str]:
         """Return the joints that the loops stated so far move."""
@@ -205,8 +79,6 @@ class Reading:
                 ends = [self.link_of(frame) for frame in closure["frames"]]
                 found.update(name for chain in self.between(ends) for name in chain)
         return found
-
-    # ------------------------------------------------------------ what is made of it
 
     def frame(self, link: str, placement: pin.SE3, name: str) -> str:
         """Put a frame on a link, under a name that nothing has yet; return the name."""
@@ -308,21 +180,3 @@ class Reading:
         if taken:
             self.robot[:] = [e for e in self.robot if not (isinstance(e.tag, str) and chosen(e))]
         yield from taken
-
-
-def local(element: ET.Element) -> str:
-    """Return an element's name without its namespace."""
-    return str(element.tag).rpartition("}")[2]
-
-
-def said(element: ET.Element) -> str:
-    """Return how an element is named in messages."""
-    name = element.get("name")
-    return f"<{local(element)} name={name!r}>" if name else f"<{local(element)}>"
-
-
-def end(joint: ET.Element, role: str) -> str:
-    """Return the link of <parent> or <child>."""
-    element = joint.find(role)
-    return element.get("link", "") if element is not None else ""
-

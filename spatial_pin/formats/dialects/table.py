@@ -23,7 +23,8 @@ from spatial_pin.formats.dialects import (
     unknown,
     urdf_plus,
 )
-from spatial_pin.formats.dialects.reading import Reading, local
+from spatial_pin.formats.dialects.reading import Reading
+from spatial_pin.formats.dialects.tree import local
 
 Reader = Callable[[ET.Element, Reading], None]
 

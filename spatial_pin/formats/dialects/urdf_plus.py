@@ -17,7 +17,8 @@ import xml.etree.ElementTree as ET
 
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.reading import Reading, said
+from spatial_pin.formats.dialects.reading import Reading
+from spatial_pin.formats.dialects.tree import said
 from spatial_pin.mechanism.sources import shown
 from spatial_pin.mechanism.urdf_checks import numbers
 
