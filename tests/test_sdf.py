@@ -483,10 +483,12 @@ def test_shapes_are_drawn_where_the_file_has_them(tmp_path):
               "<visual name='v'><pose relative_to='__model__'>0 0 1 0 0 0</pose><geometry><box>"
               "<size>1 2 3</size></box></geometry><material><diffuse>1 0 0 1</diffuse></material>"
               "</visual><visual name='e'><geometry><ellipsoid/></geometry></visual>"
+              "<visual name='s'><geometry><cylinder/></geometry></visual>"
               "<pose>1 0 0 0 0 0</pose></link>")
     with pytest.warns(sp.SpatialPinWarning, match=r"not drawn.*visual 'e' of link 'a'"):
         mech = loaded(tmp_path, sdf(shapes + joint("j", "revolute", "world", "a")))
-    shape, = mech.visual_model.geometryObjects
+    shape, other = mech.visual_model.geometryObjects
+    assert (other.geometry.radius, other.geometry.halfLength) == (1.0, 0.5)  # SDFormat's default
     assert shape.placement.translation.tolist() == [-1.0, 0.0, 1.0]
     assert shape.meshColor.tolist() == [1.0, 0.0, 0.0, 1.0]
 

@@ -14,7 +14,7 @@ from spatial_pin.formats.sdf.model import AXES, GEARBOX, PAIR_OF, Model
 from spatial_pin.formats.sdf.poses import number
 from spatial_pin.linalg import Array
 
-PARALLEL = 1e-6  # sine of the angle between the axes of a gearbox and those of its joints
+PARALLEL = 1e-2  # sine of the angle between an axis and another: files write 1.57 for a right angle
 
 
 def couplings(model: Model, joints: tuple[Joint, ...]) -> list[dict[str, Any]]:

@@ -13,6 +13,10 @@ from spatial_pin.formats.sdf.poses import TRUE, number, number_list, pose
 from spatial_pin.mechanism.urdf_elements import numbers_text, origin
 
 MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
+SIZES = {  # of shapes, with SDFormat's defaults
+    "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
+    "capsule": {"radius": "0.5", "length": "1"},
+}
 PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
 
 
@@ -83,14 +87,11 @@ def _solid(geometry: ET.Element | None, where: str) -> ET.Element | None:
     solid = next(iter(geometry), None) if geometry is not None else None
     if solid is None:
         return None
-    if solid.tag == "box":
-        size = number_list(solid.findtext("size"), 3, f"{where}: <size>")
-        return ET.Element("box", size=numbers_text(size))
-    if solid.tag in ("sphere", "cylinder", "capsule"):
-        keys = ("radius",) if solid.tag == "sphere" else ("radius", "length")
+    if solid.tag in SIZES:
         return ET.Element(str(solid.tag), {
-            key: repr(float(number_list(solid.findtext(key), 1, f"{where}: <{key}>")[0]))
-            for key in keys})
+            key: numbers_text(number_list(solid.findtext(key, default), len(default.split()),
+                                          f"{where}: <{key}>"))
+            for key, default in SIZES[str(solid.tag)].items()})
     if solid.tag == "mesh" and solid.find("submesh") is None:
         uri = (solid.findtext("uri") or "").strip()
         element = ET.Element("mesh", filename=uri)
