@@ -100,6 +100,17 @@ def test_of_two_joints_the_one_that_loses_least_is_cut(tmp_path, first, second, 
 
 
 @quiet
+def test_names_of_the_mechanism_file_are_kept(tmp_path):
+    """A frame and a closure of the file that are called as those of the cut would be."""
+    toml = ("[frames.last_pin_on_rocker]\nlink = 'crank'\nxyz = [1.0, 0.0, 0.0]\n[[closures]]\n"
+            "name = 'last_pin'\ntype = 'coupling'\njoints = ['crank_pin', 'rocker_pin']\n")
+    mech = loaded(tmp_path, four_bar(), toml)
+    assert [(c.name, c.type) for c in mech.closures] == [
+        ("last_pin", "coupling"), ("last_pin_2", "revolute")]
+    assert mech.closures[1].frames == ("last_pin_on_rocker_2", "pin")
+
+
+@quiet
 @pytest.mark.parametrize("toml", [
     "[drivers.d]\njoint = 'last_pin'\n", "[guess]\nlast_pin = 0.1\n",
     "[[springs]]\nname = 's'\njoint = 'last_pin'\nstiffness = 1.0\n"])

@@ -62,7 +62,8 @@ class _Writer:
         self.tree, self.graph, self.where, self.given = tree, tree.graph, where, given
         self.robot = ET.Element("robot", name=given["name"])
         self.links = {link.name: link for link in self.graph.links}
-        self.taken = {"universe", *self.links, *(joint.name for joint in self.graph.joints)}
+        self.taken = {"universe", *self.links, *(joint.name for joint in self.graph.joints),
+                      *given.get("frames", {})}
         self.notices = list(tree.notices)
         self.joints: dict[str, dict[str, Any]] = {}
         self.closures: list[dict[str, Any]] = []
@@ -231,7 +232,7 @@ class _Writer:
                 "spring, coupling, mimic, transmission or guess refers to its coordinate, as to "
                 "those of all other joints of the loop that could be cut; take one of them out")
         table: dict[str, Any] = {
-            "name": joint.name, "frames": [
+            "name": self.closure_name(joint.name), "frames": [
                 self.frame(f"{joint.name}_on_{self.link_of(link)}", link, place)
                 for link, place in ((joint.parent, joint.on_parent), (joint.child, joint.on_child))
             ], **_pair_table(joint)}
@@ -239,6 +240,15 @@ class _Writer:
         lost = _lost(joint)
         if lost:
             self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
+
+    def closure_name(self, joint: str) -> str:
+        """Return the joint's name, or another where a closure has that already."""
+        known = {table.get("name") for table in self.given.get("closures", ())
+                 if isinstance(table, dict)}
+        name, k = joint, 2
+        while name in known:
+            name, k = f"{joint}_{k}", k + 1
+        return name
 
     def redundant(self, joint: Joint, gap: pin.SE3) -> None:
         """Tell of a joint between links that are fixed to each other.
