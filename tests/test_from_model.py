@@ -578,7 +578,7 @@ def test_odd_names_are_kept(tmp_path):
     mech = from_model(model, [sp.closures.distance(f"{ODD[-1]} tip", f"{ODD[0]} tip", 0.5,
                                                    name=ODD[1])],
                       drivers={name: name for name in ODD}, guess=dict.fromkeys(ODD, 0.1),
-                      name="a \"b\"\nc: [x] #")
+                      name="a \"b\" c: [x] #")
     same_mechanisms(sp.load(mech.save(tmp_path)), mech)
 
 
@@ -663,7 +663,9 @@ def test_names_that_are_taken_or_no_names_are_refused():
     ({"springs": [{"name": "s"}]}, TypeError, "list of sp.Spring"),
     ({"springs": [sp.Spring("s", frames=("crank", "nowhere"))]}, sp.SpatialPinError, "'nowhere'"),
     ({"passives": [sp.Passive("p", "nobody", ("crank", "rocker"))]}, sp.SpatialPinError, "nobody"),
-    ({"name": 3}, TypeError, "name is text"),
+    ({"name": 3}, TypeError, "name is text"), ({"name": "\ud800"}, TypeError, "name is text"),
+    ({"frames": {"\ud800": ("crank", at(0.1))}}, sp.SpatialPinError, "can be read"),
+    ({"frames": {"tip": ("\ud800", at(0.1))}}, sp.SpatialPinError, "no link, joint or frame"),
     ({"visual_model": "box"}, TypeError, "pin.GeometryModel"),
 ])
 def test_other_mistakes_are_told(more, error, says):

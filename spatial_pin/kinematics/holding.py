@@ -85,18 +85,19 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
     """
     entries: list[int] = []
     single: list[Coordinate] = []
+    joints = set(list(mechanism.model.names)[1:])
     for name in () if hold is None else names_of(hold, "hold"):
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers
-        is_word = not known and not mechanism.model.existJointName(name)
+        is_word = not known and name not in joints
         if name == BASE and is_word:
             entries += still_entries(mechanism, driven)
         elif name == SPRINGS and is_word:
             entries += [mechanism.coordinate(x.joint).v for x in mechanism.springs if x.joint]
-        elif part in PARTS and mechanism.model.existJointName(joint) and (
+        elif part in PARTS and joint in joints and (
                 mechanism.pair_of(joint) == "floating"):
             entries += _entries(mechanism, joint)[PARTS[part]]
-        elif not known and mechanism.model.existJointName(name):
+        elif not known and name in joints:
             entries += _entries(mechanism, name)
         elif (coordinate := mechanism.coordinate(name)).q < 0:
             single.append(coordinate)

@@ -82,8 +82,8 @@ def _guess(
 
 
 def _text(name: Any) -> str:
-    if not isinstance(name, str):
-        raise TypeError(f"name is text, not {name!r}")
+    if not isinstance(name, str) or not name.isprintable():
+        raise TypeError(f"name is text that can be read, not {name!r}")
     return name
 
 
