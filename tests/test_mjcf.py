@@ -534,6 +534,15 @@ def test_without_mujoco_it_is_told_how_to_get_it(tmp_path, monkeypatch):
         sp.load(path)
 
 
+def test_what_mujoco_warns_of_is_told_and_not_written_to_a_log(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    path = written(tmp_path, ARMS + '<custom><numeric name="n" data="nan"/></custom>')
+    with pytest.warns(UserWarning, match="MuJoCo: .*NaN"):
+        sp.load(path)
+    assert not list(Path().iterdir())
+
+
 def test_endless_copies_are_refused_before_they_are_made(tmp_path):
     path = written(tmp_path, """<worldbody><replicate count="100000"><replicate count="100000">
         <body><joint/><geom size="1"/></body></replicate></replicate></worldbody>""")

@@ -6,6 +6,8 @@ model opens without its mesh files, and at once.
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -71,13 +73,35 @@ def compiled(path: Path) -> Compiled:
         raise MechanismFileError(
             f"{shown(path)}: reading MJCF needs mujoco: pip install 'spatial_pin[mjcf]'") from error
     folders = _scanned(path)
+    heard: list[str] = []
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        found = _without_meshes(mujoco, spec, folders)
-        return Compiled(spec.compile(), *found)
+        with _listening(mujoco, heard):
+            spec = mujoco.MjSpec.from_file(str(path))
+            meshes, massless, notices = _without_meshes(mujoco, spec, folders)
+            model = spec.compile()
+        return Compiled(model, meshes, massless, [*dict.fromkeys(heard), *notices])
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error
+
+
+@contextlib.contextmanager
+def _listening(mujoco: Any, heard: list[str]) -> Iterator[None]:
+    """Collect what MuJoCo warns of, which else goes to a log file in the working folder."""
+
+    def hear(text: object) -> None:
+        heard.append(f"MuJoCo: {' '.join(str(text).split())}")
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(hear)
+    try:
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            yield
+        for warning in seen:
+            hear(warning.message)
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 # ---------------------------------------------------------------- before MuJoCo reads it
