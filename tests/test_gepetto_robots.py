@@ -144,6 +144,9 @@ def test_several_robots_of_a_folder_each_have_their_file(tmp_path):
     assert sp.load(tmp_path / "welded.yaml").closures[0].type == "weld"
     with pytest.raises(sp.MechanismFileError, match=r"which \.urdf is meant"):
         sp.load(tmp_path)
+    (tmp_path / "welded.yaml").rename(tmp_path / "robot.yaml")
+    mech = sp.load(tmp_path)
+    assert (mech.name, mech.closures[0].type) == (tmp_path.name, "weld")
 
 
 def test_a_yaml_file_of_something_else_is_left_alone(tmp_path):

@@ -27,12 +27,17 @@ def is_statement(path: Path) -> bool:
 
 
 def read_folder(request: Request) -> Imported:
-    """Read the robot of a folder.
+    """Read the robot of a folder: that of its `robot.yaml`, or of its only one, or its only URDF.
 
     Raises:
         MechanismFileError: there is none, or several and none is named `robot` or as the folder.
     """
-    return _read(_only(request.path), request, request.path.resolve().name)
+    folder = request.path
+    stated = [p for ending in gepetto.ENDINGS for p in sorted(folder.glob(f"*{ending}"))
+              if is_file(p) and gepetto.is_robot(p)]
+    chosen = stated if len(stated) == 1 else [p for p in stated if p.stem == "robot"][:1]
+    urdf = gepetto.urdf_of(chosen[0]) if chosen else _only(folder)
+    return _read(urdf, request, folder.resolve().name, chosen[0] if chosen else None)
 
 
 def read_statement(request: Request) -> Imported:
