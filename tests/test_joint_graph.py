@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 from spatial_pin.formats.graph import WORLD, Joint, JointGraph, Link, span
+from spatial_pin.formats.graph.chains import in_loops
 from spatial_pin.formats.graph.posture import coordinates_at
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS
 
@@ -119,6 +120,27 @@ def test_branches_of_the_tree_are_short():
     for joint in tree.joints:
         depth[joint.child] = depth[joint.parent] + 1
     assert max(depth.values()) == 50 and tree.cut[0].name == "j50"
+
+
+def test_joints_of_loops_are_those_without_which_their_links_stay_joined():
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        n, m = rng.integers(1, 9), rng.integers(0, 14)
+        names = [WORLD, *(f"l{k}" for k in range(n))]
+        joints = [Joint(f"j{k}", "revolute", *(names[i] for i in rng.choice(n + 1, 2, False)))
+                  for k in range(m)]
+
+        def joined(one, others):
+            reached, before = {one}, 0
+            while len(reached) > before:
+                before = len(reached)
+                reached |= {x for j in others if {j.parent, j.child} & reached
+                            for x in (j.parent, j.child)}
+            return reached
+
+        expected = {j.name for j in joints
+                    if j.child in joined(j.parent, [x for x in joints if x is not j])}
+        assert in_loops(joints) == expected
 
 
 def test_every_link_is_reached_once_whatever_the_graph():

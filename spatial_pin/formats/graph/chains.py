@@ -21,24 +21,67 @@ SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss di
 def without_chains(graph: JointGraph) -> tuple[JointGraph, tuple[str, ...]]:
     """Put one pair in the place of revolute joints that meet in a point, between massless links."""
     notices: list[str] = []
+    looped = in_loops(graph.joints)
+    pairs: dict[str, Joint] = {}  # by the first joint of the chain
+    taken: set[str] = set()
+    gone: set[str] = set()
     for count, make in ((3, _ball), (2, _universal)):
         for chain in _chains(graph, count):
-            known = {joint.name for joint in graph.joints}
-            if any(joint.name not in known for joint in chain) or not _in_a_loop(graph, chain):
-                continue  # a joint of another chain by now, or one that closes nothing
+            names = [joint.name for joint in chain]
+            if chain[0].name not in looped or taken & set(names):
+                continue  # it closes nothing, or a joint is one of another chain by now
             pair = make(chain, graph.rounding)
             if pair is None:
                 continue
-            gone = {joint.child for joint in chain[:-1]}
-            names = [joint.name for joint in chain]
+            pairs[names[0]] = pair
+            taken.update(names)
+            gone.update(joint.child for joint in chain[:-1])
             notices.append(
                 f"the revolute joints {', '.join(names)} meet in one point with massless links "
                 f"between them: they are the {pair.type} joint {pair.name!r}")
-            graph = replace(
-                graph, links=tuple(x for x in graph.links if x.name not in gone),
-                joints=tuple(pair if x.name == names[0] else x for x in graph.joints
-                             if x.name not in names[1:]))
-    return graph, tuple(notices)
+    return replace(
+        graph, links=tuple(x for x in graph.links if x.name not in gone),
+        joints=tuple(pairs.get(x.name, x) for x in graph.joints
+                     if x.name in pairs or x.name not in taken)), tuple(notices)
+
+
+def in_loops(joints: Sequence[Joint]) -> set[str]:
+    """Return the names of the joints that are part of a loop."""
+    meeting = joints_at(joints)
+    above: dict[str, tuple[str, str]] = {}  # link -> joint and link before it
+    depth: dict[str, int] = {}
+    for start in meeting:
+        waiting = [] if start in depth else [start]
+        depth.setdefault(start, 0)
+        while waiting:
+            link = waiting.pop()
+            for joint in meeting[link]:
+                other = joint.other(link)
+                if other not in depth:
+                    depth[other] = depth[link] + 1
+                    above[other] = joint.name, link
+                    waiting.append(other)
+    top = {link: link for link in depth}  # the first link above with a joint not yet found
+
+    def climb(link: str) -> str:
+        while top[link] != link:
+            top[link] = top[top[link]]
+            link = top[link]
+        return link
+
+    tree = {name for name, _ in above.values()}
+    looped = {joint.name for joint in joints if joint.name not in tree}
+    for joint in joints:
+        if joint.name in tree:
+            continue
+        one, two = climb(joint.parent), climb(joint.child)
+        while one != two:
+            low, high = (one, two) if depth[one] >= depth[two] else (two, one)
+            name, link = above[low]
+            looped.add(name)
+            top[low] = link
+            one, two = climb(low), high
+    return looped
 
 
 def _chains(graph: JointGraph, count: int) -> list[list[Joint]]:
@@ -69,19 +112,6 @@ def _chains(graph: JointGraph, count: int) -> list[list[Joint]]:
                 seen.add(names)
                 chains.append(chain)
     return chains
-
-
-def _in_a_loop(graph: JointGraph, chain: Sequence[Joint]) -> bool:
-    """Whether the ends of a chain are joined without it, too."""
-    names = {joint.name for joint in chain}
-    meeting = joints_at(joint for joint in graph.joints if joint.name not in names)
-    reached, waiting = {chain[0].parent}, [chain[0].parent]
-    while waiting:
-        link = waiting.pop()
-        new = {joint.other(link) for joint in meeting.get(link, ())} - reached
-        reached |= new
-        waiting += new
-    return chain[-1].child in reached
 
 
 def _lines(chain: Sequence[Joint]) -> tuple[Array, Array, pin.SE3]:

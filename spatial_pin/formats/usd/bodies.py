@@ -11,7 +11,7 @@ import pinocchio as pin
 from pxr import Gf, UsdGeom, UsdPhysics
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.usd.stage import Stage, rotation_of
+from spatial_pin.formats.usd.stage import Stage, brief_names, rotation_of
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.urdf_checks import LIGHTEST
 from spatial_pin.mechanism.urdf_elements import inertial, numbers_text, origin
@@ -44,14 +44,12 @@ def read_bodies(stage: Stage) -> dict[str, Body]:
     """Return the rigid bodies of a stage by path; they are named as briefly as is unambiguous."""
     prims = [prim for prim in stage.prims() if prim.HasAPI(UsdPhysics.RigidBodyAPI)
              and UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get() is not False]
-    names = [prim.GetName() for prim in prims]
     bodies = {}
-    for prim, name in zip(prims, names, strict=True):
-        path = str(prim.GetPath())
-        unique = names.count(name) == 1 and name != "universe"
+    for path, name in brief_names(prims).items():
+        prim = stage.usd.GetPrimAtPath(path)
         held = UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get() is True
         placement, scale = stage.placement(prim)
-        bodies[path] = Body(prim, name if unique else path.strip("/"), placement, scale, held)
+        bodies[path] = Body(prim, name, placement, scale, held)
     return bodies
 
 

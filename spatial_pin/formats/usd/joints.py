@@ -15,7 +15,7 @@ from spatial_pin.formats.graph.joints import WORLD, Joint, Link
 from spatial_pin.formats.usd.bodies import Body, body_of
 from spatial_pin.formats.usd.mimics import mimics
 from spatial_pin.formats.usd.mujoco import MUJOCO, actuated, in_series, with_resistance
-from spatial_pin.formats.usd.stage import DEGREE, Stage, applied
+from spatial_pin.formats.usd.stage import DEGREE, Stage, applied, brief_names
 
 DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
 FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
@@ -88,9 +88,7 @@ def _names(stage: Stage) -> dict[str, str]:
             prims.append(prim)
         elif kind.endswith(UNREAD):
             stage.fail(prim, f"a {kind} is not read; write a joint of UsdPhysics in its place")
-    names = [prim.GetName() for prim in prims]
-    return {str(prim.GetPath()): name if names.count(name) == 1 and name != "universe"
-            else str(prim.GetPath()).strip("/") for prim, name in zip(prims, names, strict=True)}
+    return brief_names(prims)
 
 
 # ---------------------------------------------------------------- one joint

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -142,6 +143,14 @@ def applied(prim: Any) -> list[str]:
     return list(dict.fromkeys([*prim.GetAppliedSchemas(),
                                *(stated.GetAddedOrExplicitItems()
                                  if isinstance(stated, Sdf.TokenListOp) else ())]))
+
+
+def brief_names(prims: Iterable[Any]) -> dict[str, str]:
+    """Return a name for every prim by path: its own, or the path where others have that too."""
+    own = {str(prim.GetPath()): prim.GetName() for prim in prims}
+    counts = Counter(own.values())
+    return {path: name if counts[name] == 1 and name != "universe" else path.strip("/")
+            for path, name in own.items()}
 
 
 def rotation_of(quaternion: Any) -> Array:
