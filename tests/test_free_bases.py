@@ -316,6 +316,8 @@ def test_a_free_base_counts_six_freedoms_that_need_no_driver() -> None:
     found = sp.mobility(sp.load("rssr", free_flyer=True))
     assert (found.dof, len(found.passive)) == (8, 1)
     assert "more driver(s) needed" not in str(found)
+    assert "root_joint carries all of it as a free base" in str(found)
+    assert "free base" not in str(sp.mobility(sp.load("rssr")))
 
 
 def test_a_base_falls_while_its_joints_are_driven_by_nobody() -> None:
