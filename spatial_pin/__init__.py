@@ -29,7 +29,6 @@ from spatial_pin.errors import (
     UnknownNameError,
 )
 from spatial_pin.formats.files import list_mechanisms, load
-from spatial_pin.formats.mjcf.export import export_mjcf
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.dead_centres import dead_centres
 from spatial_pin.kinematics.grashof import Grashof, grashof
@@ -43,6 +42,7 @@ from spatial_pin.kinematics.jacobians import (
 from spatial_pin.kinematics.jerks import Jerks, solve_jerks
 from spatial_pin.kinematics.joint_limits import JointLimit, Passing
 from spatial_pin.kinematics.limits import limits, trace
+from spatial_pin.kinematics.mjcf_export import export_mjcf
 from spatial_pin.kinematics.mobility import Loop, Mobility, PassiveFreedom, mobility
 from spatial_pin.kinematics.mode_list import AssemblyModes, Continuum
 from spatial_pin.kinematics.modes import assembly_modes

@@ -610,7 +610,7 @@ def _export(options: argparse.Namespace) -> None:
     if options.folder is not None:
         written = [mechanism.save(options.folder)]
     elif options.mjcf is not None:
-        written = [sp.export_mjcf(mechanism, options.mjcf, sp.assemble(mechanism, {}))]
+        written = [sp.export_mjcf(mechanism, options.mjcf)]
     else:
         written = export_urdf(mechanism, options.urdf)
     for path in written:

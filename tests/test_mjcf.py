@@ -410,11 +410,12 @@ def test_actuators_are_drivers_once_a_joint(tmp_path):
     ('<motor name="x" tendon="string"/>', "moves more than one coordinate"),
     ('<motor name="x" joint="ball" gear="0 0 1"/>', "several coordinates"),
     ('<motor name="x" site="sa"/>', "transmission"),
+    ('<motor name="x" joint="q"/>', "joint 'q' is coupled to one that has a driver"),
 ])
 def test_an_actuator_that_is_no_driver_is_told(tmp_path, actuator, why):
-    path = written(tmp_path, f"{SLIDER}<actuator>{actuator}</actuator>")
+    path = written(tmp_path, f'{SLIDER}<actuator><motor name="p" joint="p"/>{actuator}</actuator>')
     with pytest.warns(UserWarning, match=f"actuator 'x' is no driver.*{why}"):
-        assert not sp.load(path).drivers
+        assert list(sp.load(path).drivers) == ["p"]
 
 
 def test_springs_are_mujocos(tmp_path):

@@ -49,7 +49,7 @@ def opening(data):
 def test_mujoco_has_the_links_where_they_are_and_the_loops_closed(name, tmp_path):
     mech = sp.load(name)
     state = sp.assemble(mech, {})
-    model, data = at_home(exported(mech, tmp_path, state))
+    model, data = at_home(exported(mech, tmp_path))
     assert gap(mech, state, model, data) < 1e-12
     assert opening(data) < 1e-12
     assert {model.actuator(k).name for k in range(model.nu)} == set(mech.drivers)
@@ -229,6 +229,15 @@ def test_a_body_without_mass_gets_as_much_as_mujoco_asks_for_and_it_is_told(tmp_
         path = exported(mech, tmp_path)
     model, _ = at_home(path)
     assert 0.0 < model.body("l1").mass[0] < 1e-8
+
+
+def test_loops_that_do_not_close_are_written_as_the_guess_has_them(tmp_path):
+    urdf, content = chain(["revolute", "revolute"])
+    content["closures"] = [{"name": "far", "type": "weld", "frames": ["l0", "l2"]}]
+    content["guess"] = {"j1": 0.3, "j2": -0.2}
+    with pytest.warns(sp.SpatialPinWarning, match="whose loops are open"):
+        _, data = at_home(exported(from_text(urdf, content, "chain"), tmp_path))
+    assert data.qpos.tolist() == [0.3, -0.2]
 
 
 def test_the_command_line_writes_it_closed(tmp_path, capsys):

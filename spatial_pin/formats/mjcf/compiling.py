@@ -264,6 +264,8 @@ def _placed(mesh: Any, file: Path | None) -> MeshFile:
                         "URDF cannot say that it is turned first and stretched then")
     if not mesh.file:
         return MeshFile(None, scale, pin.SE3.Identity(), "it is in no file of its own")
+    if Path(mesh.file).suffix.lower() == ".msh":
+        return MeshFile(None, scale, pin.SE3.Identity(), "its format is MuJoCo's own")
     return MeshFile(file, scale, pin.SE3(turn, -scale * (turn @ mesh.refpos)))
 
 

@@ -18,13 +18,18 @@ HOME = "home"  # the key that is the guess, if there is one
 def read_drivers(
     reading: Reading, closures: list[dict[str, Any]]
 ) -> dict[str, dict[str, str]]:
-    """Return a driver for every joint that an actuator moves, by name of the actuator."""
+    """Return a driver for every joint that an actuator moves, by name of the actuator.
+
+    Of joints that are coupled the first has one.
+    """
     model, drivers = reading.model, {}
     joints = {place.name for place in reading.joints}
     driven: set[str] = set()
     for actuator in range(len(model.actuator_trntype)):  # some have several controls
         name = model.actuator(actuator).name
         joint, why = _driven_joint(reading, actuator, closures)
+        if joint is not None and joint not in driven and _coupled({joint}, closures) & driven:
+            joint, why = None, f"joint {joint!r} is coupled to one that has a driver"
         if joint is None:
             called = repr(name) if name else f"number {actuator}"
             reading.notices.append(f"actuator {called} is no driver: {why}")

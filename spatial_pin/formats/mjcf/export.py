@@ -9,7 +9,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -22,48 +21,35 @@ from spatial_pin.formats.mjcf.export_shapes import add_shapes
 from spatial_pin.formats.mjcf.tree import WORLD
 from spatial_pin.formats.mjcf.writing import Writing, is_movable, placed
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import joint_values, needed, with_values
+from spatial_pin.mechanism.configuration import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.urdf_elements import numbers_text
 from spatial_pin.outputs import named_path, write_text
 
-if TYPE_CHECKING:
-    from spatial_pin.kinematics.state import State
-
 SUFFIXES = (".xml", ".mjcf")
-HOME = "home"  # the key that is the mechanism's guess
+HOME = "home"  # the name of the key
 
 
-def export_mjcf(
-    mechanism: Mechanism, path: str | Path, state: State | None = None
-) -> Path:
-    """Write a mechanism as MJCF, the format of MuJoCo.
-
-    Balls become `connect`, welds `weld`, hinges two `connect` on their axis, couplings `joint`
-    equalities, distances tendons whose length is held; a closure that is another joint becomes a
-    body that moves so on the first frame and is welded to the second. Drivers become motors,
-    springs stiffness or tendons. Coordinates are the mechanism's own, and so are names of links.
+def write_mjcf(mechanism: Mechanism, path: str | Path, q: Array | None = None) -> Path:
+    """Write a mechanism as MJCF, see `spatial_pin.export_mjcf`.
 
     Args:
         mechanism: the mechanism.
         path: the file; its name ends in .xml or .mjcf.
-        state: where the key "home" is; default the guess.
-
-    Returns:
-        The file.
+        q: (nq,) where the key "home" is; default the guess.
 
     Raises:
         ClosureTypeError: MuJoCo has no equality that is exactly one of its closures.
         SpatialPinError: something else has no counterpart, or the file cannot be written.
     """
-    needed(mechanism)
     path = named_path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise SpatialPinError(f"{path}: the name of an MJCF file ends in .xml or .mjcf")
     if mechanism.path is not None and path.resolve() == mechanism.path.resolve():
         raise SpatialPinError(f"{path} is a file of the mechanism itself; choose another")
-    guess = joint_values(mechanism, mechanism.guess)
-    q = with_values(mechanism, mechanism.neutral, guess) if state is None else state.q
+    if q is None:
+        guess = joint_values(mechanism, mechanism.guess)
+        q = with_values(mechanism, mechanism.neutral, guess)
     text = mjcf_text(mechanism, q)
     try:
         write_text(path, text)
@@ -73,7 +59,7 @@ def export_mjcf(
 
 
 def mjcf_text(mechanism: Mechanism, q: Array) -> str:
-    """Return a mechanism as MJCF text, see `export_mjcf`; its key is at q (nq,)."""
+    """Return a mechanism as MJCF text, its key at q (nq,)."""
     root = ET.Element("mujoco", model=mechanism.name)
     ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     ET.SubElement(root, "option", gravity=numbers_text(mechanism.model.gravity.linear))
