@@ -148,8 +148,8 @@ class Mobility:
         return f", of which {len(self.passive)} passive and {working} working" * bool(self.passive)
 
     def _notes(self) -> list[str]:
-        notes = [f"  note: {joint} carries all of it as a free base: 6 of the freedoms, held unless "
-                 "hold says otherwise" for joint in free_bases(self.mechanism)]
+        notes = [f"  note: {joint} carries all of it as a free base: 6 of the freedoms, which are "
+                 "held unless hold says otherwise" for joint in free_bases(self.mechanism)]
         if self.instantaneous > self.dof:
             notes.append(
                 f"  note: {self.instantaneous - self.dof} freedom(s) are instantaneous only "
