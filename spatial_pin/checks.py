@@ -321,6 +321,18 @@ def positive_number(value: Any, what: str) -> float:
     return number
 
 
+def number_from_zero(value: Any, what: str) -> float:
+    """Return `value` as a finite float that is not negative.
+
+    Raises:
+        ValueError: NaN, infinite, no number, or negative.
+    """
+    number = finite_number(value, what)
+    if number < 0.0:
+        raise ValueError(f"{what} is {value}; it cannot be negative")
+    return number
+
+
 def picture_size(size: Any) -> tuple[int, int]:
     """Return width and height [pixels].
 

@@ -86,6 +86,12 @@ def full_decomposition(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposi
     return Decomposition(u, s, vt, int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))))
 
 
+def singular_values(a: Array) -> Array:
+    """Return the singular values (..., k), descending, of matrices (..., m, n)."""
+    found: Array = np.linalg.svd(a, compute_uv=False)
+    return found
+
+
 def rank(a: Array, tolerance: float = RANK_TOLERANCE) -> int:
     """Return the numerical rank of `a`."""
     return decompose(a, tolerance).rank
@@ -286,6 +292,11 @@ class Factors:
             if i != p:
                 grown[[i, p]] = grown[[p, i]]
         return grown
+
+
+def weighty_rows(a: Array, count: int) -> NDArray[np.intp]:
+    """Return the sorted indices of `count` independent rows of `a`, the longest first chosen."""
+    return np.sort(lapack.dgeqp3(a.T)[1][:count] - 1)
 
 
 def determinant_sign_of(a: Array) -> int:

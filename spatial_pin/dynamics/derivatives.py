@@ -130,6 +130,7 @@ def dynamics_derivatives(
         UnknownNameError: a name does not exist.
     """
     state = moving_in_time(mechanism, state)
+    mechanism = state.mechanism
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)

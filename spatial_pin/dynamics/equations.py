@@ -27,13 +27,14 @@ from spatial_pin.dynamics.forces import (
 )
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.native import NativeDynamics, native_of
-from spatial_pin.dynamics.reactions import Pairs, Poses
+from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
 from spatial_pin.dynamics.saddle import DOUBTFUL, ROUNDING, SINGULAR, Motions, SaddlePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
 from spatial_pin.kinematics.newton import Regular, lost_rank, rank_loss
 from spatial_pin.kinematics.passive import is_in_loop, passive_freedoms
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.rounding import rounding_of
+from spatial_pin.kinematics.state import State, all_angles
 from spatial_pin.kinematics.views import forces as force_view
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import (
@@ -75,6 +76,7 @@ class Equations:
         self.springs = Forces(mechanism)
         self.scale = mechanism.velocity_scale
         self._svd: Decomposition | None = None
+        self._rank: int | None = None
         self._regular: Regular | None = None
         self.native: NativeDynamics | None = None
         self.asked = False
@@ -103,6 +105,9 @@ class Equations:
     ) -> None:
         """Evaluate rows and given forces at a State of this mechanism.
 
+        The State of a rounded file is one of this mechanism without some equations: all of them
+        bear loads, as those of the exact mechanism do.
+
         Args:
             state: configuration and velocity.
             external: wrenches at links, frames or joints, world axes [N, N·m].
@@ -112,7 +117,10 @@ class Equations:
         self.state = state
         self._svd = None
         evaluation = self.evaluation
-        evaluation.turns[:] = state.angles
+        is_whole = state.mechanism.whole is not self.mechanism
+        evaluation.turns[:] = (state.angles if is_whole else
+                               all_angles(state.mechanism, state.angles))
+        self._rank = None if is_whole else constraints_of(state.mechanism).n_rows
         evaluation.update(state.q)
         laws = dict(laws or {})
         slip_speed = dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed
@@ -144,7 +152,8 @@ class Equations:
     def spaces(self) -> Decomposition:
         """Decomposition of `scaled`: freedoms, self-stresses and what is between."""
         if self._svd is None:
-            self._svd = full_decomposition(self.scaled)
+            svd = full_decomposition(self.scaled)
+            self._svd = svd if self._rank is None else svd._replace(rank=self._rank)
         return self._svd
 
     @property
@@ -414,7 +423,9 @@ class Equations:
             size = np.maximum(np.linalg.norm(borne, axis=1), 1e-300)[:, None]
             stresses = np.vstack([stresses, borne / size])
             pressing = np.vstack([pressing, efforts / size])
-        return self.pairs.unique(self.poses(), self._couplings(), stresses, pressing)
+        rounding = 0.0 if self._rank is None else rounding_of(self.state.mechanism)
+        return self.pairs.unique(self.poses(), self._couplings(), stresses, pressing,
+                                 max(rounding, UNMOVED))
 
 
 def _by_size(motions: Array) -> Array:

@@ -57,7 +57,8 @@ class Dynamics:
 
     @contextmanager
     def _equations(self) -> Iterator[Equations]:
-        with equations_of(self._at.mechanism) as equations:
+        mechanism = self._at.mechanism
+        with equations_of(mechanism.whole or mechanism) as equations:
             equations.update(self._at, *self._load)
             yield equations
 
@@ -175,6 +176,7 @@ def forward_dynamics(
         ValueError: a value is NaN or infinite.
     """
     state = moving_in_time(mechanism, state)
+    mechanism = state.mechanism
     effort = joint_efforts(mechanism, efforts)
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:

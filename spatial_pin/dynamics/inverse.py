@@ -148,6 +148,7 @@ def inverse_dynamics(
         ValueError: a weight is not positive.
     """
     state = moving_in_time(mechanism, state)
+    mechanism = state.mechanism
     actuation = Actuation(mechanism, actuated)
     warn_of_no_inertia(mechanism, external=external)
     load = Load(external, laws, slip_speed)

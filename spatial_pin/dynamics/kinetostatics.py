@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
 from typing import NamedTuple
 
 import numpy as np
@@ -105,22 +106,24 @@ class _Rows:
                            np.empty((n, wrenches, 6)))
         self.unique = np.ones((n, len(equations.pairs.names), 6), dtype=bool)
 
-    def fill(self, k: int, equations: Equations, actuation: Actuation) -> None:
-        """Solve row k at the equations' state."""
+    def fill(
+        self, k: int, equations: Equations, bearing: Equations, actuation: Actuation
+    ) -> None:
+        """Solve row k at the equations' state; the bearing ones have all rows of its file."""
         x, a, closures = balance(equations, actuation)
         self.efforts[k], self.a[k] = x, a
-        self.transmitted[k] = equations.transmitted(a)
-        self.multipliers[k] = equations.multipliers(closures)
-        self.joint_efforts[k] = equations.at_joints(actuation.generalised(x, len(a)),
-                                                    self.multipliers[k], a)
-        for kept, now in zip(self.poses, equations.poses(), strict=True):
+        self.transmitted[k] = bearing.transmitted(a)
+        self.multipliers[k] = bearing.multipliers(closures)
+        self.joint_efforts[k] = bearing.at_joints(actuation.generalised(x, len(a)),
+                                                  self.multipliers[k], a)
+        for kept, now in zip(self.poses, bearing.poses(), strict=True):
             kept[k] = now
-        if equations.wrenches:
-            self.given[k] = equations.pairs.summed(equations.wrenches)
+        if bearing.wrenches:
+            self.given[k] = bearing.pairs.summed(bearing.wrenches)
         spare = pressing(equations, actuation)
-        if len(spare) or len(equations.spaces.left_null_space):
+        if len(spare) or len(bearing.spaces.left_null_space):
             efforts = actuation.all_generalised(spare, len(a))
-            self.unique[k] = list(equations.unique(efforts).values())
+            self.unique[k] = list(bearing.unique(efforts).values())
 
 
 @checked
@@ -154,23 +157,28 @@ def kinetostatics(
         SingularError: the loops lose rank in a row.
     """
     motion_needed(motion)
-    if motion.mechanism is not mechanism:
+    if mechanism not in (motion.mechanism, motion.mechanism.whole):
         raise SpatialPinError(
             f"the motion belongs to mechanism {motion.mechanism.name!r}, not to this load of "
             f"{mechanism.name!r}"
         )
     warn_of_no_inertia(mechanism, external=external)
-    actuation = Actuation(mechanism, actuated)
-    with equations_of(mechanism) as equations:
-        rows = _Rows(equations, len(motion), len(actuation.names))
+    moved = motion.mechanism
+    actuation = Actuation(moved, actuated)
+    with ExitStack() as stack:
+        equations = bearing = stack.enter_context(equations_of(moved))
+        if moved.whole is not None:
+            bearing = stack.enter_context(equations_of(moved.whole))
+        rows = _Rows(bearing, len(motion), len(actuation.names))
         for k in range(len(motion)):
             state = moving_in_time(mechanism, motion.state(k))
             given = external(state) if callable(external) else external
-            equations.update(state, mapping(given, "external"), laws, slip_speed)
-            rows.fill(k, equations, actuation)
-        reactions, ground = equations.pairs.reactions(
+            for each in {equations, bearing}:
+                each.update(state, mapping(given, "external"), laws, slip_speed)
+            rows.fill(k, equations, bearing, actuation)
+        reactions, ground = bearing.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
-        unique = dict(zip(equations.pairs.names, rows.unique.swapaxes(0, 1), strict=True))
+        unique = dict(zip(bearing.pairs.names, rows.unique.swapaxes(0, 1), strict=True))
     efforts: dict[str, Array] = dict(zip(actuation.names, rows.efforts.T, strict=True))
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: x * rate for (name, x), rate in zip(efforts.items(), rates, strict=True)}

@@ -146,7 +146,8 @@ class Pairs:
         return force
 
     def unique(
-        self, poses: Poses, couplings: Array, self_stresses: Array, pressing: Array | None = None
+        self, poses: Poses, couplings: Array, self_stresses: Array, pressing: Array | None = None,
+        unmoved: float = UNMOVED,
     ) -> dict[str, NDArray[np.bool_]]:
         """Return for every pair which components (6,) of its reaction are unique, world axes.
 
@@ -156,6 +157,7 @@ class Pairs:
                 whose rows are the last.
             self_stresses: (k, n_rows) multipliers, of length 1, that balance among themselves.
             pressing: (k, nv) or with the efforts of actuators that go with them.
+            unmoved: reaction to a unit self-stress that is none.
         """
         if not len(self_stresses):
             return {name: np.ones(6, dtype=bool) for name in self.names}
@@ -173,7 +175,7 @@ class Pairs:
         closed = [_moved(_borne(poses.rows, self_stresses, pair.rows),
                          pair.point @ poses.placements[pair.bodies[1]]) for pair in self.closed]
         largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
-        return {name: size < UNMOVED for name, size in zip(self.names, largest, strict=True)}
+        return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 
 
 def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:

@@ -22,6 +22,7 @@ from spatial_pin.dynamics.simulation import Projection, Simulation, driver_names
 from spatial_pin.dynamics.spinning import Spins, spinning_bodies
 from spatial_pin.dynamics.watch import AT_LIMITS, Watch
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError, StepLimitError
+from spatial_pin.kinematics.rounding import check_gaps
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import finite_array
@@ -97,6 +98,7 @@ def simulate(
     """
     accuracy = accuracy_of(accuracy)
     state = moving_in_time(mechanism, state)
+    mechanism = state.mechanism
     times = _times(duration, times)
     _check_formulation(accuracy)
     _check_step(accuracy, float(times[-1]))
@@ -125,6 +127,7 @@ def simulate(
         moved = motion()
         if moved.energy_drift > LOST:
             run.refuse_rows()
+        check_gaps(moved, accuracy.gap)
     except Lost as lost:
         why = str(lost) or run.why()
         raise SingularError(

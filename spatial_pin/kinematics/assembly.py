@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +18,8 @@ from spatial_pin.kinematics.constraints import Evaluation, evaluation_of
 from spatial_pin.kinematics.holding import still_entries
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.release import can_move, can_stand, least_motion
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.rounding import allowed_from, cut_of, may_be_rounded, rounded
+from spatial_pin.kinematics.state import State, all_angles
 from spatial_pin.linalg import EPS, Array, decompose
 from spatial_pin.mechanism.configuration import (
     blur,
@@ -41,6 +44,8 @@ ROUND_OFF = 4.0 * EPS  # of a coordinate, by its size
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
 FAR = 10.0  # characteristic lengths; a length named beyond them may be that of another size
 BESIDE = 0.05  # rad, characteristic lengths; drivers that go no further are just out of reach
+NOT_WORTH_A_WORD = 1e-6  # part of a gap that is left out
+LOOSE = 1e-9  # closure error with named values held, which are released then
 NEAR = 1e-2  # a branch this near to the guess [rad, characteristic lengths] is not questioned
 ACCEPTED = 1e-11  # closure error above which a configuration is not called closed
 PERIODIC = ("revolute", "cylindrical", "universal", "planar")
@@ -62,6 +67,7 @@ def assemble(
     limits: bool = False,
     release: bool = True,
     free: Iterable[str] = (),
+    gap: float | None = None,
     accuracy: Accuracy | None = None,
 ) -> State:
     """Close the loops of a mechanism.
@@ -88,6 +94,9 @@ def assemble(
         limits: keep the joint limits of the model.
         release: let drivers go that were given no value, where the loops cannot close otherwise.
         free: drivers that do not stand, but go where the loops take them; not among `released`.
+        gap: largest closure error that redundant equations may keep where the file's numbers are
+            rounded [-], default that of `accuracy`; 0 refuses them. A `SpatialPinWarning` tells of
+            it once, `State.gap` always.
         accuracy: tolerance to reach; default "engineering".
 
     Returns:
@@ -99,6 +108,8 @@ def assemble(
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite, or `free` names what is no driver, or is held.
     """
+    if gap is not None:
+        accuracy = replace(accuracy_of(accuracy), gap=gap)
     state = assembled(mechanism, drivers, guess, limits=limits, release=release, free=free,
                       accuracy=accuracy)
     if state.beyond_limits:
@@ -121,6 +132,9 @@ def assembled(
     """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
     needed(mechanism)
     accuracy = accuracy_of(accuracy)
+    if accuracy.gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
+        mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
+        accuracy = replace(accuracy, gap=allowed_from(guess, accuracy.gap))
     held: dict[str, float] = {}
     for name, value in mapping(drivers, "drivers").items():
         coordinate = mechanism.prescribed_coordinate(name).name
@@ -134,13 +148,56 @@ def assembled(
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
     named = {name: value for name, value in start.named.items() if name not in held}
-    with evaluation_of(mechanism, guess.angles if isinstance(guess, State) else 0.0) as evaluation:
-        search = _Search(evaluation, held, standing, named, limits, accuracy)
-        search.run(start.q, release)
-        if search.best is None and standing and release:
-            search = _Search(evaluation, held, {}, standing | named, limits, accuracy, said)
-            search.run(start.q)
-        return search.result(said)
+    angles = guess.angles if isinstance(guess, State) else 0.0
+    with _evaluations_of(mechanism, angles) as evaluations:
+        def searched(accuracy: Accuracy) -> _Search:
+            search = _Search(*evaluations, held, standing, named, limits, accuracy)
+            search.run(start.q, release)
+            if search.best is None and standing and release and not search.is_near:
+                search = _Search(*evaluations, held, {}, standing | named, limits, accuracy, said)
+                search.run(start.q)
+            return search
+
+        search = searched(accuracy)
+        exact = rounded(mechanism, accuracy.gap) if search.may_be_rounded() else None
+        if exact is None:
+            return (searched(replace(accuracy, gap=0.0)) if search.is_near else search).result(said)
+    state = assembled(exact, drivers, guess, limits=limits, release=release, free=free,
+                      accuracy=accuracy)
+    tell(state)
+    return state
+
+
+@contextmanager
+def _evaluations_of(
+    mechanism: Mechanism, angles: Array | float
+) -> Iterator[tuple[Evaluation, Evaluation | None]]:
+    """Lend the evaluations of a mechanism and of its whole, if it has one."""
+    if mechanism.whole is None:
+        with evaluation_of(mechanism, angles) as evaluation:
+            yield evaluation, None
+        return
+    with evaluation_of(mechanism) as evaluation:
+        own = evaluation.turns.size
+        evaluation.turns[:] = angles if np.size(angles) in (1, own) else 0.0
+        with evaluation_of(mechanism.whole, all_angles(mechanism, evaluation.turns)) as whole:
+            yield evaluation, whole
+
+
+def tell(state: State) -> None:
+    """Warn, once of a mechanism, of the equations that the numbers of its file contradict."""
+    mechanism, whole = state.mechanism, state.mechanism.whole
+    assert whole is not None and mechanism.kept is not None
+    if whole.memo.get("gap told"):
+        return
+    whole.memo["gap told"] = True
+    counts = zip(whole.closures, mechanism.kept.counts(), strict=True)
+    with evaluation_of(whole, all_angles(mechanism, state.angles)) as evaluation:
+        evaluation.update(state.q)
+        texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name} hold to "
+                 f"{open_gap(whole, evaluation, c.name)} only" for c, n in counts if n < c.n_rows]
+    warn(f"mechanism {whole.name!r}: {'; '.join(texts)}: the file's numbers are rounded "
+         "(see State.gap; assemble(gap=0) refuses them)")
 
 
 def standing_drivers(
@@ -189,8 +246,8 @@ def _at_home(
 
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
-    with evaluation_of(mechanism) as evaluation:
-        search = _Search(evaluation, {}, drivers, start.named, False, accuracy_of(None))
+    with _evaluations_of(mechanism, 0.0) as evaluations:
+        search = _Search(*evaluations, {}, drivers, start.named, False, accuracy_of(None))
         search.attempt(start.q)
     if search.best is not None:
         return {}
@@ -206,6 +263,8 @@ class _Search:
 
     Args:
         evaluation: of the mechanism.
+        whole: of the mechanism with all equations, where the file's numbers are rounded: these
+            lead, and stay closed to the gap.
         held: coordinates that were given values.
         standing: drivers that stand, by coordinate.
         named: other coordinates that the guess names.
@@ -217,6 +276,7 @@ class _Search:
     def __init__(
         self,
         evaluation: Evaluation,
+        whole: Evaluation | None,
         held: Mapping[str, float],
         standing: Mapping[str, float],
         named: Mapping[str, float],
@@ -229,7 +289,10 @@ class _Search:
         self.held = {**held, **standing}
         self.named = {name: value for name, value in named.items() if name not in self.held}
         self.let_go = let_go or {}
-        self.limits, self.tolerance = limits, accuracy.tolerance
+        self.limits, self.tolerance, self.accuracy = limits, accuracy.tolerance, accuracy
+        self.whole, self.gap = whole, accuracy.gap
+        self.cut = cut_of(whole.mechanism, accuracy.gap) if whole else 0.0
+        self.is_near = False
         table = self.mechanism.coordinate_table
         self.pinned = {name: x for name, x in self.held.items() if table[name].q < 0}
         self.still = still_entries(self.mechanism, (
@@ -259,7 +322,7 @@ class _Search:
         for k, start in enumerate(starts):
             if _size(self.mechanism, start)[0] * ROUND_OFF < 1.0:  # else no digit is left of it
                 self.attempt(start)
-            if self.done(k):
+            if self.done(k) or self.is_near:
                 break
             if k == 0 and release and self.standing:
                 most = self._worth_trying(start)
@@ -277,7 +340,7 @@ class _Search:
         free = self._free(name for name in self.given if name not in pinned)
         if _size(self.mechanism, q)[0] * ROUND_OFF >= 1.0:
             return MAX_STARTS
-        there, error = close(self.evaluation, q, free, self.tolerance, pinned=pinned)
+        there, error = self._closed(q, free, pinned)
         if not error <= ACCEPTED:
             return MAX_STARTS
         if not can_stand(self.evaluation, free, self.standing, pinned):
@@ -291,10 +354,9 @@ class _Search:
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
         evaluation = self.evaluation
-        loose = max(self.tolerance, 1e-9)
         if self.first.any() and not np.array_equal(self.first, self.free):
-            q, _ = close(evaluation, q, self.first, loose, pinned=self.pinned)
-        q, error = close(evaluation, q, self.free, self.tolerance, pinned=self.pinned)
+            q, _ = self._closed(q, self.first, self.pinned, max(self.tolerance, LOOSE))
+        q, error = self._closed(q, self.free, self.pinned)
         if self.let_go and error <= ACCEPTED:
             least, error = self._least(q, self.free)
             if self.given or can_move(evaluation, self.free, self.let_go,
@@ -304,13 +366,15 @@ class _Search:
         violated = _violated(self.mechanism, q) if self.limits and not problem else ""
         if violated:
             bounded, loose_ones = _within_limits(evaluation, q, self.free, self.let_go)
-            bounded, _ = (self._least if self.let_go else self._closed)(bounded, loose_ones)
+            bounded, _ = (self._least(bounded, loose_ones) if self.let_go else
+                          self._closed(bounded, loose_ones, self.pinned))
             bounded, _, fault = self._judged(bounded)
             if fault or _violated(self.mechanism, bounded):
                 problem = violated
             else:
                 q = bounded
         if problem:
+            self.is_near |= self.whole is None and self._accepted(q) < error <= self.gap
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
             return
@@ -318,8 +382,22 @@ class _Search:
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best = (distance, q)
 
-    def _closed(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
-        return close(self.evaluation, q, free, self.tolerance, pinned=self.pinned)
+    def _closed(
+        self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
+        tolerance: float | None = None,
+    ) -> tuple[Array, float]:
+        """Close the loops from q (nq,), all equations first as well as they can be."""
+        tolerance = tolerance or self.tolerance
+        if self.whole is not None:
+            q, _ = close(self.whole, q, free, tolerance, pinned=pinned, cut=self.cut)
+        return close(self.evaluation, q, free, tolerance, pinned=pinned)
+
+    def may_be_rounded(self) -> bool:
+        """Whether loops closed nearly, or some equations nearly follow from others."""
+        if self.best is None or self.whole is not None:
+            return self.is_near
+        self.evaluation.update(self.best[1])
+        return may_be_rounded(self.evaluation, self.gap)
 
     def _judged(self, q: Array) -> tuple[Array, float, str]:
         """Return q with its whole turns, its closure error, and the closure at fault or nothing."""
@@ -328,6 +406,10 @@ class _Search:
         evaluation.update(q)
         error = evaluation.closure_error
         fault = "" if error <= self._accepted(q) else evaluation.worst_closure()
+        if self.whole is not None and not fault:
+            self.whole.update(q)
+            if self.whole.closure_error > self.gap:
+                return q, self.whole.closure_error, self.whole.worst_closure()
         return q, error, fault or evaluation.mirrored()
 
     def _accepted(self, q: Array) -> float:
@@ -344,7 +426,7 @@ class _Search:
 
         Those that need not go at all stand exactly.
         """
-        q, error = self._closed(q, free)
+        q, error = self._closed(q, free, self.pinned)
         q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
                                 self.pinned)
         kept = {name: self.let_go[name] for name in self.let_go
@@ -412,7 +494,9 @@ class _Search:
         elif error <= ACCEPTED:
             message = f"{where} {self._mirror_words(q)}"
         else:
-            gap = open_gap(self.mechanism, self.evaluation, worst)
+            whole = self.whole or self.evaluation
+            whole.update(q)
+            gap = open_gap(whole.mechanism, whole, worst)
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
                        f"(closure error {error:.1e}), the smallest gap found; ")
             large = _size(self.mechanism, q)[0] * ROUND_OFF > ACCEPTED
@@ -470,8 +554,8 @@ class _Search:
 
         The evaluation stands there then.
         """
-        search = _Search(self.evaluation, {}, {}, {**self.named, **self.held}, self.limits,
-                         Accuracy(tolerance=self.tolerance))
+        search = _Search(self.evaluation, self.whole, {}, {}, {**self.named, **self.held},
+                         self.limits, replace(self.accuracy, gap=self.gap if self.whole else 0.0))
         search.run(q)
         if search.best is None:
             return {}
@@ -522,10 +606,10 @@ def open_gap(mechanism: Mechanism, evaluation: Evaluation, closure: str) -> str:
     values = evaluation.residual[rows]
     lengths = float(np.linalg.norm(values[np.array(is_length)]))
     angles = float(np.linalg.norm(values[~np.array(is_length)]))
-    parts = []
-    if lengths > 0.0:
+    parts, least = [], NOT_WORTH_A_WORD * max(lengths, angles)
+    if lengths > least:
         parts.append(f"{lengths * mechanism.characteristic_length:.1e} m")
-    if angles > 0.0:
+    if angles > least:
         parts.append(f"{angles:.1e} rad")
     return " and ".join(parts) or "0"
 

@@ -73,6 +73,7 @@ def jacobian(
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
     driven = moving_coordinates(mechanism, drivers, hold)
+    mechanism = state.mechanism
     with system_of(state, driven, hold) as system:
         data = system.evaluation.data  # where the joints' Jacobians are known
         pin.updateFramePlacement(mechanism.model, data, frame)
@@ -155,6 +156,7 @@ def jacobian_rate(
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
     driven = moving_coordinates(mechanism, drivers, hold)
+    mechanism = state.mechanism
     with system_of(state, driven, hold) as system:
         moving = _Moving(mechanism, state, frame)
         still = np.zeros(len(system.driven))
@@ -256,6 +258,7 @@ def influence(
     """
     state = of_mechanism(mechanism, state)
     driven = moving_coordinates(mechanism, drivers, hold)
+    mechanism = state.mechanism
     with system_of(state, driven, hold) as system:
         first = _columns(system, hold)
         n = first.shape[1]

@@ -105,6 +105,7 @@ def solve_jerks(
         ValueError: a value is NaN or infinite.
     """
     state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
     jerks = jerks or {}
     j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
             for name, x in jerks.items()}

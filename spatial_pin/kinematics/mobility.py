@@ -23,7 +23,8 @@ from spatial_pin.kinematics.passive import (
     moved_bodies,
     passive_freedoms,
 )
-from spatial_pin.kinematics.state import State, of_mechanism
+from spatial_pin.kinematics.rounding import closed_there, rounding_of
+from spatial_pin.kinematics.state import State, all_angles, of_mechanism
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array, decompose, independent_rows, null_space, rank, row_space
 from spatial_pin.mechanism.configuration import finite_array, needed
@@ -33,6 +34,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 # A closed singular configuration is known to the square root of round-off only; what is nearer to
 # one than this counts as singular.
 SINGULAR = 1e-6
+SHUT = 1e-9  # closure error with which a configuration is closed
 # lengths of finite trial motions [rad, characteristic lengths], the shorter where links turn back;
 # still shorter ones would take a linkage that is shaky to third order for one that moves
 PROBES = (0.05, 0.005)
@@ -179,29 +181,35 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     """
     needed(mechanism)
     state = assembled(mechanism) if q is None else q
-    evaluation = Evaluation(constraints_of(mechanism))
     if isinstance(state, State):
         state = of_mechanism(mechanism, state)
+        mechanism, x = state.mechanism, state.q
+    else:
+        x = finite_array(state, (mechanism.model.nq,), "q")
+        mechanism = closed_there(mechanism, x)
+    evaluation = Evaluation(constraints_of(mechanism))
+    if isinstance(state, State):
         evaluation.turns[:] = state.angles
-    x = state.q if isinstance(state, State) else finite_array(state, (mechanism.model.nq,), "q")
     evaluation.update(x)
-    if evaluation.closure_error > 1e-9:
+    if evaluation.closure_error > SHUT:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
         )
-    n = evaluation.constraints.n_rows
-    jacobian = evaluation.jacobian[:n].copy()
-    independent = independent_rows(jacobian, SINGULAR)
-    labels = evaluation.constraints.labels
+    jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+    every, rounding = _with_all_rows(evaluation), rounding_of(mechanism)
+    n, labels = every.constraints.n_rows, every.constraints.labels
+    independent = independent_rows(every.jacobian[:n], max(SINGULAR, rounding)).tolist()
     redundant = tuple(f"{labels[i].closure}[{labels[i].equation}]"
-                      for i in range(n) if i not in set(independent.tolist()))
+                      for i in range(n) if i not in set(independent))
     r = rank(jacobian, SINGULAR)
     nv = mechanism.model.nv
-    loops = tuple(_loop(evaluation, c) for c in mechanism.closures if c.type != COUPLING)
-    couplings = len(evaluation.constraints.couplings)
-    freedoms = nv + sum(6 - c.n_rows for c in mechanism.closures if c.type != COUPLING)
-    dof = nv - r if r == n else _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
+    closures = [c for c in every.mechanism.closures if c.type != COUPLING]
+    loops = tuple(_loop(every, c, max(ALGEBRA_TOLERANCE, rounding)) for c in closures)
+    couplings = len(every.constraints.couplings)
+    freedoms = nv + sum(6 - c.n_rows for c in closures)
+    full = r == len(jacobian)
+    dof = nv - r if full else _finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
     passive = [(joint, v) for joint, velocities in idle_freedoms(evaluation, x)
                for v in velocities]
     if dof < nv - r:  # leave out what is instantaneous only
@@ -210,7 +218,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
             evaluation, x, (v / scale / np.linalg.norm(v / scale))[None])]
         evaluation.update(x)
     return Mobility(
-        mechanism,
+        every.mechanism,
         kutzbach=nv - n,
         grubler=freedoms - sum(loop.order for loop in loops) - couplings,
         loop_list=loops,
@@ -220,6 +228,17 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         passive=tuple(_describe(evaluation, joint, v) for joint, v in passive),
         redundant=redundant,
     )
+
+
+def _with_all_rows(evaluation: Evaluation) -> Evaluation:
+    """Return an evaluation, at the same configuration, with the equations left out of its file."""
+    mechanism = evaluation.mechanism
+    if mechanism.whole is None:
+        return evaluation
+    every = Evaluation(constraints_of(mechanism.whole))
+    every.turns[:] = all_angles(mechanism, evaluation.angles)
+    every.update(evaluation.q)
+    return every
 
 
 # ---------------------------------------------------------------- finite freedom
@@ -304,7 +323,7 @@ def finite_motions(
 # ---------------------------------------------------------------- loops
 
 
-def _loop(evaluation: Evaluation, closure: Closure) -> Loop:
+def _loop(evaluation: Evaluation, closure: Closure, tolerance: float) -> Loop:
     """Recognise the loop of a closure by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
@@ -315,9 +334,9 @@ def _loop(evaluation: Evaluation, closure: Closure) -> Loop:
               for i in joints for k in range(mechanism.model.nvs[i])]
     wrenches = evaluation.wrenches[rows] / size
     own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
-    algebra = _generated_algebra(np.vstack([*twists, own]) if twists else own)
+    algebra = _generated_algebra(np.vstack([*twists, own]) if twists else own, tolerance)
     names = tuple(mechanism.model.names[i] for i in joints)
-    return Loop(closure.name, names, len(algebra), _algebra_name(algebra))
+    return Loop(closure.name, names, len(algebra), _algebra_name(algebra, tolerance))
 
 
 def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
@@ -328,12 +347,12 @@ def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
     return sorted((first ^ second) - {0})
 
 
-def _generated_algebra(twists: Array) -> Array:
+def _generated_algebra(twists: Array, tolerance: float) -> Array:
     """Return an orthonormal basis of the Lie algebra that twists (k, 6), linear first, generate."""
-    basis = row_space(twists, ALGEBRA_TOLERANCE)
+    basis = row_space(twists, tolerance)
     while True:  # it grows to dimension 6 at most
         brackets = [_bracket(a, b) for i, a in enumerate(basis) for b in basis[:i]]
-        larger = row_space(np.vstack([basis, *brackets]), ALGEBRA_TOLERANCE)
+        larger = row_space(np.vstack([basis, *brackets]), tolerance)
         if len(larger) <= len(basis):
             return larger
         basis = larger
@@ -344,8 +363,8 @@ def _bracket(a: Array, b: Array) -> Array:
     return np.concatenate([np.cross(w, x) - np.cross(y, v), np.cross(w, y)])
 
 
-def _algebra_name(algebra: Array) -> str:
-    turns = rank(algebra[:, 3:], ALGEBRA_TOLERANCE) if len(algebra) else 0
+def _algebra_name(algebra: Array, tolerance: float) -> str:
+    turns = rank(algebra[:, 3:], tolerance) if len(algebra) else 0
     names = {
         (1, 0): "one direction", (2, 0): "translations in a plane", (3, 0): "translations",
         (1, 1): "one axis", (2, 1): "one axis (turn and slide)", (3, 1): "planar",

@@ -17,7 +17,7 @@ from spatial_pin.kinematics.mode_list import Continuum
 from spatial_pin.kinematics.newton import close
 from spatial_pin.kinematics.passive import chain_links
 from spatial_pin.kinematics.rods import Rod
-from spatial_pin.kinematics.state import State
+from spatial_pin.kinematics.state import State, gap_of
 from spatial_pin.linalg import (
     Array,
     common_rows,
@@ -75,10 +75,11 @@ class Check:
     """
 
     def __init__(
-        self, mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod], tolerance: float
+        self, mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod], tolerance: float,
+        gap: float,
     ) -> None:
         self.mechanism, self.held, self.tolerance = mechanism, dict(held), tolerance
-        self.rods = rods
+        self.rods, self.gap = rods, gap
         self.evaluation = Evaluation(constraints_of(mechanism))
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         self.fixed = [mechanism.coordinate_table[name].v for name in held]
@@ -88,6 +89,10 @@ class Check:
         """Return q closed, values held; None if that fails or gives a mirror image."""
         q, error = close(self.evaluation, q, self.free, self.tolerance, iterations)
         return q if error <= CLOSED and not self.evaluation.mirrored() else None
+
+    def holds(self, q: Array) -> bool:
+        """Whether the equations that the mechanism is without hold at q to the gap allowed."""
+        return gap_of(self.mechanism, q, self.evaluation.angles) <= self.gap
 
     def kind(self, q: Array) -> Kind:
         """Return what a closed configuration is."""

@@ -12,7 +12,13 @@ from tqdm import tqdm
 
 from spatial_pin.checks import checked, generator, mapping, positive_number
 from spatial_pin.errors import AssemblyError, ContinuumError
-from spatial_pin.kinematics.assembly import _read_guess, _violated, assembled, standing_drivers
+from spatial_pin.kinematics.assembly import (
+    _read_guess,
+    _violated,
+    assembled,
+    standing_drivers,
+    tell,
+)
 from spatial_pin.kinematics.batch import Batch
 from spatial_pin.kinematics.closing import close_many
 from spatial_pin.kinematics.constraints import Constraints
@@ -22,6 +28,7 @@ from spatial_pin.kinematics.mobility import MOVED, SINGULAR, SMALL_PROBE
 from spatial_pin.kinematics.mode_check import SAME, Check, Kind
 from spatial_pin.kinematics.mode_list import AssemblyModes, Continuum, missing_by
 from spatial_pin.kinematics.rods import Core, Rod, core_of, rods_of
+from spatial_pin.kinematics.rounding import as_meant
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array, null_space, null_vectors
 from spatial_pin.mechanism.configuration import (
@@ -104,9 +111,11 @@ def assembly_modes(
     if min(patience, most_starts) > ENDLESS:
         raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
                          f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
+    accuracy = accuracy_of(accuracy)
+    mechanism = as_meant(mechanism, accuracy.gap)
     held = _held(mechanism, mapping(drivers, "drivers"), free)
     rods = rods_of(mechanism)
-    check = Check(mechanism, held, rods, accuracy_of(accuracy).tolerance)
+    check = Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap)
     search = _Search(check, core_of(mechanism, held, rods), copies or limits)
     search.look_at_guess()
     bar = tqdm(total=most_starts, desc=f"{mechanism.name}: modes", delay=1.0, leave=False,
@@ -118,7 +127,10 @@ def assembly_modes(
     bar.close()
     if search.continuum is not None and not search.modes:
         raise _moving(check, search.continuum)
-    return search.result(copies, limits)
+    found = search.result(copies, limits)
+    if found and mechanism.whole is not None:
+        tell(found[0])
+    return found
 
 
 def _held(
@@ -302,7 +314,7 @@ class _Search:
     def _mode(self, x: Array) -> _Mode | None:
         """Return the mode that a configuration of the core belongs to, if it is one."""
         q = self._whole(x)
-        if q is None:
+        if q is None or not self.check.holds(q):
             if len(self.rejected) < MOST_REJECTED:
                 self.rejected.append(self._signatures(x[:, None])[0])
             return None

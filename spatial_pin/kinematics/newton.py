@@ -18,6 +18,7 @@ from spatial_pin.kinematics.passive import is_in_loop, passive_freedoms
 from spatial_pin.kinematics.rotations import Rotations, rotations_of
 from spatial_pin.linalg import (
     EPS,
+    RANK_TOLERANCE,
     ROUND_OFF,
     Array,
     Factors,
@@ -65,6 +66,7 @@ def close(
     tolerance: float,
     iterations: int = 60,
     pinned: Mapping[str, float] = NOTHING,
+    cut: float = RANK_TOLERANCE,
 ) -> tuple[Array, float]:
     """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
 
@@ -73,7 +75,8 @@ def close(
     undamped minimum-norm steps down to round-off. Where frames of closures are turned far against
     each other, the logarithms of their rotations lead first, see `rotations`: products would lead
     to mirror images. Coordinates that are `pinned` have their values
-    exactly: components of balls and floating joints, which no velocity belongs to.
+    exactly: components of balls and floating joints, which no velocity belongs to. Singular values
+    below `cut` times the largest move nothing: the rows are closed as well as the others can.
 
     Returns:
         The configuration and its closure error, small or not; `evaluation` is left there.
@@ -82,9 +85,9 @@ def close(
     rotations = rotations_of(evaluation)
     evaluation.update(q)
     if rotations and rotations.are_far():
-        q = _descend(evaluation, q, free, NEAR, iterations, pinned, rotations)
-    q = _descend(evaluation, q, free, tolerance, iterations, pinned)
-    return _polish(evaluation, q, free, evaluation.mechanism.velocity_scale[free], pinned)
+        q = _descend(evaluation, q, free, NEAR, iterations, pinned, cut, rotations)
+    q = _descend(evaluation, q, free, tolerance, iterations, pinned, cut)
+    return _polish(evaluation, q, free, evaluation.mechanism.velocity_scale[free], pinned, cut)
 
 
 def _descend(
@@ -94,6 +97,7 @@ def _descend(
     tolerance: float,
     iterations: int,
     pinned: Mapping[str, float],
+    cut: float,
     rotations: Rotations | None = None,
 ) -> Array:
     """Take damped steps from q (nq,) until the equations hold to a tolerance, or no step helps.
@@ -115,7 +119,8 @@ def _descend(
             marked = error
         if error <= tolerance:
             break
-        steps = (_far_steps if rotations else _near_steps)(*pinned_rows(evaluation, free, pinned))
+        steps = (_far_steps if rotations else _near_steps)(
+            *pinned_rows(evaluation, free, pinned), cut)
         improved = False
         for _ in range(12):
             x = steps(damping * error)
@@ -137,22 +142,22 @@ def _descend(
     return q
 
 
-def _near_steps(rows: Array, residual: Array) -> Callable[[float], Array]:
+def _near_steps(rows: Array, residual: Array, cut: float) -> Callable[[float], Array]:
     """Return the least step as a function of the damping, down to none, of rows of any rank."""
-    svd = decompose(rows)
+    svd = decompose(rows, cut)
     s, r = svd.s[: svd.rank], svd.rank
     weights = s * (svd.u[:, :r].T @ residual)
     return lambda damping: -svd.vt[:r].T @ (weights / (s * s + damping))
 
 
-def _far_steps(rows: Array, residual: Array) -> Callable[[float], Array]:
+def _far_steps(rows: Array, residual: Array, cut: float) -> Callable[[float], Array]:
     """Return the same for steps whose last digits do not matter, at a tenth of the cost."""
     wide = rows.shape[0] <= rows.shape[1]
     square = rows @ rows.T if wide else rows.T @ rows
     right = residual if wide else rows.T @ residual
     diagonal = np.arange(len(square))
     sizes = square[diagonal, diagonal].copy()
-    least = SQUARED * float(sizes.max(initial=EPS))
+    least = max(SQUARED, cut * cut) * float(sizes.max(initial=EPS))
 
     def step(damping: float) -> Array:
         square[diagonal, diagonal] = sizes + max(damping, least)
@@ -191,7 +196,7 @@ def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
 
 def _polish(
     evaluation: Evaluation, q: Array, free: NDArray[np.bool_], scale: Array,
-    pinned: Mapping[str, float],
+    pinned: Mapping[str, float], cut: float = RANK_TOLERANCE,
 ) -> tuple[Array, float]:
     """Undamped minimum-norm Newton steps while they make the closure error smaller."""
     n = evaluation.constraints.n_rows
@@ -202,7 +207,7 @@ def _polish(
         if error <= EPS or not n:
             break
         rows, residual = pinned_rows(evaluation, free, pinned)
-        step[free] = -scale * decompose(rows).minimum_norm(residual)
+        step[free] = -scale * decompose(rows, cut).minimum_norm(residual)
         trial = pin.integrate(evaluation.model, q, step)
         trial = with_values(evaluation.mechanism, trial, pinned) if pinned else trial
         evaluation.update(trial)

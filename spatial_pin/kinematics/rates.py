@@ -262,6 +262,7 @@ def solve_rates(
             many as it has freedoms.
     """
     state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
     speeds = mapping(speeds, "speeds")
     accelerations = mapping(accelerations, "accelerations")
     v_of = rates_given(mechanism, speeds, "speed")

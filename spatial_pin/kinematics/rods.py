@@ -252,7 +252,9 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
             at, on = places[body]
             small.addFrame(pin.Frame(name, at, 0, on * placement, pin.FrameType.OP_FRAME))
     removed = {end.closure for rod in out for end in rod.ends}
-    closures = [_aligned_closure(c) for c in mechanism.closures if c.name not in removed]
+    is_rounded = mechanism.whole is not None  # its axes are parallel to some digits only
+    closures = [c if is_rounded else _aligned_closure(c) for c in mechanism.closures
+                if c.name not in removed]
     for k, (ends, length) in enumerate(distances):
         frames = (f"{k} of rods", f"{k} of rods, other end")
         for name, end in zip(frames, ends, strict=True):

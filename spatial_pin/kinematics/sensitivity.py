@@ -100,6 +100,7 @@ def sensitivities(
             raise UnknownNameError("dimension", name, mechanism.dimensions,
                                    f"mechanism {mechanism.name!r}: ")
     state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
     drive = Drive.of(mechanism, state)
     found = [Sensitivity(output, value, {}, {}, _unit(mechanism, state, output))
              for output, value in zip(outputs, drive.evaluate(mechanism, state, outputs),

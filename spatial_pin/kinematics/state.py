@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.kinematics.constraints import Evaluation, constraints_of, evaluation_of
 from spatial_pin.kinematics.frames import Located
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import CoordinateRates, coordinate_rates, needed
@@ -65,6 +65,29 @@ class RelativeMotion(NamedTuple):
     coriolis: Array
 
 
+class Gap(float):
+    """How far equations of a closed configuration are from holding: the largest of them.
+
+    A number, 0 where all hold; else the file's numbers are rounded, and redundant equations of its
+    loops hold to so much only. Angles are in rad, lengths by the characteristic length.
+
+    Attributes:
+        closures: the largest of each closure that has such equations.
+    """
+
+    closures: Mapping[str, float]
+
+    def __new__(cls, closures: Mapping[str, float] = MappingProxyType({})) -> Gap:
+        """Make it from the largest of each closure."""
+        gap = super().__new__(cls, max(closures.values(), default=0.0))
+        gap.closures = dict(closures)
+        return gap
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        """Return what a copy is made from."""
+        return (self.closures,)
+
+
 class State:
     """One configuration of a mechanism, its velocity and acceleration. Read-only.
 
@@ -72,7 +95,8 @@ class State:
     closure error is known.
 
     Attributes:
-        mechanism: the mechanism.
+        mechanism: the mechanism; of a rounded file (`gap`) one without the redundant equations
+            that its numbers contradict, which `whole` has: the same all along a motion.
         q: (nq,) configuration as Pinocchio orders it.
         v, a: (nv,) joint velocities and accelerations.
         closure_error: largest closure row [-]; lengths relative to the characteristic length,
@@ -139,6 +163,11 @@ class State:
         lower ones.
         """
         return beyond_limits(self.mechanism, self.q)
+
+    @cached_property
+    def gap(self) -> Gap:
+        """How far redundant equations of a rounded file are from holding; 0 where all hold."""
+        return gap_of(self.mechanism, self.q, self.angles)
 
     @cached_property
     def data(self) -> pin.Data:
@@ -237,12 +266,45 @@ class State:
     def __repr__(self) -> str:
         drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
         lost = f", rates to {self.rate_error:.0e}" if self.rate_error > LOST else ""
+        rounded = f", gap {float(self.gap):.1e}" if self.gap else ""
         return (f"State({self.mechanism.name!r}: {drivers}; closure error "
-                f"{self.closure_error:.1e}{lost})")
+                f"{self.closure_error:.1e}{rounded}{lost})")
+
+
+def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
+    """Return how far the equations that a mechanism is without are from holding at q (nq,).
+
+    Args:
+        mechanism: one that has a `whole`, or any other, whose gap is 0.
+        q: configuration.
+        angles: (n_angles,) of its screw closures.
+    """
+    if mechanism.whole is None or mechanism.kept is None:
+        return Gap()
+    with evaluation_of(mechanism.whole, all_angles(mechanism, angles)) as evaluation:
+        evaluation.update(q)
+        largest: dict[str, float] = {}
+        for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
+            largest[label.closure] = max(largest.get(label.closure, 0.0), abs(float(row)))
+    return Gap({c.name: largest[c.name]
+                for c, n in zip(mechanism.whole.closures, mechanism.kept.counts(), strict=True)
+                if n < c.n_rows})
+
+
+def all_angles(mechanism: Mechanism, angles: Array) -> Array:
+    """Return the angles of the screws of the `whole` of a mechanism, whose own are given."""
+    assert mechanism.whole is not None
+    own, every = (constraints_of(m) for m in (mechanism, mechanism.whole))
+    names = [[c.labels[at].closure for at, _, _ in c.screws] for c in (own, every)]
+    known = dict(zip(names[0], angles, strict=True))
+    return np.array([known.get(name, 0.0) for name in names[1]])
 
 
 def of_mechanism(mechanism: Mechanism, state: State) -> State:
     """Return `state` as a state of `mechanism`: itself, or taken over from another load of it.
+
+    Of a rounded file it is a state of the mechanism without what its numbers contradict: work
+    with that one, `state.mechanism`.
 
     Raises:
         SpatialPinError: it is a state of something else, or of other dimensions.
@@ -251,8 +313,14 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
     if not isinstance(state, State):
         raise TypeError(f"a State is needed, not {type(state).__name__}: sp.assemble(mechanism, "
                         "{driver: value}) makes one")
-    if state.mechanism is mechanism:
+    if mechanism in (state.mechanism, state.mechanism.whole):
         return state
+    if state.mechanism.whole is not None and mechanism.whole is None:
+        whole = state.mechanism.whole
+        alike = [(c.name, c.n_rows) for c in mechanism.closures]
+        if alike == [(c.name, c.n_rows) for c in whole.closures]:
+            assert state.mechanism.kept is not None
+            mechanism = mechanism.with_equations(state.mechanism.kept)
     same = state.mechanism.coordinates == mechanism.coordinates
     evaluation = Evaluation(constraints_of(mechanism))
     if same and state.angles.size == evaluation.turns.size:
@@ -278,7 +346,7 @@ def moving_in_time(mechanism: Mechanism, state: State) -> State:
     own = of_mechanism(mechanism, state)
     if own.in_time:
         return own
-    return State(mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
+    return State(own.mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
                  branch=own.branch, released=own.released)
 
 

@@ -21,6 +21,7 @@ from spatial_pin.kinematics.joint_limits import joint_limit_events
 from spatial_pin.kinematics.motion import Event, Motion
 from spatial_pin.kinematics.rated_limits import velocity_limit_events
 from spatial_pin.kinematics.rates import ROUND_OFF, check_finite, check_not_held, prescribed_at
+from spatial_pin.kinematics.rounding import check_gaps
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import needed
@@ -111,6 +112,7 @@ def sweep(
     check_not_held(mechanism, [coordinate], held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
     state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess, accuracy=tight)
+    mechanism = state.mechanism
     driven = prescribed_at(state, [driver, *given], held)
     still = divided(mechanism, driven, held)[1]
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
@@ -134,6 +136,7 @@ def sweep(
     motion.held = held
     if speed is None:
         motion.time, motion.per = None, coordinate.unit
+    check_gaps(motion, accuracy.gap)
     motion.events += _released(state, driven, still, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),

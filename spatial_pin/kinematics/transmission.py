@@ -64,6 +64,7 @@ def transmission(
         SingularError: the drivers do not determine the velocities there.
     """
     state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
     input_ = _input(mechanism, driver)
     angle, at = transmission_angle(mechanism, state, output, input_.name, at)
     with square_system(state, [input_.name]) as system:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,6 +100,40 @@ class Closure:
         """Number of scalar equations."""
         return 1 if self.type == COUPLING else len(self.rows)
 
+    def with_equations(self, places: Iterable[int]) -> Closure:
+        """Return it with some of its equations, by their places in `rows`."""
+        own = self.equations
+        return replace(self, equations=tuple(k if own is None else own[k] for k in places))
+
+    @property
+    def can_turn(self) -> bool:
+        """Whether it means the same with its two frames exchanged, once all its equations hold."""
+        return (self.type != COUPLING and not self.between and not self.pair.uses_lead
+                and self.equations is None and self.type not in ("point_on_line", "point_on_plane"))
+
+    def turned(self) -> Closure:
+        """Return it with its two frames exchanged: directions of frame 2 in its equations."""
+        g = self.geometry
+        assert g is not None
+        return replace(self, frames=self.frames[::-1],
+                       geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
+
+
+class Equations(NamedTuple):
+    """Some equations of a mechanism, by closure: places in `Closure.rows`, a coupling's is 0.
+
+    Attributes:
+        own: of the closures as they are.
+        turned: of the same with their frames exchanged.
+    """
+
+    own: tuple[tuple[int, ...], ...]
+    turned: tuple[tuple[int, ...], ...]
+
+    def counts(self) -> list[int]:
+        """Return how many there are of each closure."""
+        return [len(a) + len(b) for a, b in zip(self.own, self.turned, strict=True)]
+
 
 @dataclass(frozen=True)
 class Driver:
@@ -173,6 +207,9 @@ class Mechanism:
         trusted, packages: how its files may be read and found, see `load`.
         notices: faults of the file that it was loaded with, a sentence for each kind.
         free_flyer: whether `load` put a floating joint below its root link.
+        whole: the mechanism as its file has it, where this one is without equations that the
+            file's rounded numbers contradict, see `kinematics.rounding`; else None.
+        kept: which equations of the `whole` it has.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
 
@@ -199,6 +236,8 @@ class Mechanism:
     notices: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
     free_flyer: bool = False
+    whole: Mechanism | None = None
+    kept: Equations | None = None
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -270,6 +309,23 @@ class Mechanism:
         if self.tree is None:
             return {}
         return dimensions(self.tree, self.parameters, self.trusted, self.packages)
+
+    def with_equations(self, kept: Equations) -> Mechanism:
+        """Return the same mechanism with some of its equations only; this one is its `whole`."""
+        key = "with equations", kept
+        if key not in self.memo:
+            closures = []
+            for c, own, turned in zip(self.closures, kept.own, kept.turned, strict=True):
+                if own or not turned:
+                    closures.append(c if c.type == COUPLING else c.with_equations(own))
+                if turned:
+                    closures.append(c.turned().with_equations(turned))
+            other = copy(self)
+            vars(other).update(whole=self, kept=kept, closures=tuple(
+                c for c in closures if c.type != COUPLING or kept.own[self.closures.index(c)]))
+            self.memo[key] = other
+        found: Mechanism = self.memo[key]
+        return found
 
     # ------------------------------------------------------------ coordinates
 
