@@ -261,7 +261,7 @@ class _Lost:
     def add(self, shape: Shape, file: str) -> None:
         self._found.append(f"link {shape.link!r}: mesh {shown(file)!r}")
         package = package_of(file)
-        if package is not None:
+        if package is not None and package[1]:  # "package:///FILE" lies beside the URDF
             self._packages[package[0]] = None
 
     def tell(self, faults: Faults) -> None:
