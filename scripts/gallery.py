@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, pi
 from pathlib import Path
 
@@ -40,26 +40,32 @@ def on_the_way(name: str) -> sp.State:
     return shown if isinstance(shown, sp.State) else shown.state(int(PART * len(shown)))
 
 
-def pictures(names: Sequence[str], folder: Path) -> Iterator[Image.Image]:
-    """Yield a picture of each mechanism, all by one browser."""
+def pictures(states: Iterable[sp.State], folder: Path) -> Iterator[Image.Image]:
+    """Yield a picture of each state, all by one browser."""
     with Browser(TILE) as browser:
-        for name in names:
-            open_page(browser, export_html(on_the_way(name), folder / "page.html"))
+        for state in states:
+            open_page(browser, export_html(state, folder / "page.html"))
             browser.evaluate("document.getElementById('says').style.display = 'none'")
             yield shoot(browser, 0.0)
 
 
-def sheet(names: Sequence[str], images: Sequence[Image.Image]) -> Image.Image:
-    """Return all pictures on one sheet with their names."""
-    columns = min(COLUMNS, len(names))
+def caption_of(name: str) -> str:
+    """Return what stands under the picture of a library mechanism."""
+    return f"{name}: {sp.load(name).title}".rstrip(": ")
+
+
+def sheet(
+    captions: Sequence[str], images: Sequence[Image.Image], most: int = COLUMNS
+) -> Image.Image:
+    """Return all pictures on one sheet with their captions, so many in a row at most."""
+    columns = min(most, len(captions))
     width, height = TILE[0], TILE[1] + CAPTION
-    made = Image.new("RGB", (columns * width, ceil(len(names) / columns) * height), "white")
+    made = Image.new("RGB", (columns * width, ceil(len(captions) / columns) * height), "white")
     draw = ImageDraw.Draw(made)
     font = ImageFont.load_default(16)
-    for k, (name, image) in enumerate(zip(names, images, strict=True)):
+    for k, (caption, image) in enumerate(zip(captions, images, strict=True)):
         x, y = k % columns * width, k // columns * height
         made.paste(image, (x, y))
-        caption = f"{name}: {sp.load(name).title}".rstrip(": ")
         draw.text((x + width / 2, y + TILE[1] + CAPTION / 2), caption, "black", font, "mm")
         draw.rectangle((x, y, x + width - 1, y + height - 1), outline="#d5d9de")
     return made
@@ -98,7 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         path = options.path
         names = options.only or sp.list_mechanisms()
         with tempfile.TemporaryDirectory() as folder:
-            made = sheet(names, list(pictures(names, Path(folder))))
+            images = list(pictures(map(on_the_way, names), Path(folder)))
+        made = sheet(list(map(caption_of, names)), images)
         if options.width:
             size = options.width, round(options.width * made.height / made.width)
             made = made.resize(size, Image.Resampling.LANCZOS)

@@ -294,6 +294,14 @@ def test_a_package_lies_where_the_caller_says(load, tmp_path, capsys):
         load(tree, packages=[hall])
 
 
+def test_a_mesh_lies_beside_the_urdf_of_a_folder(tmp_path):
+    (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
+    tree = arm().replace(link("base"), visuals('<mesh filename="package:///part.obj"/>'))
+    (tmp_path / "robot.urdf").write_text(f'<robot name="arm">{tree}</robot>', encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text("name_mot: [elbow]\n", encoding="utf-8")
+    assert sp.load(tmp_path).visual_model.ngeoms == 1
+
+
 def test_a_package_that_the_caller_names_holds_xacro_files_too(tmp_path):
     hall = tmp_path / "somewhere"
     hall.mkdir()

@@ -6,6 +6,7 @@ it does not know.
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -175,6 +176,7 @@ def take_shapes(
         MechanismFileError: a shape has impossible numbers.
     """
     materials, lost = _Materials(robot, faults), _Lost()
+    folder = path if os.path.isdir(path) else path.parent
     taken = []
     for link in robot.findall("link"):
         name = link.get("name", "")
@@ -193,7 +195,7 @@ def take_shapes(
                 shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
                               colour=colour, overrides=_overrides(element))
                 if solid.tag == "mesh":
-                    shape = _sought(shape, solid, path.parent, packages, lost)
+                    shape = _sought(shape, solid, folder, packages, lost)
                 taken.append(shape)
                 count += 1
     lost.tell(faults)
