@@ -223,3 +223,10 @@ def test_the_command_line_saves_a_folder(tmp_path, capsys):
     assert main(["export", "rssr", "--folder", str(tmp_path / "out")]) == 0
     assert str(tmp_path / "out" / "rssr.toml") in capsys.readouterr().out
     same_mechanisms(sp.load(tmp_path / "out" / "rssr.toml"), sp.load("rssr"))
+
+
+def test_a_mechanism_without_the_text_of_its_tree_says_so(tmp_path):
+    bare = sp.load("four_bar").with_fields(urdf="")
+    for ask in (lambda: bare.save(tmp_path), lambda: sp.reduce(bare, "rocker_pin")):
+        with pytest.raises(sp.SpatialPinError, match="URDF text of its tree is needed"):
+            ask()

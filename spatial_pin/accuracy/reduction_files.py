@@ -11,8 +11,8 @@ from typing import Any
 import pinocchio as pin
 
 from spatial_pin.accuracy.reduction_links import Place, Relation
-from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.export import robot_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.urdf_checks import end_of
 from spatial_pin.mechanism.urdf_elements import joint_element, origin
@@ -42,12 +42,7 @@ class Tree:
     def __post_init__(self) -> None:
         self._data = self.mechanism.model.createData()
         pin.forwardKinematics(self.mechanism.model, self._data, self.q)
-        try:
-            self.robot = ET.fromstring(self.mechanism.urdf)
-        except ET.ParseError as error:
-            raise SpatialPinError(
-                f"mechanism {self.mechanism.name!r}: reduce needs the URDF text of its tree "
-                f"({error}); load it from a file") from error
+        self.robot = robot_of(self.mechanism)
         self._joint_above = {end_of(j, "child"): j for j in self.robot.findall("joint")}
         self._taken = {e.get("name", "") for tag in ("link", "joint")
                        for e in self.robot.findall(tag)}

@@ -103,7 +103,7 @@ def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path
 def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
     """Return what a mechanism file says beside the URDF, which states couplings as <mimic>."""
     stated = {f"mimic_{joint.get('name')}"
-              for joint in ET.fromstring(mechanism.urdf).findall("joint")
+              for joint in robot_of(mechanism).findall("joint")
               if joint.find("mimic") is not None}
     content = {**content_of(mechanism), "tree": tree}
     closures = [table for table in content.get("closures", ())
@@ -120,7 +120,7 @@ def _gathered(mechanism: Mechanism) -> tuple[str, dict[Path, Path]]:
 
     Meshes that were not there when the mechanism was loaded stay as they are named.
     """
-    robot = ET.fromstring(mechanism.urdf)
+    robot = robot_of(mechanism)
     meshes = robot.findall("link/*/geometry/mesh")
     if not meshes:
         return mechanism.urdf, {}
@@ -165,9 +165,23 @@ def _parts(mesh: Path) -> list[Path]:
 # ---------------------------------------------------------------- what a mechanism file says
 
 
+def robot_of(mechanism: Mechanism) -> ET.Element:
+    """Return the <robot> of a mechanism's tree.
+
+    Raises:
+        SpatialPinError: the mechanism was made without its text.
+    """
+    try:
+        return ET.fromstring(mechanism.urdf)
+    except ET.ParseError as error:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the URDF text of its tree is needed ({error}); "
+            "sp.load and sp.Mechanism.from_model make one") from error
+
+
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
     """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
-    robot = ET.fromstring(mechanism.urdf)
+    robot = robot_of(mechanism)
     moving = list(mechanism.model.names)[1:]
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,

@@ -92,13 +92,13 @@ def own_configuration(given: pin.Model, new: pin.Model, q: Array) -> Array:
     found = np.zeros(new.nq)
     followed = dict(zip(map(int, given.mimicking_joints), map(int, given.mimicked_joints),
                         strict=True))
-    for i in range(1, given.njoints):
+    for i in sorted(range(1, given.njoints), key=followed.__contains__):
         here = slice(new.idx_qs[i], new.idx_qs[i] + new.nqs[i])
         own = q[given.idx_qs[i] : given.idx_qs[i] + given.nqs[i]]
-        if i in followed:  # it stands before the one that follows it
+        if i in followed:
             joint = given.joints[i].extract()
             own = joint.scaling * found[new.idx_qs[followed[i]], None] + joint.offset
-        elif len(own) != here.stop - here.start:
+        elif len(own) != here.stop - here.start:  # it ends with a cosine and a sine
             own = np.append(own[:-2], math.atan2(own[-1], own[-2]))
         found[here] = own
     return found
