@@ -123,6 +123,48 @@ def test_four_bar_has_the_masses_shapes_and_gravity_of_the_file_in_si(four_bar):
     assert upper == pytest.approx(math.pi, rel=1e-15) and effort == pytest.approx(2e-3)
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_skew_four_bar_in_numbers_of_32_bits_follows_freudenstein(tmp_path, seed):
+    """Anywhere in space its redundant equations hold to the digits of the file only."""
+    rng = np.random.default_rng(seed)
+    scene, theta = Scene(tmp_path), 1.0
+    phi = rocker_of(theta)
+    tip = 0.1 * np.array([math.cos(theta), math.sin(theta), 0.0])
+    end = np.array([0.3 + 0.24 * math.cos(phi), 0.24 * math.sin(phi), 0.0])
+    beta = math.atan2(*(end - tip)[1::-1])
+    q = rng.normal(size=4)
+    plane = pin.SE3(pin.Quaternion(q / np.linalg.norm(q)).matrix(), rng.normal(size=3))
+    pose = {"crank": (theta, np.zeros(3)), "coupler": (beta, tip),
+            "rocker": (phi, np.array([0.3, 0.0, 0.0]))}
+    own = {}  # the line of the bar, on its body
+    for name, (angle, at) in pose.items():
+        body = plane * pin.SE3(pin.utils.rotate("z", angle), at)
+        skew = pin.SE3(pin.exp3(rng.normal(size=3)), 0.1 * rng.normal(size=3))
+        own[name] = skew.inverse()
+        body = body * skew
+        turn = pin.Quaternion(body.rotation)
+        scene.body(f"/{name}", body.translation, (turn.w, turn.x, turn.y, turn.z))
+
+    def along(length):
+        return pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+
+    for name, one, place, two, at in (
+            ("i", None, plane, "crank", 0.0), ("j", "crank", along(0.1), "coupler", 0.0),
+            ("k", None, plane * along(0.3), "rocker", 0.0),
+            ("l", "coupler", along(0.28), "rocker", 0.24)):
+        frames = [own[one] * place if one else place, own[two] * along(at)]
+        turns = [(t.w, t.x, t.y, t.z) for t in (pin.Quaternion(f.rotation) for f in frames)]
+        scene.joint("RevoluteJoint", f"/{name}", f"/{one}" if one else None, f"/{two}",
+                    *(f.translation for f in frames), turn0=turns[0], turn1=turns[1])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        mech = scene.load()
+        motion = sp.sweep(mech, "i", np.linspace(1.0, 3.0, 9))
+    assert any("numbers are rounded" in str(w.message) for w in told)
+    away = motion.coordinate("k")[0] - [rocker_of(x) for x in np.linspace(1.0, 3.0, 9)]
+    assert np.abs(away - 2 * math.pi * np.round(away / (2 * math.pi))).max() < 1e-6
+
+
 # ---------------------------------------------------------------- frames
 
 

@@ -219,8 +219,7 @@ class _Writer:
         """Write the closure that a cut joint becomes."""
         (one, place1), (two, place2) = self.bodies[joint.parent], self.bodies[joint.child]
         if one == two:
-            gap = (place1 * joint.on_parent).inverse() * place2 * joint.on_child
-            self.redundant(joint, gap)
+            self.redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
             return
         if joint.type == "floating":
             self.notices.append(f"joint {joint.name!r} is floating and closes a loop: it holds "
@@ -250,13 +249,19 @@ class _Writer:
             name, k = f"{joint}_{k}", k + 1
         return name
 
-    def redundant(self, joint: Joint, gap: pin.SE3) -> None:
+    def redundant(self, joint: Joint, one: pin.SE3, two: pin.SE3) -> None:
         """Tell of a joint between links that are fixed to each other.
+
+        Args:
+            joint: the joint.
+            one: placement of its frame on the body of both, by its parent.
+            two: the same by its child.
 
         Raises:
             MechanismFileError: it is fixed, too, and holds them otherwise.
         """
-        size = 1.0 + float(np.abs(joint.on_parent.translation).max())
+        gap = one.inverse() * two
+        size = float(np.abs([one.translation, two.translation]).max()) or 1.0
         most = max(np.abs(gap.translation).max() / size, np.abs(gap.rotation - np.eye(3)).max())
         if joint.type == "fixed" and most > max(TWIN, 10.0 * self.graph.rounding):
             raise MechanismFileError(
