@@ -448,6 +448,26 @@ def test_what_the_file_switches_off_is_off(tmp_path):
     assert np.all(np.isinf(mech.model.upperPositionLimit))
 
 
+LOST = {
+    "gravity compensation of bodies .b.": SLIDER.replace('name="b"', 'name="b" gravcomp="1"'),
+    "fluid": f'<option density="1.2"/>{SLIDER}',
+    "tendon 'both': its stiffness": SLIDER.replace('name="both"', 'name="both" stiffness="2"'),
+    "tendon 'string': its range": SLIDER.replace('name="string"', 'name="string" range="0 9"'),
+    "ball joint 'ball': its range": SLIDER.replace('type="ball"', 'type="ball" range="0 1"'),
+    "joint 'ball': a stiffness": SLIDER.replace('type="ball"', 'type="ball" stiffness="2"'),
+    "mocap body 'm'": SLIDER.replace(
+        "</worldbody>", '<body name="m" mocap="true"/></worldbody>'),
+    "height field": f"""<asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 1"/></asset>
+        {SLIDER.replace("<worldbody>", '<worldbody><geom type="hfield" hfield="hills"/>')}""",
+}
+
+
+@pytest.mark.parametrize("told", LOST)
+def test_what_acts_in_mujoco_and_not_here_is_told(told, tmp_path):
+    with pytest.warns(UserWarning, match=told):
+        sp.load(written(tmp_path, LOST[told]))
+
+
 # ---------------------------------------------------------------- shapes
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -484,6 +504,16 @@ def test_a_mesh_is_drawn_where_mujoco_has_it(tmp_path, asset):
     gaps = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
     assert gaps.min(axis=0).max() < 1e-6 and gaps.min(axis=1).max() < 1e-6  # float32 there
     assert geom.meshColor.tolist() == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_a_box_that_is_fitted_to_a_mesh_has_its_size(tmp_path):
+    pair = with_mesh(tmp_path, text=SOLIDS.replace('type="mesh" mesh="m"', 'type="box" mesh="m"'))
+    box = pair.mech.visual_model.geometryObjects[0]
+    assert 2.0 * pair.model.geom_size[0] == pytest.approx(2.0 * box.geometry.halfSide)
+    put(pair, pair.mech.neutral)
+    placement = pair.mech.model.jointPlacements[1] * box.placement
+    assert placement.translation == pytest.approx(pair.data.geom_xpos[0], abs=1e-14)
+    assert placement.rotation.ravel() == pytest.approx(pair.data.geom_xmat[0], abs=1e-14)
 
 
 def test_shapes_that_touch_nothing_are_drawn_and_hidden_ones_only_collide(tmp_path):
