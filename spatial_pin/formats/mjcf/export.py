@@ -111,7 +111,8 @@ def _add_links(writing: Writing, i: int, body: ET.Element) -> None:
             body, "body", placed(frame.placement, name=_unlike_world(frame.name)))
         inertias[frame.name] = mech.inertias.get(frame.name, pin.Inertia.Zero())
     if i > 0 and not any(map(is_movable, inertias.values())):
-        writing.least_inertia(name, body, inertias.pop(name, None))
+        carries = any(mech.model.inertias[k].mass for k in mech.model.subtrees[i].tolist()[1:])
+        writing.least_inertia(name, body, inertias.pop(name, None), carries=carries)
     for link, inertia in inertias.items():
         element = writing.links[link]
         if element.tag == "body" and (inertia.mass or np.any(inertia.inertia)):

@@ -14,7 +14,7 @@ from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.urdf_elements import numbers_text
 
-LEAST = 1e-9  # of the whole mass: that of a body without mass, which MuJoCo cannot move
+LEAST = 1e-9  # of the whole mass: that of a body without mass at an end of the tree
 THIN = 1e-6  # of the characteristic length: its radius of gyration
 SAME = 1e-14  # of two placements of a site, by round-off
 LEAST_MOMENT = 1e-14  # kg·m² and kg: below 1e-15 MuJoCo refuses a body that moves
@@ -93,20 +93,26 @@ class Writing:
                                                diaginertia=numbers_text(possible(moments))))
 
     def least_inertia(
-        self, name: str, body: ET.Element, inertia: pin.Inertia | None = None
+        self, name: str, body: ET.Element, inertia: pin.Inertia | None = None, *,
+        carries: bool = False,
     ) -> None:
-        """Give a body as little mass and moments of inertia as MuJoCo asks for; tell it later.
+        """Give a body as little mass and moments of inertia as MuJoCo asks for.
+
+        A body at an end gets so much that MuJoCo can work with it, which is told later.
 
         Args:
             name: of the body.
             body: its element.
             inertia: what it has, too little.
+            carries: whether it carries a body that has mass.
         """
-        self.light.append(name)
         mech, own = self.mechanism, inertia or pin.Inertia.Zero()
-        whole = sum(x.mass for x in mech.inertias.values()) or 1.0
-        mass = own.mass if own.mass >= LEAST_MOMENT else max(LEAST * whole, LEAST_MOMENT)
-        moment = max(mass * (THIN * mech.characteristic_length) ** 2, LEAST_MOMENT)
+        mass = moment = LEAST_MOMENT
+        if not carries:
+            self.light.append(name)
+            mass = max(LEAST * (sum(x.mass for x in mech.inertias.values()) or 1.0), mass)
+            moment = max(mass * (THIN * mech.characteristic_length) ** 2, moment)
+        mass = own.mass if own.mass >= LEAST_MOMENT else mass
         self.inertia(body, pin.Inertia(mass, own.lever, own.inertia + moment * np.eye(3)))
 
 
