@@ -245,6 +245,16 @@ def test_links_are_guessed_where_the_file_draws_them(tmp_path):
     assert mech.guess["j2"] == pytest.approx([0.3, -0.4, 0.8], abs=1e-6)
 
 
+@quiet
+def test_animated_bodies_stand_where_their_animation_begins(tmp_path):
+    scene = Scene(tmp_path)
+    translate = UsdGeom.Xformable(scene.body("/a")).GetOrderedXformOps()[0]
+    translate.GetAttr().Clear()
+    for time, x in ((3.0, 7.0), (1.0, 5.0)):
+        translate.Set(Gf.Vec3d(x, 0, 0), time)
+    assert sp.assemble(scene.load(), {}).placement("a").translation.tolist() == [5.0, 0.0, 0.0]
+
+
 def test_a_joint_written_from_child_to_parent_keeps_its_sign(tmp_path):
     scene = Scene(tmp_path)
     scene.body("/a")

@@ -39,7 +39,8 @@ class Stage:
     metre: float
     kilogram: float
     notices: list[str] = field(default_factory=list)
-    _cache: Any = field(default_factory=UsdGeom.XformCache)
+    _cache: Any = field(
+        default_factory=lambda: UsdGeom.XformCache(Usd.TimeCode.EarliestTime()))
 
     def prims(self, root: Any = None) -> Iterator[Any]:
         """Yield all prims below one, or all, those of instances too."""
