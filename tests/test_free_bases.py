@@ -393,3 +393,18 @@ def test_a_robot_in_the_air_moves_as_a_free_body(tmp_path: Path) -> None:
     heights = [pin.centerOfMass(model, data, q)[2] for q in motion.q]
     fallen = np.array(heights) - heights[0]
     assert fallen == pytest.approx(-0.5 * 9.81 * np.linspace(0.0, 0.1, 5) ** 2, abs=1e-8)
+
+
+def test_limits_and_traces_hold_what_is_named() -> None:
+    fixed, free = sp.load("delta"), sp.load("delta", free_flyer=True)
+    one, *others = fixed.drivers
+    expected = sp.limits(fixed, one)
+    for hold in ("base", ["base", *others]):
+        found = sp.limits(free, one, hold=hold)
+        assert found.lower.value == pytest.approx(expected.lower.value, abs=1e-11)
+        assert found.upper.value == pytest.approx(expected.upper.value, abs=1e-8)  # branches cross
+    curves = [sp.trace(fixed, one, step=0.1),
+              sp.trace(free, one, step=0.1, hold=["base", *others])]
+    assert curves[1].q[:, 7:] == pytest.approx(curves[0].q, abs=1e-9)
+    with pytest.raises(sp.SingularError, match="6 of its freedoms are not prescribed"):
+        sp.limits(free, one, hold=others)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.holding import BASE, Hold
 from spatial_pin.kinematics.joint_limits import (
     Passing,
     falls,
@@ -25,7 +26,7 @@ MOST_TURNS = 100  # turns of a driver whose joints with limits go further with e
 
 
 def within_joint_limits(
-    mechanism: Mechanism, state: State, found: Range, span: float
+    mechanism: Mechanism, state: State, found: Range, span: float, hold: Hold = BASE
 ) -> Range:
     """Return a driver's range as far as no joint is beyond a limit.
 
@@ -34,6 +35,7 @@ def within_joint_limits(
         state: where the driver starts.
         found: its range without joint limits.
         span: a whole turn, or the longest way of a slide.
+        hold: names of what stands still besides.
 
     Raises:
         SpatialPinError: a joint is beyond its limit at the start.
@@ -45,14 +47,14 @@ def within_joint_limits(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {state} is beyond the {start[0].limit.words}; give a "
             "guess within the joint limits (assemble(limits=True) finds one)")
-    lower, upper = (_nearer(mechanism, state, found.driver, bound, sense * span)
+    lower, upper = (_nearer(mechanism, state, found.driver, bound, sense * span, hold)
                     for bound, sense in ((found.lower, -1.0), (found.upper, 1.0)))
     free = found.full_turn and lower == found.lower and upper == found.upper
     return found._replace(lower=lower, upper=upper, full_turn=free)
 
 
 def _nearer(
-    mechanism: Mechanism, state: State, driver: str, bound: Bound, span: float
+    mechanism: Mechanism, state: State, driver: str, bound: Bound, span: float, hold: Hold
 ) -> Bound:
     """Return the first joint limit before a bound, else the bound; spans, turns, one by one."""
     for _ in range(MOST_TURNS):
@@ -61,7 +63,7 @@ def _nearer(
         last = abs(bound.value - start) <= abs(span)
         parts = np.append(np.arange(ROWS - 1.0) / (ROWS - 1), 1.0 - TOWARDS if last else 1.0)
         values = start + parts * ((bound.value if last else end) - start)
-        motion = sweep(mechanism, driver, values, guess=state, on_limit="stop")
+        motion = sweep(mechanism, driver, values, guess=state, hold=hold, on_limit="stop")
         passed = joint_limits_passed(motion)
         if passed:
             side = "upper" if passed[0].limit.side > 0 else "lower"
@@ -81,7 +83,8 @@ def _exactly(motion: Motion, passing: Passing) -> float:
     ends, before = motion.swept[row - 1 : row + 1], motion.state(row - 1)
 
     def room(value: float) -> float:
-        way = sweep(motion.mechanism, motion.driver_name, [ends[0], value], guess=before)
+        way = sweep(motion.mechanism, motion.driver_name, [ends[0], value], guess=before,
+                    hold=motion.held)
         return float(limit.room(way.q[-1]))
 
     return falls(room, *ends.tolist())

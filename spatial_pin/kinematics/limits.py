@@ -14,6 +14,7 @@ from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.crossing import straight_on
 from spatial_pin.kinematics.curve import Curve, CurvePoint
+from spatial_pin.kinematics.holding import BASE, Hold, divided
 from spatial_pin.kinematics.joint_range import within_joint_limits
 from spatial_pin.kinematics.locating import located, room_after, room_ahead
 from spatial_pin.kinematics.motion import Event, Motion
@@ -41,6 +42,7 @@ def limits(
     guess: Mapping[str, Any] | State | Array | None = None,
     *,
     joints: bool = False,
+    hold: Hold = BASE,
 ) -> Range:
     """Find how far a driver can go either way on the branch of a guess.
 
@@ -52,13 +54,14 @@ def limits(
         guess: where to start, as for `assemble`.
         joints: end the range where a joint, the driver's own among them, reaches a limit of the
             URDF: the bound is then of kind "upper limit of" or "lower limit of" that joint.
+        hold: names of what stands still besides, as for `sweep`.
 
     Raises:
         AssemblyError: the guess does not close.
         SingularError: the guess closes in a singular configuration.
         SpatialPinError: with `joints`, the guess closes beyond a joint limit.
     """
-    system, state = _system(mechanism, driver, guess)
+    system, state = _system(mechanism, driver, guess, hold)
     coordinate = system.driven[0]
     start = float(state.q[coordinate.q])
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
@@ -66,7 +69,7 @@ def limits(
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
     found = Range(driver, ends[0], ends[1], coordinate.unit, turns)
-    return within_joint_limits(mechanism, state, found, span) if joints else found
+    return within_joint_limits(mechanism, state, found, span, hold) if joints else found
 
 
 def _bound(
@@ -104,6 +107,7 @@ def trace(
     *,
     step: float = 0.02,
     most_rows: int = 20_000,
+    hold: Hold = BASE,
 ) -> Motion:
     """Follow the curve of closed configurations by arc length, through limits, until it closes.
 
@@ -113,6 +117,7 @@ def trace(
         guess: where to start, as for `assemble`.
         step: arc length from row to row [rad, characteristic lengths].
         most_rows: where to stop in any case.
+        hold: names of what stands still besides, as for `sweep`.
 
     Returns:
         A Motion whose rates are with respect to the arc length; limit positions, and crossings
@@ -125,7 +130,7 @@ def trace(
         SingularError: branches cross and none goes straight on; `.motion` holds what came before.
     """
     step = positive_number(step, "step")
-    system, state = _system(mechanism, driver, guess)
+    system, state = _system(mechanism, driver, guess, hold)
     curve = Curve(system, Accuracy.named("engineering").tolerance)
     first = curve.settle(state.q, _direction(system) / system.scale)
     if first is None:
@@ -160,38 +165,43 @@ def trace(
 
 
 def _system(
-    mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None
+    mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
 ) -> tuple[SquareSystem, State]:
     """Return the square system with `driver` prescribed first, at the assembled guess or near it.
 
     Where the guess is just a dead centre of the driver, a point a little further on is taken.
     """
     state = assembled(mechanism, {}, guess)
-    driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver])]
+    driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]
+    still = divided(mechanism, driven, hold)[1]
     try:
-        return _square(mechanism, driven, state), state
+        return _square(mechanism, driven, state, still), state
     except SingularError as error:
-        beside = _beside(mechanism, driven, state)
+        beside = _beside(mechanism, driven, state, still)
         if beside is None:
             raise error
-    return _square(mechanism, driven, beside), beside
+    return _square(mechanism, driven, beside, still), beside
 
 
-def _square(mechanism: Mechanism, driven: Sequence[Coordinate], state: State) -> SquareSystem:
+def _square(
+    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
+) -> SquareSystem:
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
-    system = SquareSystem(evaluation, driven, state.q)
+    system = SquareSystem(evaluation, driven, state.q, still)
     system.check_regular(state.q)
     return system
 
 
-def _beside(mechanism: Mechanism, driven: Sequence[Coordinate], state: State) -> State | None:
+def _beside(
+    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
+) -> State | None:
     """Return a closed state a little further along the curve, found with another driver."""
     for other in mechanism.coordinate_table.values():
-        if other.q < 0 or other in driven:
+        if other.q < 0 or other in driven or other.v in still:
             continue
         try:
-            system = _square(mechanism, [other, *driven[1:]], state)
+            system = _square(mechanism, [other, *driven[1:]], state, still)
         except SingularError:
             continue
         curve = Curve(system, Accuracy.named("engineering").tolerance)
