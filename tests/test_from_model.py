@@ -449,6 +449,18 @@ def place(model, q, joint):
     return data.oMi[joint].homogeneous
 
 
+def test_wheels_about_any_axis_count_their_turns():
+    model = pin.buildModelFromXML(
+        '<robot name="wheel"><link name="base"/><link name="rim"/><joint name="hub" '
+        'type="continuous"><parent link="base"/><child link="rim"/><axis xyz="0.6 0 0.8"/></joint>'
+        "</robot>")
+    assert (model.nq, model.joints[1].shortname()) == (2, "JointModelRevoluteUnboundedUnaligned")
+    mech = from_model(model)
+    near(place(mech.model, np.array([7.0]), 1), place(model, np.array([np.cos(7), np.sin(7)]), 1),
+         1e-15)
+    assert sp.sweep(mech, "hub", [0.0, 7.0, 20.0]).coordinate("hub").value[-1] == 20.0
+
+
 @pytest.mark.parametrize(("joint", "says"), [
     (pin.JointModelTranslation(), "'pair' is a JointModelTranslation.*three prismatic"),
     (pin.JointModelSphericalZYX(), "'pair' is a JointModelSphericalZYX.*JointModelSpherical"),
