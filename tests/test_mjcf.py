@@ -545,6 +545,17 @@ def test_an_ellipsoid_is_drawn_with_its_own_axes(tmp_path):
 # ---------------------------------------------------------------- files
 
 
+@pytest.mark.parametrize("before", [
+    "<!-- ---- an arm -- as drawn ---- -->", "<!-- <robot/> -->", "<!-- \xfcber -->", "\ufeff",
+    "<?xml version='1.0' encoding='utf-8'?>\n<!-- first -->"])
+def test_what_mujoco_reads_is_read(before, tmp_path):
+    """Comments of all kinds and encodings: MuJoCo is less strict than XML."""
+    path = tmp_path / "arms.xml"
+    coding = "latin-1" if "\xfc" in before else "utf-8"
+    path.write_text(f"{before}<mujoco>{ARMS}</mujoco>", encoding=coding)
+    assert sp.load(path).model.nv == sp.load(written(tmp_path, ARMS)).model.nv
+
+
 def test_an_xml_file_that_is_no_mjcf_is_told_so(tmp_path):
     path = tmp_path / "other.xml"
     path.write_text("<scene/>", encoding="utf-8")

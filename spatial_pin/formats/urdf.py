@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.dialects import Reading, gepetto, read_dialects
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.mechanism.sources import read_text
@@ -15,7 +16,10 @@ def is_urdf(path: Path) -> bool:
     """Return whether a file is one: its name says so, or the name of its root element."""
     if path.suffix.lower() != ".xml":
         return True
-    root = ROOT.match(read_text(path))
+    try:
+        root = ROOT.match(read_text(path))
+    except MechanismFileError:  # in an encoding that other formats may know
+        return False
     return root is not None and root[0].endswith("<robot")
 
 

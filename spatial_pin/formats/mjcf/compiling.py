@@ -7,6 +7,7 @@ model opens without its mesh files, and at once.
 from __future__ import annotations
 
 import contextlib
+import re
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
@@ -19,11 +20,12 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import is_file, read_text, shown
+from spatial_pin.mechanism.sources import check_file, is_file, shown
 from spatial_pin.mechanism.xacro_files import parse_xml
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
 MOST_COPIES = 100_000  # of an element by <replicate> and the like: no mechanism has so many links
+HEAD = 1 << 16  # bytes of a file in which its root element begins
 COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copies
 
 
@@ -120,7 +122,7 @@ def _scanned(path: Path) -> list[Path]:
 def _copies(path: Path, seen: dict[Path, None]) -> float:
     """Return how many copies of elements a file makes, with those that it includes."""
     seen[path] = None
-    total, level = 0.0, [(parse_xml(read_text(path), path), 1.0)]
+    total, level = 0.0, [(element, 1.0) for element in _elements(path)]
     while level:
         deeper = []
         for element, times in level:
@@ -133,6 +135,28 @@ def _copies(path: Path, seen: dict[Path, None]) -> float:
             deeper += [(child, times) for child in element]
         level = deeper
     return total
+
+
+def _elements(path: Path) -> list[ET.Element]:
+    """Return the root element of a file; none where only MuJoCo, less strict, may read it."""
+    text = _text(path)
+    try:
+        return [parse_xml(text, path)]
+    except MechanismFileError:
+        if any(f"<{tag}" in text for tag in COPIES):
+            raise
+        return []
+
+
+def _text(path: Path, most: int = -1) -> str:
+    """Return the first bytes of a file as text without comments, whatever its encoding."""
+    check_file(path)
+    try:
+        with path.open("rb") as stream:
+            text = stream.read(most).decode("utf-8", errors="replace")
+    except OSError as error:
+        raise MechanismFileError(f"{shown(path)}: {error.strerror}") from error
+    return re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL).removeprefix("\ufeff")
 
 
 def _product(text: str) -> float:
@@ -281,8 +305,7 @@ def is_mjcf(path: Path) -> bool:
     if path.suffix.lower() == ".mjcf":
         return True
     try:
-        with path.open("rb") as stream:
-            _, element = next(ET.iterparse(stream, events=("start",)))
-    except (OSError, ET.ParseError, StopIteration, ValueError):
+        head = _text(path, HEAD)
+    except MechanismFileError:
         return False
-    return str(element.tag) == "mujoco"
+    return re.match(r"(\s|<\?.*?\?>|<!DOCTYPE[^>]*>)*<mujoco[\s/>]", head, re.DOTALL) is not None
