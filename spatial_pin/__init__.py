@@ -50,7 +50,7 @@ from spatial_pin.kinematics.motion import Event, FrameMotion, Motion, Output
 from spatial_pin.kinematics.ranges import Range
 from spatial_pin.kinematics.rates import solve_rates
 from spatial_pin.kinematics.sensitivity import Sensitivity, sensitivity
-from spatial_pin.kinematics.state import PointRates, RelativeMotion, State
+from spatial_pin.kinematics.state import Gap, PointRates, RelativeMotion, State
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.kinematics.tolerance import Tolerance, tolerance
 from spatial_pin.kinematics.transmission import Transmission, transmission
@@ -93,6 +93,7 @@ __all__ = [
     "Event",
     "Frame",
     "FrameMotion",
+    "Gap",
     "Grashof",
     "Influence",
     "Jerks",
