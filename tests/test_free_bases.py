@@ -408,3 +408,9 @@ def test_limits_and_traces_hold_what_is_named() -> None:
     assert curves[1].q[:, 7:] == pytest.approx(curves[0].q, abs=1e-9)
     with pytest.raises(sp.SingularError, match="6 of its freedoms are not prescribed"):
         sp.limits(free, one, hold=others)
+
+
+def test_efforts_of_what_floats_are_refused_in_words() -> None:
+    free = sp.load("four_bar", free_flyer=True)
+    with pytest.raises(sp.SpatialPinError, match=r"root_joint floats freely"):
+        sp.inverse_dynamics(free, sp.assemble(free))

@@ -16,6 +16,7 @@ from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
 from spatial_pin.dynamics.saddle import HOLDS
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kinematics.holding import free_bases
 from spatial_pin.kinematics.state import State, moving_in_time
 from spatial_pin.linalg import Array, decompose
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -209,10 +210,14 @@ def _unactuated(
         active = equations.active_among(spare, found)
         names = equations.moving(active)
         example = [*actuation.names, *names[:1]] if missing == 1 else [*actuation.names, "..."]
+        bases = free_bases(equations.mechanism)
+        floats = "".join(f"; {joint} floats freely, and no motor acts there: join what it carries "
+                         "to the ground by closures, or load it without a free base"
+                         for joint in bases)
         raise SpatialPinError(
             f"mechanism {equations.mechanism.name!r}: {missing} "
             f"freedom{'s have' if missing > 1 else ' has'} no actuator; actuate {missing} more of "
-            f"{', '.join(names)}, such as inverse_dynamics(..., actuated={example})"
+            f"{', '.join(names)}, such as inverse_dynamics(..., actuated={example}){floats}"
         )
     return spare, found
 
