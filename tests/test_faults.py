@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 import sys
 import warnings
 from pathlib import Path
@@ -82,7 +84,7 @@ def place(mechanism: sp.Mechanism, **values: float) -> list[float]:
 @pytest.mark.parametrize("hand", [
     inertial(-2.0), inertial(2.0, moments(0.02, -0.03, 0.04)), inertial(2.0, moments(-1, -1, -1)),
 ])
-def test_a_body_below_zero_moves_but_has_no_forces(told, hand):
+def test_a_body_below_zero_moves_but_has_no_forces(told, tmp_path, hand):
     mechanism, text = told(arm(hand))
     assert "link 'hand'" in text and "below zero" in text
     assert place(mechanism, elbow=math.pi / 2) == [2, 1, 0]
@@ -91,9 +93,20 @@ def test_a_body_below_zero_moves_but_has_no_forces(told, hand):
     drive = {"actuated": ["shoulder", "elbow"]}
     for verb in (lambda: sp.inverse_dynamics(mechanism, state, **drive),
                  lambda: sp.forward_dynamics(mechanism, state),
-                 lambda: sp.simulate(mechanism, state, 0.1)):
+                 lambda: sp.simulate(mechanism, state, 0.1),
+                 lambda: sp.export_mjcf(mechanism, tmp_path / "arm.xml")):
         with pytest.raises(sp.SpatialPinError, match=r"link 'hand' .*below zero.*<inertial>"):
             verb()
+
+
+@pytest.mark.parametrize("least", [-1e-20, -0.03])
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_a_body_below_zero_is_copied_sent_and_saved(load, tmp_path, least):
+    mechanism = load(arm(inertial(2.0, moments(least, 0.03, 0.03))))
+    saved = mechanism.save(tmp_path / "saved")
+    for other in (copy.deepcopy(mechanism), pickle.loads(pickle.dumps(mechanism)), sp.load(saved)):
+        assert other.model == mechanism.model and other.inertias == mechanism.inertias
+        assert other.notices == mechanism.notices
 
 
 @pytest.mark.parametrize("tree", [

@@ -23,7 +23,6 @@ from spatial_pin.dynamics.forces import (
     Law,
     external_wrenches,
     generalised,
-    refuse_negative_inertias,
 )
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.native import NativeDynamics, native_of
@@ -44,7 +43,7 @@ from spatial_pin.linalg import (
     full_decomposition,
     independent_rows,
 )
-from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.mechanism.inertia import MassMatrix, refuse_negative_inertias
 from spatial_pin.mechanism.lending import lent
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed

@@ -17,7 +17,7 @@ from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.kinematics.constraints import Evaluation, constraints_of
 from spatial_pin.kinematics.views import joint_jacobian
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.inertia import has_inertia, impossible_inertias
+from spatial_pin.mechanism.inertia import has_inertia
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 
@@ -181,18 +181,6 @@ class Forces:
         wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
         jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
         return (wrench @ jacobian) * line.sign, length, wrench
-
-
-def refuse_negative_inertias(mechanism: Mechanism) -> None:
-    """Refuse to work with a body whose mass, or a moment of inertia, is below zero.
-
-    Raises:
-        SpatialPinError: there is one; names the link.
-    """
-    for link, words in impossible_inertias(mechanism).negative.items():
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
-            "has, so that no forces can be computed; mend its <inertial>")
 
 
 def warn_of_no_inertia(

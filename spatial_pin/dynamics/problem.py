@@ -11,7 +11,7 @@ from scipy.linalg import lapack
 
 from spatial_pin.checks import mapping
 from spatial_pin.dynamics.embedding import Lost
-from spatial_pin.dynamics.forces import Forces, Law, joint_efforts, refuse_negative_inertias
+from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.saddle import Blurred
 from spatial_pin.dynamics.simulation import Energies, Projection
@@ -19,7 +19,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kinematics.constraints import Evaluation
 from spatial_pin.kinematics.state import State
 from spatial_pin.linalg import Array
-from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
+from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix, refuse_negative_inertias
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.linalg import Array
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia |
     rest = rest - mass * np.outer(lever, lever)
     if np.linalg.eigvalsh(rest)[0] < -least:
         return None
-    return inertia_of(mass, length * lever,
+    return inertia_as_given(mass, length * lever,
                       length**2 * (np.trace(rest) * np.eye(3) - rest))
 
 
@@ -85,10 +86,10 @@ def _unit(masses: Iterable[float]) -> float:
 
 
 def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
-    return inertia_of(inertia.mass * factor, inertia.lever, inertia.inertia * factor)
+    return inertia_as_given(inertia.mass * factor, inertia.lever, inertia.inertia * factor)
 
 
-def inertia_of(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
+def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
     """Return an inertia as it is given, which Pinocchio's constructor refuses below zero.
 
     Args:
@@ -123,6 +124,18 @@ def impossible_inertias(mechanism: Mechanism) -> Impossible:
         mechanism.memo["impossible inertias"] = _impossible(mechanism)
     found: Impossible = mechanism.memo["impossible inertias"]
     return found
+
+
+def refuse_negative_inertias(mechanism: Mechanism) -> None:
+    """Refuse to work with a body whose mass, or a moment of inertia, is below zero.
+
+    Raises:
+        SpatialPinError: there is one; names the link.
+    """
+    for link, words in impossible_inertias(mechanism).negative.items():
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
+            "has, so that no forces come of it; mend its <inertial>")
 
 
 def _impossible(mechanism: Mechanism) -> Impossible:

@@ -20,6 +20,7 @@ from spatial_pin.errors import (
     UnknownNameError,
 )
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.lazy import cached_property
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
@@ -289,7 +290,13 @@ class Mechanism:
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
         kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral")}
-        return {**kept, "memo": {}}
+        parts = {name: (x.mass, x.lever, x.inertia) for name, x in self.inertias.items()}
+        return {**kept, "memo": {}, "inertias": parts}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what `__getstate__` gave; Pinocchio's inertias cannot be sent if below zero."""
+        inertias = {name: inertia_as_given(*parts) for name, parts in state["inertias"].items()}
+        self.__dict__.update({**state, "inertias": inertias})
 
     def with_fields(self, **fields: Any) -> Mechanism:
         """Return a copy with other values of some fields; unlike `replace` it reads no mesh."""

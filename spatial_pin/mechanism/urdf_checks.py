@@ -17,7 +17,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.faults import Faults
-from spatial_pin.mechanism.inertia import inertia_of
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.urdf_elements import UNBOUNDED
 
 LIGHTEST = 1e-200  # kg
@@ -179,7 +179,7 @@ def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin
     if not np.all(np.abs(turned) <= 1.0 / LIGHTEST):
         raise MechanismFileError(f"{where}: its moments of inertia are above {1.0 / LIGHTEST:g} "
                                  "kg·m², more than can be worked with")
-    return inertia_of(mass, place.translation, turned)
+    return inertia_as_given(mass, place.translation, turned)
 
 
 def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:

@@ -22,6 +22,7 @@ from spatial_pin.formats.mjcf.tree import WORLD
 from spatial_pin.formats.mjcf.writing import Writing, is_movable, placed
 from spatial_pin.linalg import Array
 from spatial_pin.mechanism.configuration import joint_values, with_values
+from spatial_pin.mechanism.inertia import refuse_negative_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.urdf_elements import numbers_text
 from spatial_pin.outputs import named_path, write_text
@@ -60,6 +61,7 @@ def write_mjcf(mechanism: Mechanism, path: str | Path, q: Array | None = None) -
 
 def mjcf_text(mechanism: Mechanism, q: Array) -> str:
     """Return a mechanism as MJCF text, its key at q (nq,)."""
+    refuse_negative_inertias(mechanism)
     root = ET.Element("mujoco", model=mechanism.name)
     ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     ET.SubElement(root, "option", gravity=numbers_text(mechanism.model.gravity.linear))

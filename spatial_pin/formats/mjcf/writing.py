@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from spatial_pin.formats.urdf_text import unique
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.urdf_elements import numbers_text
 
@@ -113,7 +114,7 @@ class Writing:
             mass = max(LEAST * (sum(x.mass for x in mech.inertias.values()) or 1.0), mass)
             moment = max(mass * (THIN * mech.characteristic_length) ** 2, moment)
         mass = own.mass if own.mass >= LEAST_MOMENT else mass
-        self.inertia(body, pin.Inertia(mass, own.lever, own.inertia + moment * np.eye(3)))
+        self.inertia(body, inertia_as_given(mass, own.lever, own.inertia + moment * np.eye(3)))
 
 
 def possible(moments: Array) -> Array:

@@ -13,6 +13,7 @@ from pxr import Gf, UsdGeom, UsdPhysics
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.usd.stage import Stage, brief_names, rotation_of
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.urdf_checks import LIGHTEST
 from spatial_pin.mechanism.urdf_elements import inertial, numbers_text, origin
 
@@ -215,7 +216,7 @@ def inertia_of(stage: Stage, body: Body, bodies: dict[str, Body]) -> pin.Inertia
     if not np.all(np.abs(matrix) <= 1.0 / LIGHTEST):
         raise MechanismFileError(f"{stage.where}: {body.prim.GetPath()}: its moments of inertia "
                                  "leave the range of numbers")
-    return pin.Inertia(stage.kilogram * mass, at, 0.5 * (matrix + matrix.T))
+    return inertia_as_given(stage.kilogram * mass, at, matrix)
 
 
 def _from_shapes(
