@@ -307,6 +307,27 @@ def test_a_package_lies_where_the_caller_says(load, tmp_path, capsys):
         load(tree, packages=[hall])
 
 
+PLACES = {
+    "ROS_PACKAGE_PATH": "hall", "AMENT_PREFIX_PATH": "share/hall",
+    "an installed package": "cmeel.prefix/share/hall",
+}
+
+
+@pytest.mark.parametrize("how", PLACES)
+def test_a_package_is_found_where_packages_are_installed(load, tmp_path, monkeypatch, how):
+    root = tmp_path / "installed"
+    folder = root / PLACES[how] / "meshes"
+    folder.mkdir(parents=True)
+    (folder / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
+    if how in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        monkeypatch.setenv(how, str(root))
+    else:
+        monkeypatch.syspath_prepend(root)
+    for scheme in ("package://", "package:///", "model://"):
+        mechanism = load(visuals(f'<mesh filename="{scheme}hall/meshes/part.obj"/>'))
+        assert mechanism.notices == () and mechanism.visual_model.ngeoms == 1
+
+
 def test_a_mesh_lies_beside_the_urdf_of_a_folder(tmp_path):
     (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
     tree = arm().replace(link("base"), visuals('<mesh filename="package:///part.obj"/>'))
