@@ -143,14 +143,16 @@ class Projected:
         q, v = self._closed(q, v)
         gamma = self._bias(q, v)[self.selected]
         motions = self._motions()
-        return problem.least(q, v, motions.carried(gamma, v), motions.columns,
-                             problem.given(t, q, v, evaluation)).a
+        found = problem.least(q, v, motions.carried(gamma, v), motions.columns,
+                              problem.given(t, q, v, evaluation))
+        self._kept = tuple(motions.free) if len(found.still) else None
+        return found.a
 
     def _motions(self) -> Motions:
         """Return how coordinates move the others where the evaluation stands.
 
-        The same all along a step: what has no inertia goes on in them as it is, and would go
-        on otherwise in others.
+        What has no inertia goes on in them as it is, and would go on otherwise in others: then the
+        same all along a step.
 
         Raises:
             Lost: the loops lose rank.
@@ -160,7 +162,7 @@ class Projected:
         for free in dict.fromkeys((self._kept, None)):
             motions = Motions(rows, self.scale, evaluation.closure_error, free)
             if motions.pivot >= SINGULAR:
-                self._kept, self._worn = tuple(motions.free), motions.pivot < WORN
+                self._worn = motions.pivot < WORN
                 return motions
         raise Lost
 
