@@ -182,6 +182,16 @@ def stretched(error):
                         [0.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("crank", [1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 1e-7])
+def test_cranks_that_are_next_to_nothing_are_no_rounding(crank):
+    """A parallelogram whose cranks are so short that its equations nearly depend on each other."""
+    steps = [rounded.step(x) for x in (crank, 1.0, crank, 1.0)]
+    mechanism = rounded.loop(steps, [1.3, 1.9, 1.2], seed=1)
+    state = sp.assemble(mechanism, {"h0": 1.2})
+    assert state.gap == 0.0 and state.mechanism is mechanism
+    assert state.closure_error < 1e-12
+
+
 # ------------------------------------------------------------ moving
 
 

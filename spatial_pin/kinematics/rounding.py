@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from spatial_pin.kinematics.motion import Motion
 
 WIDE = 10.0  # singular values of equations that rounding opens by a gap are below so many gaps
-SOFT = 1e-5  # singular values of loops that close, above which short levers make them, not rounding
+SOFT = 1e-5  # singular values, columns alike, of loops that close, above which none are rounding
 EVERY = 4  # configurations, from one of which it is seen whether all equations can be closed
 CLEAR = 3.0  # cuts, above which all singular values are where a mechanism is regular
 LOOKED_AT = 48  # configurations on the way, of which half must be reached
@@ -57,11 +57,20 @@ OPEN = 1e-11  # closure error that is more than round-off
 
 
 class Sample(NamedTuple):
-    """A configuration closed as well as it can be: its closure rows' Jacobian, and their error."""
+    """A configuration closed as well as it can be.
+
+    Attributes:
+        q: the configuration (nq,).
+        jacobian: of the closure rows there.
+        s: its singular values.
+        even: those with all its columns made alike.
+        error: closure error.
+    """
 
     q: Array
     jacobian: Array
     s: Array
+    even: Array
     error: float
 
 
@@ -83,7 +92,7 @@ def may_be_rounded(evaluation: Evaluation, gap: float) -> bool:
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows]
     if not jacobian.size or not gap:
         return False
-    s = singular_values(jacobian)
+    s = _even(jacobian)
     return bool(np.any((s > RANK_TOLERANCE * s[0]) & (s < min(gap, SOFT) * s[0])))
 
 
@@ -195,7 +204,8 @@ def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:
     opened = max(x.error for x in samples)
     if (soft <= RANK_TOLERANCE and opened <= OPEN) or soft >= cut:
         return None
-    if soft > SOFT and any(_closes(evaluation, x.q) for x in samples[::EVERY]):
+    softest = max(float(x.even[rank:].max(initial=0.0)) / x.even[0] for x in samples)
+    if softest > SOFT and any(_closes(evaluation, x.q) for x in samples[::EVERY]):
         return None
     mechanism = evaluation.mechanism
     kept = (_independent(mechanism, samples, rank) if rank else
@@ -209,6 +219,15 @@ def _closes(evaluation: Evaluation, q: Array) -> bool:
     return close(evaluation, q, np.ones(evaluation.model.nv, dtype=bool), OPEN)[1] <= OPEN
 
 
+def _even(jacobian: Array) -> Array:
+    """Return the singular values of a Jacobian with columns made alike: short levers are none then.
+
+    What rounding makes of equations stays as small.
+    """
+    sizes = np.linalg.norm(jacobian, axis=0)
+    return singular_values(jacobian / np.where(sizes > RANK_TOLERANCE, sizes, 1.0))
+
+
 def _rank(s: Array, cut: float) -> int:
     return int(np.count_nonzero(s > cut * s[0])) if s.size else 0
 
@@ -220,7 +239,7 @@ def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample 
     if error > gap or evaluation.mirrored():
         return None
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
-    return Sample(q, jacobian, singular_values(jacobian), error)
+    return Sample(q, jacobian, singular_values(jacobian), _even(jacobian), error)
 
 
 def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Sample]:
