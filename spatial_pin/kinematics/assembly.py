@@ -41,6 +41,7 @@ OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
 STILL = 1e-9  # a driver that has gone no further [rad, characteristic lengths] has not gone
 LIGHT = 1e-3  # weight of the motion of drivers against open loops, where limits are looked for
 ROUND_OFF = 4.0 * EPS  # of a coordinate, by its size
+FEW_STARTS = 4  # of drivers that stand, where they need go a little only for the loops to close
 MORE_STARTS = 8  # starts after the first success, to find the branch nearest to the guess
 FAR = 10.0  # characteristic lengths; a length named beyond them may be that of another size
 BESIDE = 0.05  # rad, characteristic lengths; drivers that go no further are just out of reach
@@ -349,7 +350,7 @@ class _Search:
         gone = _gone(self.mechanism, there, self.standing)
         sizes = self.mechanism.velocity_scale
         far = max((abs(by) / sizes[table[name].v] for name, by in gone.items()), default=0.0)
-        return MORE_STARTS if far < BESIDE else MAX_STARTS
+        return FEW_STARTS if far < BESIDE else MAX_STARTS
 
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
