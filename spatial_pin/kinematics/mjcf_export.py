@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from spatial_pin.errors import AssemblyError, warn
-from spatial_pin.formats.mjcf.export import write_mjcf
 from spatial_pin.kinematics.assembly import assemble
 from spatial_pin.kinematics.state import State
 from spatial_pin.mechanism.configuration import needed
@@ -33,6 +32,8 @@ def export_mjcf(mechanism: Mechanism, path: str | Path, state: State | None = No
         ClosureTypeError: MuJoCo has no equality that is exactly one of its closures.
         SpatialPinError: something else has no counterpart, or the file cannot be written.
     """
+    from spatial_pin.formats.mjcf.export import write_mjcf  # when something is exported
+
     needed(mechanism)
     if state is not None:
         return write_mjcf(mechanism, path, state.q)
