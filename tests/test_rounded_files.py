@@ -301,3 +301,25 @@ def test_simulations_keep_their_energy_and_follow_the_exact_one(name):
     assert found.energy_drift < 1e-9
     assert np.abs(found.q - meant.q).max() < 100.0 * size
     assert max(found.state(k).gap for k in range(11)) < 20.0 * size
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_limits_and_settings_of_a_rounded_four_bar_are_those_of_the_exact_one():
+    exact, found = (rounded.exported("four_bar", rounding)
+                    for rounding in (rounded.exactly, rounded.to_digits(6)))
+    wanted, ends = (sp.limits(m, "rocker_pin") for m in (exact, found))
+    assert [e.kind for e in (ends.lower, ends.upper)] == ["limit", "limit"]
+    np.testing.assert_allclose([ends.lower.value, ends.upper.value],
+                               [wanted.lower.value, wanted.upper.value], rtol=0.0, atol=1e-5)
+    curve = sp.trace(found, "rocker_pin", step=0.1)
+    assert curve.closure_error.max() < 1e-12 and curve.mechanism.whole is found
+    task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 5)}
+    assert sp.tradeoff(found, task, settings=[sp.Accuracy()], repeats=1).rows[0].error < 1e-9
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_what_rounded_numbers_cannot_have_is_refused_in_words():
+    mechanism = rounded.exported("four_bar", rounded.to_digits(6))
+    state = sp.assemble(mechanism, {"crank": 0.5})
+    with pytest.raises(sp.SpatialPinError, match=r"numbers are rounded .* write more digits"):
+        sp.dynamics_derivatives(mechanism, state)

@@ -16,6 +16,7 @@ from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kinematics.assembly import assembled
 from spatial_pin.kinematics.motion import Motion
 from spatial_pin.kinematics.rates import driven_coordinates, prescribed_at
+from spatial_pin.kinematics.rounding import as_meant
 from spatial_pin.kinematics.state import State, of_mechanism
 from spatial_pin.kinematics.sweep import sweep
 from spatial_pin.kinematics.usual import usual_motion
@@ -118,6 +119,7 @@ def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None)
         UnknownNameError: the task has an argument that neither verb has.
     """
     needed(mechanism)
+    mechanism = as_meant(mechanism, Accuracy().gap)
     if task is None:
         task = "sweep"
     if isinstance(task, str):

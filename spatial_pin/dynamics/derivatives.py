@@ -25,7 +25,7 @@ from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
 from spatial_pin.dynamics.reaction_derivatives import Changes, Linear, ReactionChanges
 from spatial_pin.dynamics.row_derivatives import Rates, Rows
 from spatial_pin.dynamics.saddle import SINGULAR, SaddlePoint
-from spatial_pin.errors import SingularError
+from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kinematics.jacobians import closure_jacobian
 from spatial_pin.kinematics.split import split_of
 from spatial_pin.kinematics.state import State, moving_in_time
@@ -127,10 +127,16 @@ def dynamics_derivatives(
 
     Raises:
         SingularError: as `forward_dynamics`.
+        SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`.
         UnknownNameError: a name does not exist.
     """
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism
+    if mechanism.whole is not None:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: its file's numbers are rounded (state.gap is "
+            f"{float(state.gap):.1e}), and derivatives of dynamics are made for exact ones only: "
+            "write more digits into the file")
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)

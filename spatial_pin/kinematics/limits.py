@@ -69,7 +69,7 @@ def limits(
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
     found = Range(driver, ends[0], ends[1], coordinate.unit, turns)
-    return within_joint_limits(mechanism, state, found, span, hold) if joints else found
+    return within_joint_limits(state.mechanism, state, found, span, hold) if joints else found
 
 
 def _bound(
@@ -136,7 +136,7 @@ def trace(
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)
-    rows = _TracedRows(curve, driver, mechanism)
+    rows = _TracedRows(curve, driver, state.mechanism)
     rows.add(first)
     rows.room = room_ahead(curve, first)
     point = first
@@ -172,6 +172,7 @@ def _system(
     Where the guess is just a dead centre of the driver, a point a little further on is taken.
     """
     state = assembled(mechanism, {}, guess)
+    mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
     driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]
     still = divided(mechanism, driven, hold)[1]
     try:
