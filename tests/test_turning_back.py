@@ -11,6 +11,7 @@ from spatial_pin.dynamics.freedoms import Freedoms
 from spatial_pin.dynamics.one_freedom import OneFreedom
 from spatial_pin.dynamics.problem import Problem
 from spatial_pin.dynamics.simulate import _independent
+from spatial_pin.kinematics.branch import Branch
 
 
 def rod(mass, length):
@@ -125,3 +126,16 @@ def test_a_table_goes_to_the_limit_itself(tmp_path, gap):
     assert table.reduced(angle)[0] == pytest.approx(inertia, rel=1e-13 / gap)
     values = table.columns_at(angle)
     assert values[table.columns.reduced][0] == pytest.approx(inertia, rel=1e-13 / gap)
+
+
+@pytest.mark.parametrize("first", [0.0, 5e-324, 1e-300, 1e-20])
+def test_a_step_of_nothing_tells_nothing_of_the_next(first):
+    """Change of curvature over no way at all is no third derivative."""
+    mechanism = sp.load("rssr")
+    branch = Branch(sp.assemble(mechanism, {"crank": 0.0}), [mechanism.coordinate("crank")],
+                    sp.Accuracy(order=3))
+    for value in (first, 0.01, 0.02):
+        assert branch.step(value)
+    exact = sp.assemble(mechanism, {"crank": 0.02})
+    rocker = mechanism.coordinate("rocker_pin").q
+    assert branch.q[rocker] == pytest.approx(exact.q[rocker], abs=1e-12)

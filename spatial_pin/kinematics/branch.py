@@ -36,6 +36,7 @@ MOST_STRETCHES = 1e4  # a value farther away is not followed to in one row
 HALVINGS = 8  # halvings of a step before the path is followed by arc length
 BENT_HALVINGS = 48  # the same where it cannot be: a component of a ball or floating joint drives
 UNBOUND = 300.0  # speed of a joint by the driver's at which the driver has come to its limit
+TELLING = 1e3  # lengths of the last step, in which its change of curvature is more than round-off
 NEAR_SINGULAR = 1e-5  # smallest over largest pivot below which arc length has the better view
 NEARER = 0.75  # part of the way to where the pivots would vanish that one step may go
 ROOMY = math.inf, math.inf  # down and up to where the pivots would vanish, before that is known
@@ -177,12 +178,15 @@ class Branch:
             step += (0.5 * h * h) * self.c
         if order == 3 and self._previous is not None:
             span, c = self._previous
-            step += (h * h * h / (6.0 * span)) * (self.c - c)
+            if abs(h) < TELLING * abs(span):
+                step += (h * h * h / (6.0 * span)) * (self.c - c)
         return step
 
     def step(self, target: float) -> bool:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
+        if not h:
+            return True
         if not abs(h) < FARTHEST:
             return False
         step = self.predict(h)
