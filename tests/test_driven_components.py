@@ -6,6 +6,7 @@ import pytest
 from mechanisms import closure, driver, floating, guess, load, point, refine, tilted, turning
 
 import spatial_pin as sp
+from spatial_pin.mechanism.configuration import rotation_vector
 
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -170,3 +171,12 @@ def test_a_whole_ball_is_no_driver(folder):
         sp.sweep(mechanism, "ball.x", [0.0, 1.0])
     with pytest.raises(sp.SpatialPinError, match="several coordinates"):
         sp.sweep(swung(folder), "ball", [0.0, 1.0])
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1.0, 3.0, 3.05, 3.1, np.pi - 1e-9])
+def test_a_rotation_vector_keeps_its_digits_near_half_a_turn(angle):
+    """The logarithm of the matrix would lose three of them there."""
+    for sense in (1.0, -1.0):
+        axis = np.array([0.48, -0.6, 0.64])
+        quaternion = sense * np.append(np.sin(angle / 2) * axis, np.cos(angle / 2))
+        np.testing.assert_allclose(rotation_vector(quaternion), angle * axis, rtol=0.0, atol=1e-15)

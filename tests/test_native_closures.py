@@ -10,6 +10,12 @@ from spatial_pin.linalg import null_space
 from spatial_pin.mechanism.pairs import PAIRS
 
 
+@pytest.fixture(autouse=True)
+def _the_same_numbers_in_any_order():
+    pin.seed(1)
+
+
+
 def is_native(name):
     try:
         return bool(sp.load(name).constraint_models())

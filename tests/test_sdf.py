@@ -10,6 +10,12 @@ import pytest
 
 import spatial_pin as sp
 
+
+@pytest.fixture(autouse=True)
+def _the_same_numbers_in_any_order():
+    pin.seed(1)
+
+
 CASSIE = Path(__file__).parent / "data" / "cassie_sdf"
 ANY = "ignore::spatial_pin.errors.SpatialPinWarning"
 quiet = pytest.mark.filterwarnings(ANY)

@@ -185,10 +185,9 @@ class Branch:
     def step(self, target: float) -> bool:
         """Move to the driver value `target` in one step; False, and nothing changed, if unsafe."""
         h = target - self.s
-        if not h:
-            return True
-        if not abs(h) < FARTHEST:
-            return False
+        return not h or (abs(h) < FARTHEST and self._step(h, target))
+
+    def _step(self, h: float, target: float) -> bool:
         step = self.predict(h)
         scaled = step / self.scale
         size = math.sqrt(scaled.dot(scaled))

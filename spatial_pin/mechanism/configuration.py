@@ -8,6 +8,7 @@ B = (1 - cos t)/t^2, C = (t - sin t)/t^3, t = |phi| [Chirikjian2011, 10.86].
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -123,8 +124,7 @@ def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
     at, n = mechanism.model.idx_qs[i], mechanism.model.nqs[i]
     if PAIRS[mechanism.pairs[i - 1]].is_linear:
         return q[at : at + n].copy()
-    phi = pin.log3(pin.Quaternion(q[at + n - 4 : at + n]).matrix())
-    return np.concatenate([q[at : at + n - 4], phi])
+    return np.concatenate([q[at : at + n - 4], rotation_vector(q[at + n - 4 : at + n])])
 
 
 def coordinate_rates(
@@ -191,6 +191,17 @@ def _floating_translation(
     rate = rotation.apply(v[:, :3].copy())
     acceleration = rotation.apply(a[:, :3] + np.cross(v[:, 3:], v[:, :3]))
     return CoordinateRates(x[:, k].copy(), rate[:, k], acceleration[:, k])
+
+
+def rotation_vector(quaternion: Array) -> Array:
+    """Return the rotation vector (3,), of length up to pi, of a quaternion (4,).
+
+    To the last digits near half a turn too, where `pin.log3` of the matrix loses three.
+    """
+    v, w = quaternion[:3], float(quaternion[3])
+    sine = float(np.linalg.norm(v))
+    factor = 2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0
+    return math.copysign(factor, w) * v
 
 
 def rotation_vectors(quaternions: Array) -> Array:
