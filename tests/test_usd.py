@@ -423,13 +423,19 @@ def test_distances_that_are_held_are_closures_and_bounds_are_left_out(tmp_path):
         assert scene.load().closures == ()
 
 
-@quiet
-def test_a_mimic_is_a_coupling(tmp_path):
-    scene = Scene(tmp_path)
+def two_hinges(folder):
+    """Two bodies on hinges `i` and `j`; return the scene and the prim of the second hinge."""
+    scene = Scene(folder)
     scene.body("/a")
     scene.body("/b")
     scene.joint("RevoluteJoint", "/i", None, "/a")
     prim = scene.joint("RevoluteJoint", "/j", None, "/b").GetPrim()
+    return scene, prim
+
+
+@quiet
+def test_a_mimic_is_a_coupling(tmp_path):
+    scene, prim = two_hinges(tmp_path)
     prim.AddAppliedSchema("PhysxMimicJointAPI:rotZ")
     for name, value in (("gearing", 2.0), ("offset", 30.0)):
         prim.CreateAttribute(f"physxMimicJoint:rotZ:{name}", Sdf.ValueTypeNames.Float).Set(value)
@@ -479,11 +485,7 @@ def test_joints_of_mujoco_between_two_bodies_are_in_series(tmp_path):
 
 @quiet
 def test_a_coupling_of_mujoco_counts_in_radians(tmp_path):
-    scene = Scene(tmp_path)
-    scene.body("/a")
-    scene.body("/b")
-    scene.joint("RevoluteJoint", "/i", None, "/a")
-    prim = scene.joint("RevoluteJoint", "/j", None, "/b").GetPrim()
+    scene, prim = two_hinges(tmp_path)
     prim.AddAppliedSchema("MjcEqualityJointAPI")
     for name, value in (("mjc:coef0", 0.5), ("mjc:coef1", 1.5)):
         prim.CreateAttribute(name, Sdf.ValueTypeNames.Double).Set(value)
@@ -494,11 +496,7 @@ def test_a_coupling_of_mujoco_counts_in_radians(tmp_path):
 
 @quiet
 def test_a_mimic_of_newton_counts_the_other_way(tmp_path):
-    scene = Scene(tmp_path)
-    scene.body("/a")
-    scene.body("/b")
-    scene.joint("RevoluteJoint", "/i", None, "/a")
-    prim = scene.joint("RevoluteJoint", "/j", None, "/b").GetPrim()
+    scene, prim = two_hinges(tmp_path)
     prim.AddAppliedSchema("NewtonMimicAPI")
     prim.AddAppliedSchema("MjcEqualityJointAPI")
     for name, value in (("newton:mimicCoef0", 30.0), ("newton:mimicCoef1", 2.0)):

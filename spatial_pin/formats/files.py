@@ -186,10 +186,7 @@ def _imported(imported: Imported, request: Request) -> Mechanism:
         faults.note(notice)
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    text = _floated(imported.urdf, path, content) if request.free_flyer else imported.urdf
-    made = _of_table(_Table(content, str(path)), path, text, request, faults)
-    _tell(path, faults)
-    return made
+    return _told(content, path, imported.urdf, request, faults)
 
 
 def _load_toml(request: Request) -> Mechanism:
@@ -206,9 +203,16 @@ def _load_toml(request: Request) -> Mechanism:
     content, left_out = merged(top.content, tree.content)
     for notice in (*tree.notices, *left_out):
         faults.note(notice)
-    text = _floated(tree.urdf, file, content) if request.free_flyer else tree.urdf
-    made = _of_table(_Table(content, str(path)), file, text, request, faults)
-    _tell(path, faults)
+    return _told(content, file, tree.urdf, request, faults)
+
+
+def _told(
+    content: dict[str, Any], file: Path, urdf: str, request: Request, faults: Faults
+) -> Mechanism:
+    """Return the mechanism of a file's content and the tree of `file`; its faults are told."""
+    text = _floated(urdf, file, content) if request.free_flyer else urdf
+    made = _of_table(_Table(content, str(request.path)), file, text, request, faults)
+    _tell(request.path, faults)
     return made
 
 

@@ -32,11 +32,11 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
     """
     if robot.tag != "robot":
         raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
-    links = _names(robot.findall("link"), "link", path)
+    links = by_name(robot.findall("link"), "link", path)
     if not links:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
-    names = _names(joints, "joint", path)
+    names = by_name(joints, "joint", path)
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -76,13 +76,20 @@ def _free(name: str, taken: Container[str]) -> str:
     return name
 
 
-def _names(elements: list[ET.Element], kind: str, path: Path) -> dict[str, ET.Element]:
+def by_name(
+    elements: list[ET.Element], kind: str, where: Path | str
+) -> dict[str, ET.Element]:
+    """Return elements by their names.
+
+    Raises:
+        MechanismFileError: one has no name, or two have the same.
+    """
     names: dict[str, ET.Element] = {}
     for element in elements:
         name = element.get("name", "")
         if not name or name in names:
             what = f"two {kind}s are named {name!r}" if name else f"a <{kind}> has no name"
-            raise MechanismFileError(f"{path}: {what}")
+            raise MechanismFileError(f"{where}: {what}")
         names[name] = element
     return names
 

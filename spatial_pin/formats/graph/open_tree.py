@@ -16,6 +16,7 @@ from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
 from spatial_pin.formats.graph.posture import coordinates_at
 from spatial_pin.formats.graph.spanning import SpanningTree, span
 from spatial_pin.formats.imported import Imported
+from spatial_pin.formats.urdf_text import unique
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.urdf_elements import finite_text, joint_element, numbers_text
 
@@ -242,12 +243,8 @@ class _Writer:
 
     def closure_name(self, joint: str) -> str:
         """Return the joint's name, or another where a closure has that already."""
-        known = {table.get("name") for table in self.given.get("closures", ())
-                 if isinstance(table, dict)}
-        name, k = joint, 2
-        while name in known:
-            name, k = f"{joint}_{k}", k + 1
-        return name
+        return unique(joint, [table.get("name", "") for table in self.given.get("closures", ())
+                              if isinstance(table, dict)])
 
     def redundant(self, joint: Joint, one: pin.SE3, two: pin.SE3) -> None:
         """Tell of a joint between links that are fixed to each other.

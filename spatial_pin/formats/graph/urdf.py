@@ -21,7 +21,7 @@ from spatial_pin.mechanism.urdf import (
     JointRefinement,
     joint_axes,
 )
-from spatial_pin.mechanism.urdf_checks import check_joint, numbers
+from spatial_pin.mechanism.urdf_checks import check_joint, end_of, numbers
 from spatial_pin.mechanism.xacro_files import parse_urdf
 
 LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
@@ -70,7 +70,7 @@ def _has_loop(robot: ET.Element) -> bool:
     """Whether joints that join two links each form a loop."""
     links = [link.get("name", "") for link in robot.findall("link")]
     names = [joint.get("name", "") for joint in robot.findall("joint")]
-    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
+    ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in robot.findall("joint")]
     known = set(links)
     if robot.tag != "robot" or len(known) < len(links) or len(set(names)) < len(names) or any(
             parent == child or not {parent, child} <= known for parent, child in ends):
@@ -94,18 +94,13 @@ def _has_loop(robot: ET.Element) -> bool:
     return False
 
 
-def _end(joint: ET.Element, role: str) -> str:
-    element = joint.find(role)
-    return element.get("link", "") if element is not None else ""
-
-
 def _joint(element: ET.Element, pair: str, refined: JointRefinement | None, where: str) -> Joint:
     place = element.find("origin")
     xyz, rpy = (numbers(place, key, 3, where) if place is not None and key in place.attrib
                 else np.zeros(3) for key in ("xyz", "rpy"))
     axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
     joint = Joint(
-        element.get("name", ""), pair, _end(element, "parent"), _end(element, "child"),
+        element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
         pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz), axis=axis, axis2=axis2,
         lead=refined.lead if refined else 0.0, element=element, **_resistance(element, refined))
     limit = element.find("limit")

@@ -13,6 +13,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import WORLD
 from spatial_pin.linalg import Array
+from spatial_pin.mechanism.urdf_checks import by_name
 
 MODEL = "__model__"  # a model's own frame
 WORLDS = ("world",)
@@ -171,11 +172,4 @@ def children(element: ET.Element, tag: str, where: str) -> Mapping[str, ET.Eleme
     Raises:
         MechanismFileError: one has no name, or two have the same.
     """
-    found: dict[str, ET.Element] = {}
-    for child in element.findall(tag):
-        name = child.get("name", "")
-        if not name or name in found:
-            what = f"two {tag}s are named {name!r}" if name else f"a <{tag}> has no name"
-            raise MechanismFileError(f"{where}: {what}")
-        found[name] = child
-    return found
+    return by_name(element.findall(tag), tag, where)
