@@ -1,0 +1,167 @@
+/* The compiled kernel: a mechanism as flat arrays, and what is worked out on them.
+ *
+ * A mechanism is a tree of joints (tree.c) and closure equations on it (equations.c). Joint axes
+ * are the local z axes: whoever packs the mechanism turns the joint frames once. Rotations are
+ * stored by columns. Equations are numbered as in Python: the closure equations first, then the
+ * idle rotations (a link's rotation about its own axis that moves nothing else).
+ *
+ * One Kernel belongs to one thread at a time. Nothing is shared between two of them, nothing is
+ * allocated after creation but by what says so, and every function returns a code, never aborts.
+ */
+#ifndef SPATIAL_PIN_KERNEL_H
+#define SPATIAL_PIN_KERNEL_H
+
+#include <stddef.h>
+
+#include "vectors.h"
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+#define PI 3.14159265358979323846
+
+/* Why a function ended. */
+enum Code {
+    DONE = 0,
+    BAD_ARRAYS = 1,   /* sizes or indices that do not fit together */
+    NO_MEMORY = 2,
+    SINGULAR = 3,     /* the square system has no solution: a pivot vanishes */
+    NOT_CONVERGED = 4,
+    UNSAFE = 5,       /* a step that could lead to another branch */
+    NOT_FINITE = 6
+};
+
+enum JointKind { TURN = 1, SLIDE = 2, SCREW = 3, BALL = 4, FREE = 5 };
+
+/* Kinds of equations, one entry each in the table of equations.c. */
+enum EquationKind {
+    PRODUCT = 0,    /* product of two vectors */
+    SCREW_ANGLE = 1, /* product less pitch times an angle that counts turns */
+    DIFFERENCE = 2, /* difference of two products: two distances */
+    COUPLING = 3,   /* b - ratio * a - offset of two joint coordinates */
+    IDLE = 4,       /* angular velocity of a link about a line fixed in it */
+    N_EQUATION_KINDS = 5
+};
+
+/* A square matrix with a fixed pattern, factored as L U with an order of pivots chosen once. */
+typedef struct SparseLU SparseLU;
+
+typedef struct Kernel {
+    /* ---- the tree: joint 0 is the ground, parents come before children ---- */
+    Int n_joints, nq, nv;
+    const Int *kind, *parent, *iq, *iv; /* per joint; iq, iv: first entry in q and v */
+    const Int *plain;                   /* whether the fixed rotation is the identity */
+    const Real *rotation;               /* (9) placement in the parent at q = 0 */
+    const Real *translation;            /* (3) */
+    const Real *pitch;                  /* travel per radian of a screw; 1 of a slide */
+    const Real *mass, *com, *inertia;   /* inertia (9) about the centre of mass */
+    const Real *gravity;                /* (3) */
+    const Real *scale;                  /* (nv) size of each velocity; solved-for ones are v / scale */
+
+    /* ---- vectors fixed in bodies: world value R local + flag * p ---- */
+    Int n_vectors;
+    const Int *vector_body, *vector_flag;
+    const Real *vector_local;
+
+    /* ---- products A . B - constant, A = sum of terms; derivative from X and the sign of
+       each freedom that moves one body relative to the other ---- */
+    Int n_products;
+    const Int *a_term, *b_term;      /* (2) vectors, -1: none */
+    const Int *x_term;               /* (1) */
+    const Real *a_factor, *b_factor; /* (2) */
+    const Real *x_factor;            /* (1) */
+    const Real *constant, *force;    /* force: factor of B in the force of the product */
+    const Int *support_start;        /* (n_products + 1) into the two below */
+    const Int *support_v;
+    const Real *support_sign;        /* times scale */
+
+    /* ---- equations: kind and what it is made of ---- */
+    Int n_closure, n_idle, n_equations; /* n_equations = n_closure + n_idle */
+    Int n_angles;
+    const Int *equation_kind;
+    const Int *equation_int;   /* (4) see the table in equations.c */
+    const Real *equation_real; /* (3) */
+    const Int *entry_start;    /* (n_equations + 1) pattern of the Jacobian, rows */
+    const Int *entry_v;        /* ascending within a row */
+
+    /* ---- the last evaluation ---- */
+    Real *q;                        /* (nq) where it was */
+    Real *R, *p;                    /* (9), (3) placement of each joint in the world */
+    Real *linear, *angular;         /* (3) columns of the joint Jacobian about the world origin */
+    Real *vector;                   /* (3) of each vector; points relative to the world origin */
+    Real *A, *B;                    /* (3) of each product */
+    Real *value;                    /* of each product */
+    Real *residual;                 /* (n_closure) */
+    Real *angle, *turns;            /* (n_angles) angles count turns from `turns` */
+    Real *entry;                    /* Jacobian with respect to v / scale, in the pattern's order */
+    Real *omega, *velocity;         /* (3) of each joint's body and origin, world axes */
+    Real *alpha, *acceleration;     /* (3) classical accelerations */
+    Real *bias;                     /* (n_equations) second derivatives at zero joint acceleration */
+    Real *product_rate, *product_bias;
+    Real *vector_rate, *vector_bias;
+    Real *row;                      /* (nv) scratch, zero between uses */
+
+    /* ---- the square system: chosen equations, idle rotations, driven freedoms, filled rows ---- */
+    Int n_chosen, n_driven, n_fill;
+    Int *chosen, *driven; /* equations; freedoms in v */
+    Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
+    SparseLU *lu;
+    Real sign;            /* of the determinant of the last factorisation */
+    Real pivot_ratio;     /* smallest over largest pivot of it */
+    Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
+    Int exponent;
+    Real *right, *scratch_q, *scratch_v;
+
+    Int evaluations, factorisations; /* counted since creation */
+    void **owned; /* memory to be freed */
+    Int n_owned, owned_room;
+} Kernel;
+
+/* ---- model.c ---- */
+EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
+EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
+EXPORT void kernel_destroy(Kernel *k);
+void *kernel_memory(Kernel *k, Int count, size_t size); /* zeroed, freed with k; NULL if none left */
+
+/* ---- tree.c ---- */
+void tree_place(Kernel *k, const Real *q);   /* R, p */
+void tree_columns(Kernel *k);                /* linear, angular, after tree_place */
+void tree_rates(Kernel *k, const Real *v, const Real *a); /* omega ... acceleration; a may be NULL */
+void tree_integrate(const Kernel *k, Real *q, const Real *step);   /* as pin.integrate */
+void tree_normalize(const Kernel *k, Real *q);
+/* first and second derivatives of the entries of q at joint rates v and accelerations a */
+void tree_entry_rates(const Kernel *k, const Real *q, const Real *v, const Real *a, Real *first,
+                      Real *second);
+static inline int joint_nv(Int kind) { return kind == FREE ? 6 : kind == BALL ? 3 : 1; }
+static inline int joint_nq(Int kind) { return kind == FREE ? 7 : kind == BALL ? 4 : 1; }
+
+/* ---- equations.c ---- */
+void equations_values(Kernel *k, const Real *q); /* placements, vectors, products, residual, angle */
+void equations_jacobian(Kernel *k);              /* entry, after equations_values */
+void equations_bias(Kernel *k, const Real *v);   /* bias, after equations_jacobian */
+Real equations_error(const Kernel *k);           /* largest absolute residual */
+
+/* ---- system.c ---- */
+/* Equations to be solved, freedoms that are driven, and rows that fill the system up.
+   n_chosen + n_idle + n_driven + n_fill must be nv. */
+EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
+                      const Real *fill, Int n_fill);
+int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
+void system_solve(const Kernel *k, Real *x); /* right sides of chosen, idle, driven, fill -> v / scale */
+int system_reselect(Kernel *k);          /* other independent equations, as many; SINGULAR if none */
+/* dq/ds and d2q/ds2 (joint rates) for the first driven freedom s, at a factored point */
+void system_path_rates(Kernel *k, Real *first, Real *second);
+
+/* ---- sparse_lu.c ---- */
+SparseLU *lu_new(void);
+void lu_free(SparseLU *lu);
+/* Entries (row[i], column[i]) of an n x n matrix; chooses the order by `value`. */
+int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
+               const Real *value);
+int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
+void lu_solve(const SparseLU *lu, const Real *right, Real *x); /* right and x may not be the same */
+
+#endif
