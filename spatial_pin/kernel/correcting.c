@@ -1,0 +1,87 @@
+/* Newton's method near a path of closed configurations.
+ *
+ * K x = -r with K the square system and r the residual of the chosen equations, 0 for all other
+ * rows: what is driven stands, idle rotations and filled rows have no part in x. One test tells
+ * a correction from a jump to something else: the first is small beside the prediction, and every
+ * other is much smaller than the one before. */
+#include "correcting.h"
+
+#define MOST 6           /* corrections; four square a tenth down to round-off */
+#define CONTRACTION 0.25 /* of two corrections: where Kantorovich's condition h <= 1/2 holds, the
+                            second is at most h / 2 of the first */
+#define ROUND_OFF 1e-14  /* a correction after which there is no closer */
+#define LEAST 1e-13      /* smaller corrections contract no more: they are round-off */
+#define NOISE 1e-9       /* first corrections as small are allowed whatever the prediction */
+
+Real chosen_residual(const Kernel *k)
+{
+    Real largest = 0.0;
+    for (Int i = 0; i < k->n_chosen; i++) {
+        const Real size = fabs(k->residual[k->chosen[i]]);
+        if (!(size <= largest))
+            largest = size; /* NaN too */
+    }
+    return largest;
+}
+
+/* Solve for the correction: k->scratch_v becomes joint displacements. Returns its scaled size. */
+static Real solve_correction(Kernel *k)
+{
+    Real *x = k->scratch_v, square = 0.0;
+    for (Int i = 0; i < k->n_chosen; i++)
+        x[i] = -k->residual[k->chosen[i]];
+    for (Int i = k->n_chosen; i < k->nv; i++)
+        x[i] = 0.0;
+    system_solve(k, x);
+    for (Int v = 0; v < k->nv; v++) {
+        square += x[v] * x[v];
+        x[v] *= k->scale[v];
+    }
+    return sqrt(square);
+}
+
+static int factor_here(Kernel *k)
+{
+    equations_jacobian(k);
+    return system_factor(k);
+}
+
+/* Whether the residual says that no correction more is wanted. */
+static int is_closed(const Correction *c, Real residual, Real size)
+{
+    if (c->fixed >= 0)
+        return c->count >= c->fixed;
+    if (c->count == 0)
+        return residual <= c->enough;
+    return residual <= c->tolerance || (size <= ROUND_OFF && residual <= c->left);
+}
+
+int correct(Kernel *k, Real *q, Correction *c)
+{
+    Real size = INFINITY, last = INFINITY;
+    c->first = 0.0;
+    for (c->count = 0;; c->count++) {
+        equations_values(k, q);
+        const Real residual = chosen_residual(k);
+        if (!isfinite(residual))
+            return NOT_FINITE;
+        if (is_closed(c, residual, size))
+            return DONE;
+        if (c->fixed < 0 && c->count == MOST)
+            return NOT_CONVERGED;
+        const int code = c->count || !c->reuse ? factor_here(k) : DONE;
+        if (code != DONE)
+            return code;
+        size = solve_correction(k);
+        if (!isfinite(size))
+            return NOT_FINITE;
+        if (c->count == 0)
+            c->first = size;
+        if (c->count == 0 && size > c->allowed + NOISE)
+            return UNSAFE;
+        if (c->count && size > CONTRACTION * last) /* round-off ends the contraction too */
+            return residual <= c->left ? DONE : NOT_CONVERGED;
+        last = fmax(size, LEAST);
+        tree_integrate(k, q, k->scratch_v);
+    }
+}

@@ -1,0 +1,35 @@
+/* Newton's method near a path of closed configurations: small corrections of a prediction. */
+#ifndef SPATIAL_PIN_CORRECTING_H
+#define SPATIAL_PIN_CORRECTING_H
+
+#include "kernel.h"
+
+typedef struct Correction {
+    /* asked for */
+    Real enough;  /* residual at which the prediction is left as it is */
+    Real tolerance; /* residual to reach by corrections */
+    Real left;    /* residual that round-off may leave where corrections do no more; it is never
+                     below `tolerance` */
+    Real allowed; /* largest first correction: a larger one is none of a prediction on the path */
+    Int fixed;    /* corrections to make whatever the residual; -1: as many as it takes */
+    Int reuse;    /* whether the factors at hand, of a point near by, may serve for the first one */
+    /* told */
+    Real first;   /* size of the first correction; 0 if there was none */
+    Int count;    /* corrections made */
+} Correction;
+
+/* Correct q (nq) until the chosen equations hold, what is driven standing still.
+ *
+ * The system is bordered by whatever `system_set` was given: freedoms of the drivers, freedoms of
+ * a chart, or filled rows such as a tangent. Corrections have sizes of v / scale (Euclidean).
+ *
+ * DONE: the values (`equations_values`), but not the Jacobian nor the factors, are those at q.
+ * UNSAFE: the first correction was larger than allowed. NOT_CONVERGED: corrections did not
+ * contract. SINGULAR, NO_MEMORY: as `system_factor`. NOT_FINITE: the residual was no number.
+ * After all but DONE, q is anything. */
+int correct(Kernel *k, Real *q, Correction *correction);
+
+/* Largest absolute residual of the chosen equations; NaN if one is. */
+Real chosen_residual(const Kernel *k);
+
+#endif
