@@ -14,7 +14,8 @@ MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py
 
 
 def layer_of(module: str) -> int:
-    return LAYERS.index(module.split(".")[1])
+    room = module.split(".")[1]
+    return LAYERS.index("kinematics" if room == "kernel" else room)
 
 
 def imports_of(path: Path) -> list[str]:

@@ -53,7 +53,7 @@ typedef struct Kernel {
     /* ---- the tree: joint 0 is the ground, parents come before children ---- */
     Int n_joints, nq, nv;
     const Int *kind, *parent, *iq, *iv; /* per joint; iq, iv: first entry in q and v */
-    const Int *plain;                   /* whether the fixed rotation is the identity */
+    Int *plain;                         /* whether the fixed rotation is the identity */
     const Real *rotation;               /* (9) placement in the parent at q = 0 */
     const Real *translation;            /* (3) */
     const Real *pitch;                  /* travel per radian of a screw; 1 of a slide */
@@ -109,6 +109,10 @@ typedef struct Kernel {
     Int *chosen, *driven; /* equations; freedoms in v */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
+    Int n_system, system_room;       /* entries of the square matrix, and room for them */
+    Int *system_row, *system_column; /* where each entry stands */
+    Int *system_from;                /* its place in `entry`, or -1 where it is constant */
+    Real *system_value;
     Real sign;            /* of the determinant of the last factorisation */
     Real pivot_ratio;     /* smallest over largest pivot of it */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
@@ -143,6 +147,7 @@ void equations_values(Kernel *k, const Real *q); /* placements, vectors, product
 void equations_jacobian(Kernel *k);              /* entry, after equations_values */
 void equations_bias(Kernel *k, const Real *v);   /* bias, after equations_jacobian */
 Real equations_error(const Kernel *k);           /* largest absolute residual */
+int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
 /* ---- system.c ---- */
 /* Equations to be solved, freedoms that are driven, and rows that fill the system up.
@@ -158,6 +163,9 @@ void system_path_rates(Kernel *k, Real *first, Real *second);
 /* ---- sparse_lu.c ---- */
 SparseLU *lu_new(void);
 void lu_free(SparseLU *lu);
+void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factorisation */
+int lu_has_order(const SparseLU *lu);
+void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent);
 /* Entries (row[i], column[i]) of an n x n matrix; chooses the order by `value`. */
 int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
                const Real *value);

@@ -50,15 +50,20 @@ class RowLabel(NamedTuple):
     equation: int
 
 
+Term = tuple[float, int, Array, float]  # factor * (R_joint local + flag p_joint)
+
+
 class _Vectors:
-    """Coefficient rows on G of one block (A, B or X), grown row by row."""
+    """Coefficient rows on G of one block (A, B or X), grown row by row, and their terms."""
 
     def __init__(self, n_joints: int) -> None:
         self.n = n_joints
         self.rows: list[Array] = []
+        self.terms: list[tuple[Term, ...]] = []
 
-    def add(self, *terms: tuple[float, int, Array, float]) -> None:
-        """Add the sum of factor * (R_joint local + flag p_joint)."""
+    def add(self, *terms: Term) -> None:
+        """Add the sum of terms."""
+        self.terms.append(terms)
         row = np.zeros(4 * self.n)
         for factor, joint, local, flag in terms:
             row[4 * joint : 4 * joint + 4] += factor * np.array([*local, flag])
@@ -75,6 +80,7 @@ class Constraints:
         n_wrenches: of `Evaluation.row_wrenches`.
         differences: (row, auxiliary row to be subtracted) of each distance between other frames.
         spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        terms: of the vectors A, B and X of each product, see `Term`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
     """
 
@@ -112,6 +118,7 @@ class Constraints:
         self.n_angles = len(self.screws)
         self.n_wrenches = self.n_rows + len(self.differences)
         a, b, x = self._a.rows, self._b.rows, self._x.rows
+        self.terms = self._a.terms, self._b.terms, self._x.terms
         self.c_abx = _matrix([*a, *b, *x], 4 * n)
         self.c_rates = _rate_matrix(a, b, n)
         self.rate_sum = _sum_of_rates(len(a))

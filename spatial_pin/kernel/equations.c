@@ -1,0 +1,330 @@
+/* Closure equations: value, Jacobian and second derivative of each kind, one entry a kind.
+ *
+ * Most equations are products A . B - c of vectors that are fixed in bodies, or differences of
+ * such. With f = force * B and m = X x B the wrench of the product about the world origin, its
+ * derivative for a freedom with the twist (l, w) of one body relative to the other is
+ * sign * (f . l + m . w); its second derivative at zero joint acceleration is
+ * A'' . B + 2 A' . B' + A . B'' . */
+#include <string.h>
+
+#include "kernel.h"
+
+typedef struct {
+    int n_products, n_coordinates; /* of the four integers: products first, then (q, v) pairs */
+    void (*value)(Kernel *k, Int equation, const Int *of, const Real *by);
+    void (*jacobian)(Kernel *k, Int equation, const Int *of, const Real *by);
+    void (*bias)(Kernel *k, Int equation, const Int *of, const Real *by);
+} EquationTable;
+
+/* ---- products ---- */
+
+static void sum_of_terms(const Real *vectors, const Int *term, const Real *factor, Real *out)
+{
+    zero3(out);
+    for (int t = 0; t < 2; t++)
+        if (term[t] >= 0)
+            add3(factor[t], vectors + 3 * term[t], out);
+}
+
+/* Force and moment about the world origin that a product exerts on its second body. */
+static void product_wrench(const Kernel *k, Int i, Real *force, Real *moment)
+{
+    const Real *B = k->B + 3 * i;
+    Real X[3] = {0.0, 0.0, 0.0};
+    if (k->x_term[i] >= 0)
+        add3(k->x_factor[i], k->vector + 3 * k->x_term[i], X);
+    cross3(X, B, moment);
+    zero3(force);
+    add3(k->force[i], B, force);
+}
+
+/* Derivatives of product i for the freedoms of its support, in their order. */
+static void product_row(const Kernel *k, Int i, const Real *force, const Real *moment, Real *out)
+{
+    for (Int t = k->support_start[i]; t < k->support_start[i + 1]; t++) {
+        const Int v = k->support_v[t];
+        *out++ = k->support_sign[t] *
+                 (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
+    }
+}
+
+/* Add factor times the derivatives of product i to the scratch row over all freedoms. */
+static void add_product_row(Kernel *k, Int i, Real factor)
+{
+    Real force[3], moment[3];
+    product_wrench(k, i, force, moment);
+    for (Int t = k->support_start[i]; t < k->support_start[i + 1]; t++) {
+        const Int v = k->support_v[t];
+        k->row[v] += factor * k->support_sign[t] *
+                     (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
+    }
+}
+
+/* Move the scratch row into the pattern of an equation, and leave it zero. */
+static void store_row(Kernel *k, Int equation)
+{
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++) {
+        k->entry[e] = k->row[k->entry_v[e]];
+        k->row[k->entry_v[e]] = 0.0;
+    }
+}
+
+/* ---- the kinds ---- */
+
+static void value_of_product(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)by;
+    k->residual[equation] = k->value[of[0]];
+}
+
+static void jacobian_of_product(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    Real force[3], moment[3];
+    (void)by;
+    product_wrench(k, of[0], force, moment);
+    product_row(k, of[0], force, moment, k->entry + k->entry_start[equation]);
+}
+
+static void bias_of_product(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)by;
+    k->bias[equation] = k->product_bias[of[0]];
+}
+
+/* of: product, product of the sine (that of the cosine follows), angle; by: pitch */
+static void value_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    const Real *sine = k->value + of[1], around = 2.0 * PI;
+    Real angle = atan2(sine[0], sine[1]);
+    angle += around * nearbyint((k->turns[of[2]] - angle) / around);
+    k->angle[of[2]] = angle;
+    k->residual[equation] = k->value[of[0]] - by[0] * angle;
+}
+
+static void jacobian_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    const Real s = k->value[of[1]], c = k->value[of[1] + 1], square = s * s + c * c;
+    add_product_row(k, of[0], 1.0);
+    add_product_row(k, of[1], -by[0] * c / square);
+    add_product_row(k, of[1] + 1, by[0] * s / square);
+    store_row(k, equation);
+}
+
+static void bias_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    const Real s = k->value[of[1]], c = k->value[of[1] + 1], n = s * s + c * c;
+    const Real ds = k->product_rate[of[1]], dc = k->product_rate[of[1] + 1];
+    const Real dds = k->product_bias[of[1]], ddc = k->product_bias[of[1] + 1];
+    const Real angle = (c * dds - s * ddc) / n - 2.0 * (c * ds - s * dc) * (c * dc + s * ds) / (n * n);
+    k->bias[equation] = k->product_bias[of[0]] - by[0] * angle;
+}
+
+static void value_of_difference(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)by;
+    k->residual[equation] = k->value[of[0]] - k->value[of[1]];
+}
+
+static void jacobian_of_difference(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)by;
+    add_product_row(k, of[0], 1.0);
+    add_product_row(k, of[1], -1.0);
+    store_row(k, equation);
+}
+
+static void bias_of_difference(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)by;
+    k->bias[equation] = k->product_bias[of[0]] - k->product_bias[of[1]];
+}
+
+/* of: entries (q, v) of a and of b; by: unit, ratio, offset */
+static void value_of_coupling(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    k->residual[equation] = by[0] * (k->q[of[2]] - by[1] * k->q[of[0]] - by[2]);
+}
+
+static void jacobian_of_coupling(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    k->row[of[1]] -= by[0] * by[1] * k->scale[of[1]];
+    k->row[of[3]] += by[0] * k->scale[of[3]];
+    store_row(k, equation);
+}
+
+static void bias_of_coupling(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)of;
+    (void)by;
+    k->bias[equation] = 0.0;
+}
+
+/* of: product whose B is the line; it has no value, only a rate */
+static void value_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)k;
+    (void)equation;
+    (void)of;
+    (void)by;
+}
+
+static void jacobian_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    const Real none[3] = {0.0, 0.0, 0.0};
+    (void)by;
+    product_row(k, of[0], none, k->B + 3 * of[0], k->entry + k->entry_start[equation]);
+}
+
+static void bias_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
+{
+    (void)by;
+    const Int body = k->vector_body[k->b_term[2 * of[0]]];
+    k->bias[equation] = dot3(k->B + 3 * of[0], k->alpha + 3 * body);
+}
+
+static const EquationTable TABLE[N_EQUATION_KINDS] = {
+    [PRODUCT] = {1, 0, value_of_product, jacobian_of_product, bias_of_product},
+    [SCREW_ANGLE] = {2, 0, value_of_screw, jacobian_of_screw, bias_of_screw},
+    [DIFFERENCE] = {2, 0, value_of_difference, jacobian_of_difference, bias_of_difference},
+    [COUPLING] = {0, 2, value_of_coupling, jacobian_of_coupling, bias_of_coupling},
+    [IDLE] = {1, 0, value_of_idle, jacobian_of_idle, bias_of_idle},
+};
+
+/* ---- what Python's arrays must satisfy ---- */
+
+static int holds(const Kernel *k, Int equation, Int v)
+{
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        if (k->entry_v[e] == v)
+            return 1;
+    return 0;
+}
+
+/* Whether the pattern of an equation holds the support of a product. */
+static int covers(const Kernel *k, Int equation, Int product)
+{
+    Int e = k->entry_start[equation];
+    const Int end = k->entry_start[equation + 1];
+    for (Int t = k->support_start[product]; t < k->support_start[product + 1]; t++) {
+        while (e < end && k->entry_v[e] < k->support_v[t])
+            e++;
+        if (e == end || k->entry_v[e] != k->support_v[t])
+            return 0;
+    }
+    return 1;
+}
+
+static int equation_is_sound(const Kernel *k, Int i)
+{
+    const Int kind = k->equation_kind[i], *of = k->equation_int + 4 * i;
+    if (kind < 0 || kind >= N_EQUATION_KINDS || (kind == IDLE) != (i >= k->n_closure))
+        return 0;
+    const Int extra = kind == SCREW_ANGLE; /* the cosine's product follows the sine's */
+    for (int p = 0; p < TABLE[kind].n_products; p++)
+        if (of[p] < 0 || of[p] + (p ? extra : 0) >= k->n_products || !covers(k, i, of[p]) ||
+            (p && extra && !covers(k, i, of[p] + 1)))
+            return 0;
+    for (int c = 0; c < TABLE[kind].n_coordinates; c++)
+        if (of[2 * c] < 0 || of[2 * c] >= k->nq || of[2 * c + 1] < 0 || of[2 * c + 1] >= k->nv ||
+            !holds(k, i, of[2 * c + 1]))
+            return 0;
+    if (kind == SCREW_ANGLE && (of[2] < 0 || of[2] >= k->n_angles))
+        return 0;
+    if (kind == PRODUCT || kind == IDLE) { /* their entries are written in the support's order */
+        const Int n = k->support_start[of[0] + 1] - k->support_start[of[0]];
+        if (k->entry_start[i + 1] - k->entry_start[i] != n)
+            return 0;
+    }
+    return kind != IDLE || k->b_term[2 * of[0]] >= 0;
+}
+
+int equations_are_sound(const Kernel *k)
+{
+    for (Int i = 0; i < k->n_equations; i++)
+        if (!equation_is_sound(k, i))
+            return 0;
+    return 1;
+}
+
+/* ---- all equations ---- */
+
+static void place_vectors(Kernel *k)
+{
+    for (Int i = 0; i < k->n_vectors; i++) {
+        const Int body = k->vector_body[i];
+        rotate3(k->R + 9 * body, k->vector_local + 3 * i, k->vector + 3 * i);
+        if (k->vector_flag[i])
+            add3(1.0, k->p + 3 * body, k->vector + 3 * i);
+    }
+}
+
+void equations_values(Kernel *k, const Real *q)
+{
+    if (q != k->q)
+        memcpy(k->q, q, (size_t)k->nq * sizeof *q);
+    tree_place(k, k->q);
+    place_vectors(k);
+    for (Int i = 0; i < k->n_products; i++) {
+        sum_of_terms(k->vector, k->a_term + 2 * i, k->a_factor + 2 * i, k->A + 3 * i);
+        sum_of_terms(k->vector, k->b_term + 2 * i, k->b_factor + 2 * i, k->B + 3 * i);
+        k->value[i] = dot3(k->A + 3 * i, k->B + 3 * i) - k->constant[i];
+    }
+    for (Int i = 0; i < k->n_equations; i++)
+        TABLE[k->equation_kind[i]].value(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
+}
+
+void equations_jacobian(Kernel *k)
+{
+    k->evaluations++;
+    tree_columns(k);
+    for (Int i = 0; i < k->n_equations; i++)
+        TABLE[k->equation_kind[i]].jacobian(k, i, k->equation_int + 4 * i,
+                                            k->equation_real + 3 * i);
+}
+
+/* First and second derivatives of the vectors, without those of the joint velocities. */
+static void vector_rates(Kernel *k)
+{
+    for (Int i = 0; i < k->n_vectors; i++) {
+        const Int body = 3 * k->vector_body[i];
+        Real arm[3], more[3], *rate = k->vector_rate + 3 * i, *bias = k->vector_bias + 3 * i;
+        rotate3(k->R + 3 * body, k->vector_local + 3 * i, arm);
+        cross3(k->omega + body, arm, rate);
+        cross3(k->omega + body, rate, bias);
+        cross3(k->alpha + body, arm, more);
+        add3(1.0, more, bias);
+        if (k->vector_flag[i]) {
+            add3(1.0, k->velocity + body, rate);
+            add3(1.0, k->acceleration + body, bias);
+        }
+    }
+}
+
+void equations_bias(Kernel *k, const Real *v)
+{
+    tree_rates(k, v, NULL);
+    vector_rates(k);
+    for (Int i = 0; i < k->n_products; i++) {
+        const Real *A = k->A + 3 * i, *B = k->B + 3 * i;
+        Real dA[3], dB[3], ddA[3], ddB[3];
+        sum_of_terms(k->vector_rate, k->a_term + 2 * i, k->a_factor + 2 * i, dA);
+        sum_of_terms(k->vector_rate, k->b_term + 2 * i, k->b_factor + 2 * i, dB);
+        sum_of_terms(k->vector_bias, k->a_term + 2 * i, k->a_factor + 2 * i, ddA);
+        sum_of_terms(k->vector_bias, k->b_term + 2 * i, k->b_factor + 2 * i, ddB);
+        k->product_rate[i] = dot3(dA, B) + dot3(A, dB);
+        k->product_bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
+    }
+    for (Int i = 0; i < k->n_equations; i++)
+        TABLE[k->equation_kind[i]].bias(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
+}
+
+Real equations_error(const Kernel *k)
+{
+    Real most = 0.0;
+    for (Int i = 0; i < k->n_closure; i++) {
+        const Real size = fabs(k->residual[i]);
+        if (!(size <= most)) /* not a number counts as the largest */
+            most = size;
+    }
+    return most;
+}

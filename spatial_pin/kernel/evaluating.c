@@ -1,0 +1,58 @@
+/* What one configuration gives, copied out: the kernel held against Pinocchio, and its Jacobians. */
+#include <string.h>
+
+#include "kernel.h"
+
+static void copy_out(Real *out, const Real *from, Int n)
+{
+    if (out)
+        memcpy(out, from, (size_t)n * sizeof *out);
+}
+
+/* Any of the outputs may be NULL. R (9, by columns) and p (3) are of each joint; the dense
+ * Jacobian (n_equations, nv) is with respect to v / scale; the bias (n_equations) wants v. */
+EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *turns, Real *R,
+                           Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias)
+{
+    if (k->n_angles)
+        memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+    equations_values(k, q);
+    copy_out(R, k->R, 9 * k->n_joints);
+    copy_out(p, k->p, 3 * k->n_joints);
+    copy_out(residual, k->residual, k->n_closure);
+    copy_out(angle, k->angle, k->n_angles);
+    if (jacobian || bias)
+        equations_jacobian(k);
+    if (jacobian) {
+        memset(jacobian, 0, (size_t)(k->n_equations * k->nv) * sizeof *jacobian);
+        for (Int i = 0; i < k->n_equations; i++)
+            for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+                jacobian[i * k->nv + k->entry_v[e]] = k->entry[e];
+    }
+    if (bias && v) {
+        equations_bias(k, v);
+        copy_out(bias, k->bias, k->n_equations);
+    }
+    return isfinite(equations_error(k)) ? DONE : NOT_FINITE;
+}
+
+/* Move q by a joint displacement, as `pin.integrate`. */
+EXPORT int kernel_integrate(const Kernel *k, Real *q, const Real *step)
+{
+    tree_integrate(k, q, step);
+    return DONE;
+}
+
+/* Solve the square system of `system_set` at q: right sides of chosen equations, idle rotations,
+ * driven freedoms and filled rows -> v / scale, in place. */
+EXPORT int kernel_solve(Kernel *k, const Real *q, const Real *turns, Real *x)
+{
+    if (k->n_angles)
+        memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+    equations_values(k, q);
+    equations_jacobian(k);
+    const int code = system_factor(k);
+    if (code == DONE)
+        system_solve(k, x);
+    return code;
+}

@@ -1,0 +1,115 @@
+"""The kernel of a mechanism: what Python calls."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.library import CODES, library
+from spatial_pin.kernel.packing import Packed, packed
+from spatial_pin.kinematics.constraints import constraints_of
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.lending import lent
+from spatial_pin.mechanism.mechanism import Mechanism
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return where a contiguous array begins; the caller keeps it alive."""
+    found: int = array.ctypes.data
+    return found
+
+
+def numbers(array: Array, shape: tuple[int, ...]) -> Array:
+    """Return an array as contiguous doubles of a shape, as C reads it."""
+    out = np.ascontiguousarray(array, float)
+    if out.shape != shape:
+        raise ValueError(f"an array of shape {out.shape} stands where {shape} is needed")
+    return out
+
+
+class Evaluated(NamedTuple):
+    """What one configuration gives.
+
+    Attributes:
+        rotations: (n, 3, 3) of the joints of the model in the world, as Pinocchio's.
+        translations: (n, 3) [m].
+        residual: (n_rows,) closure equations.
+        angles: (n_angles,) of screw closures [rad].
+        jacobian: (n_rows + n_passive, nv) with respect to v / `velocity_scale`.
+        bias: (n_rows + n_passive,) second derivatives at zero joint acceleration.
+    """
+
+    rotations: Array
+    translations: Array
+    residual: Array
+    angles: Array
+    jacobian: Array
+    bias: Array
+
+
+class Kernel:
+    """A mechanism in the compiled kernel; one caller at a time.
+
+    Attributes:
+        handle: of the C structure.
+        packed: what it was made of.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        c = constraints_of(mechanism)
+        self.mechanism = mechanism
+        self.packed: Packed = packed(mechanism)
+        self.nq, self.nv = mechanism.model.nq, mechanism.model.nv
+        self.n_rows, self.n_passive, self.n_angles = c.n_rows, c.n_passive, c.n_angles
+        self._library = library()
+        handle = ctypes.c_void_p()
+        ints, reals = self.packed.ints, self.packed.reals
+        check(self._library.kernel_create(
+            address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
+        self.handle = handle
+        weakref.finalize(self, self._library.kernel_destroy, handle)
+
+    def evaluate(self, q: Array, v: Array, turns: Array) -> Evaluated:
+        """Return placements, closure equations, Jacobian and bias at q (nq,), v (nv,).
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            turns: (n_angles,) the angles to which those of screw closures stay nearest [rad].
+        """
+        q, v = numbers(q, (self.nq,)), numbers(v, (self.nv,))
+        turns = numbers(turns, (self.n_angles,))
+        n, equations = len(self.packed.frames), self.n_rows + self.n_passive
+        rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
+        residual, angles = np.empty(self.n_rows), np.empty(self.n_angles)
+        jacobian, bias = np.empty((equations, self.nv)), np.empty(equations)
+        self._library.kernel_evaluate(self.handle, *map(address, (
+            q, v, turns, rotations, translations, residual, angles, jacobian, bias)))
+        carriers = self.packed.carriers
+        in_pin = np.einsum("jki,jlk->jil", rotations, self.packed.frames)[carriers]
+        return Evaluated(in_pin, translations[carriers], residual, angles, jacobian, bias)
+
+    def set_numbers(self, reals: Array) -> None:
+        """Take the numbers of other dimensions, as `packed` gives them for such a mechanism."""
+        reals = numbers(reals, self.packed.reals.shape)
+        check(self._library.kernel_set_numbers(self.handle, address(reals), len(reals)))
+
+
+def check(code: int) -> None:
+    """Raise if a function of the kernel ended with what no mechanism brings about."""
+    if code:
+        raise SpatialPinError(f"the kernel ended with {CODES[code]}")
+
+
+@contextmanager
+def kernel_of(mechanism: Mechanism) -> Iterator[Kernel]:
+    """Lend a kernel of a mechanism, as if newly made."""
+    with lent(mechanism, "kernel", lambda: Kernel(mechanism)) as kernel:
+        yield kernel

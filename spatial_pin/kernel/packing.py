@@ -1,0 +1,205 @@
+"""A mechanism's tree and closure equations as the two flat arrays that the kernel is made of.
+
+The order of the arrays is that of `read_structure` and `read_numbers` in `model.c`. Joints of
+several freedoms are split into single ones; the frame of each joint is turned so that its axis is
+its local z axis.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.kinematics.constraints import Constraints, Term, constraints_of
+from spatial_pin.kinematics.split import split_of
+from spatial_pin.linalg import Array
+from spatial_pin.mechanism.mechanism import Mechanism
+
+TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5
+PRODUCT, SCREW_ANGLE, DIFFERENCE, COUPLING, IDLE = range(5)
+AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
+
+Ints = NDArray[np.int64]
+
+
+class Packed(NamedTuple):
+    """What a kernel is made of.
+
+    Attributes:
+        ints: structure: joints, vectors, products, equations.
+        reals: placements, inertias, vectors, factors.
+        frames: (n, 3, 3) rotations from the axes of the split model's joints to the kernel's:
+            Pinocchio's joint rotation is the kernel's times the transpose.
+        carriers: (njoints,) joint of the kernel that carries the body of each joint of the model.
+    """
+
+    ints: Ints
+    reals: Array
+    frames: Array
+    carriers: NDArray[np.intp]
+
+
+def packed(mechanism: Mechanism) -> Packed:
+    """Return the arrays of a mechanism."""
+    constraints = constraints_of(mechanism)
+    model, carriers = split_of(mechanism)
+    tree = _Tree(model)
+    vectors = _VectorTable(tree.frames, carriers)
+    products = _products(constraints, vectors)
+    kinds, ints, reals, patterns = _equations(mechanism, constraints)
+    starts = np.cumsum([0] + [len(p) for p in patterns])
+    head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
+            constraints.n_rows, constraints.n_passive, constraints.n_angles,
+            len(products.support), starts[-1]]
+    return Packed(
+        _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
+                vectors.flag, products.a_term, products.b_term, products.x_term,
+                products.start, products.support, kinds, ints, starts, *patterns),
+        _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
+                tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
+                products.a_factor, products.b_factor, products.x_factor, constraints.constants,
+                constraints.factors, products.sign, reals),
+        tree.frames, carriers)
+
+
+def _joined(kind: type, *parts: Any) -> Any:
+    return np.concatenate([np.asarray(p, kind).ravel() for p in parts])
+
+
+class _Tree:
+    """Joints of the split model with their axes along z."""
+
+    def __init__(self, model: pin.Model) -> None:
+        n = model.njoints
+        self.kind, self.parent, self.iq, self.iv = np.zeros((4, n), np.int64)
+        self.pitch, self.mass = np.zeros((2, n))
+        self.translation, self.com = np.zeros((2, n, 3))
+        self.rotation, self.inertia = np.zeros((2, n, 3, 3))
+        self.rotation[0] = np.eye(3)
+        self.frames = np.tile(np.eye(3), (n, 1, 1))
+        for i in range(1, n):
+            self._add(model, i)
+
+    def _add(self, model: pin.Model, i: int) -> None:
+        joint = model.joints[i]
+        joint = joint.extract() if hasattr(joint, "extract") else joint
+        self.kind[i], axis, self.pitch[i] = joint_kind(joint)
+        self.parent[i], self.iq[i], self.iv[i] = model.parents[i], joint.idx_q, joint.idx_v
+        if axis is not None:
+            self.frames[i] = turned_to_z(axis)
+        own, above = self.frames[i], self.frames[self.parent[i]].T
+        placement, inertia = model.jointPlacements[i], model.inertias[i]
+        self.rotation[i] = (above @ placement.rotation @ own).T  # stored by columns
+        self.translation[i] = above @ placement.translation
+        self.mass[i], self.com[i] = inertia.mass, own.T @ inertia.lever
+        self.inertia[i] = own.T @ inertia.inertia @ own
+
+
+def joint_kind(joint: Any) -> tuple[int, Array | None, float]:
+    """Return kind, axis (3,) if it has one, and slide per radian of a joint of the split model."""
+    if isinstance(joint, pin.JointModelSpherical):
+        return BALL, None, 0.0
+    if isinstance(joint, pin.JointModelFreeFlyer):
+        return FREE, None, 0.0
+    name = joint.shortname()
+    letter = name.removeprefix("JointModel")[0]
+    if letter not in AXIAL:
+        raise NotImplementedError(f"the kernel has no joint {name}")
+    axis = np.array(joint.axis) if hasattr(joint, "axis") else np.eye(3)["XYZ".index(name[-1])]
+    pitch = {"R": 0.0, "P": 1.0}.get(letter)
+    return AXIAL[letter], axis, float(joint.pitch) if pitch is None else pitch
+
+
+def turned_to_z(axis: Array) -> Array:
+    """Return a rotation (3, 3) whose third column is a unit axis (3,); exact along the axes."""
+    k = int(np.argmax(np.abs(axis)))
+    if np.abs(np.delete(axis, k)).max() == 0.0:
+        frame = np.zeros((3, 3))
+        sign = np.sign(axis[k])
+        frame[k, 2], frame[(k + 1) % 3, 0], frame[(k + 2) % 3, 1] = sign, 1.0, sign
+        return frame
+    across = np.eye(3)[np.argmin(np.abs(axis))]
+    across = across - (across @ axis) * axis
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, np.cross(axis, across), axis])
+
+
+class _VectorTable:
+    """Vectors fixed in bodies, each once."""
+
+    def __init__(self, frames: Array, carriers: NDArray[np.intp]) -> None:
+        self._frames, self._carriers = frames, carriers
+        self._index: dict[tuple[int, bytes, float], int] = {}
+        self.body: list[int] = []
+        self.flag: list[int] = []
+        self.local: list[Array] = []
+
+    def of(self, term: Term) -> tuple[int, float]:
+        """Return the number of the vector of a term, and the term's factor."""
+        factor, joint, local, flag = term
+        key = joint, np.asarray(local, float).tobytes(), flag
+        if key not in self._index:
+            self._index[key] = len(self.body)
+            body = int(self._carriers[joint])
+            self.body.append(body)
+            self.flag.append(int(flag))
+            self.local.append(self._frames[body].T @ local)
+        return self._index[key], factor
+
+
+class _Products(NamedTuple):
+    """Arrays of all products, see `kernel.h`."""
+
+    a_term: Ints
+    b_term: Ints
+    x_term: Ints
+    a_factor: Array
+    b_factor: Array
+    x_factor: Array
+    start: Ints
+    support: Ints
+    sign: Array
+
+
+def _products(constraints: Constraints, vectors: _VectorTable) -> _Products:
+    n = len(constraints.constants)
+    blocks = []
+    for terms, width in zip(constraints.terms, (2, 2, 1), strict=True):
+        index, factor = np.full((n, width), -1, np.int64), np.zeros((n, width))
+        for i, sum_of in enumerate(terms):
+            for k, term in enumerate(sum_of):
+                index[i, k], factor[i, k] = vectors.of(term)
+        blocks.append((index, factor))
+    (a, fa), (b, fb), (x, fx) = blocks
+    rows, columns = np.nonzero(constraints.signs)
+    start = np.searchsorted(rows, np.arange(n + 1))
+    return _Products(a, b, x, fa, fb, fx, start, columns, constraints.signs[rows, columns])
+
+
+def _equations(
+    mechanism: Mechanism, constraints: Constraints
+) -> tuple[Ints, Ints, Array, list[Ints]]:
+    """Return kinds (n,), integers (n, 4), numbers (n, 3) and patterns of all equations."""
+    c = constraints
+    n = c.n_rows + c.n_passive
+    kinds, ints, reals = np.zeros(n, np.int64), np.full((n, 4), -1, np.int64), np.zeros((n, 3))
+    ints[: c.n_products, 0] = np.arange(c.n_products)
+    patterns = [np.flatnonzero(row) for row in c.signs[: c.n_products]]
+    for k, (at, sine, pitch) in enumerate(c.screws):
+        kinds[at], ints[at, :3], reals[at, 0] = SCREW_ANGLE, (at, sine, k), pitch
+    for at, other in c.differences:
+        kinds[at], ints[at, :2] = DIFFERENCE, (at, other)
+        patterns[at] = np.flatnonzero(c.signs[[at, other]].any(axis=0))
+    for at, closure in enumerate(c.couplings, start=c.n_products):
+        a, b = (mechanism.coordinate(name) for name in closure.joints)
+        unit = 1.0 if b.unit == "rad" else c.scale
+        kinds[at], ints[at], reals[at] = (
+            COUPLING, (a.q, a.v, b.q, b.v), (unit, closure.ratio, closure.offset))
+        patterns.append(np.unique([a.v, b.v]))
+    kinds[c.n_rows :] = IDLE
+    ints[c.n_rows :, 0] = np.arange(c.passive_at, c.passive_at + c.n_passive)
+    patterns += [np.flatnonzero(row) for row in c.signs[c.passive_at :][: c.n_passive]]
+    return kinds, ints, reals, patterns

@@ -1,0 +1,469 @@
+/* L U factors of a sparse matrix whose pattern stays and whose values change.
+ *
+ * The order of pivots is chosen once, by Markowitz's count of fill-in among entries that are not
+ * small in their row [Duff, Erisman, Reid: Direct Methods for Sparse Matrices]. The elimination is
+ * then a list of multiply-adds in fixed places: nothing is searched when values change. It asks
+ * for another order when the pivots have become small, or the multipliers large. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernel.h"
+
+#define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [Duff, 5.4] */
+#define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev 1980] */
+#define MULTIPLIER 100.0 /* largest multiplier: 2 digits of growth at most in a step */
+#define SHRUNK 0.03      /* ratio of pivots relative to that when the order was chosen */
+
+/* Column numbers and values of a row (or row numbers of a column) that grows. */
+typedef struct {
+    Int n, room;
+    Int *at;
+    Real *value; /* NULL: only numbers are kept */
+} List;
+
+struct SparseLU {
+    Int n, n_entries, n_values, chosen;
+    Int *place;                         /* of each entry among the values */
+    Int *pivot_row, *pivot_column, *pivot_at;
+    Int *lower_start, *lower_row, *lower_at; /* multipliers below each pivot */
+    Int *upper_start, *upper_column, *upper_at;
+    Int *target;                        /* places that the multiply-adds change, in their order */
+    Real *value, *inverse, *work;
+    Real parity, first_ratio;
+    Real sign, ratio, mantissa;
+    Int exponent;
+};
+
+SparseLU *lu_new(void) { return calloc(1, sizeof(SparseLU)); }
+
+void lu_forget(SparseLU *lu) { lu->chosen = 0; }
+
+int lu_has_order(const SparseLU *lu) { return (int)lu->chosen; }
+
+void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent)
+{
+    *sign = lu->sign;
+    *ratio = lu->ratio;
+    *mantissa = lu->mantissa;
+    *exponent = lu->exponent;
+}
+
+static void release(SparseLU *lu)
+{
+    void *all[] = {lu->place, lu->pivot_row, lu->pivot_column, lu->pivot_at, lu->lower_start,
+                   lu->lower_row, lu->lower_at, lu->upper_start, lu->upper_column, lu->upper_at,
+                   lu->target, lu->value, lu->inverse, lu->work};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        free(all[i]);
+    memset(lu, 0, sizeof *lu);
+}
+
+void lu_free(SparseLU *lu)
+{
+    if (lu)
+        release(lu);
+    free(lu);
+}
+
+/* ---- choosing the order ---- */
+
+/* The matrix while the order is chosen: rows with values, columns with row numbers, and rows in
+ * buckets of equal counts (doubly linked), so that those of the smallest counts are found at once. */
+typedef struct {
+    Int n;
+    List *row, *column, *below, *beyond; /* below: rows eliminated by each pivot; beyond: its row */
+    Int *row_done, *column_done, *row_count, *column_count;
+    Int *first, *next, *previous; /* buckets */
+} Search;
+
+static int push(List *list, Int at, Real value, int with_value)
+{
+    if (list->n == list->room) {
+        const Int room = 2 * list->room + 4;
+        Int *more = realloc(list->at, (size_t)room * sizeof *more);
+        if (!more)
+            return 0;
+        list->at = more;
+        if (with_value) {
+            Real *values = realloc(list->value, (size_t)room * sizeof *values);
+            if (!values)
+                return 0;
+            list->value = values;
+        }
+        list->room = room;
+    }
+    if (with_value)
+        list->value[list->n] = value;
+    list->at[list->n++] = at;
+    return 1;
+}
+
+static void search_free(Search *s)
+{
+    List *lists[] = {s->row, s->column, s->below, s->beyond};
+    for (int l = 0; l < 4; l++) {
+        for (Int i = 0; lists[l] && i < s->n; i++) {
+            free(lists[l][i].at);
+            free(lists[l][i].value);
+        }
+        free(lists[l]);
+    }
+    Int *arrays[] = {s->row_done, s->column_done, s->row_count, s->column_count,
+                     s->first,    s->next,        s->previous};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        free(arrays[i]);
+}
+
+static void bucket_add(Search *s, Int row)
+{
+    const Int count = s->row_count[row];
+    s->previous[row] = -1;
+    s->next[row] = s->first[count];
+    if (s->first[count] >= 0)
+        s->previous[s->first[count]] = row;
+    s->first[count] = row;
+}
+
+static void bucket_remove(Search *s, Int row)
+{
+    if (s->previous[row] >= 0)
+        s->next[s->previous[row]] = s->next[row];
+    else
+        s->first[s->row_count[row]] = s->next[row];
+    if (s->next[row] >= 0)
+        s->previous[s->next[row]] = s->previous[row];
+}
+
+static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const Int *column,
+                        const Real *value)
+{
+    const size_t rows = (size_t)n + 1;
+    memset(s, 0, sizeof *s);
+    s->n = n;
+    List **lists[] = {&s->row, &s->column, &s->below, &s->beyond};
+    for (int l = 0; l < 4; l++)
+        if (!(*lists[l] = calloc(rows, sizeof(List))))
+            return 0;
+    Int **arrays[] = {&s->row_done, &s->column_done, &s->row_count, &s->column_count,
+                      &s->first,    &s->next,        &s->previous};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        if (!(*arrays[i] = calloc(rows, sizeof(Int))))
+            return 0;
+    for (Int e = 0; e < n_entries; e++)
+        if (!push(s->row + row[e], column[e], value[e], 1) ||
+            !push(s->column + column[e], row[e], 0.0, 0))
+            return 0;
+    for (Int i = 0; i <= n; i++)
+        s->first[i] = -1;
+    for (Int i = 0; i < n; i++) {
+        s->column_count[i] = s->column[i].n;
+        s->row_count[i] = s->row[i].n;
+        bucket_add(s, i);
+    }
+    return 1;
+}
+
+/* The best pivot of a row so far: least Markowitz count, then largest value. */
+static void look_at_row(const Search *s, Int i, Int *best_row, Int *best_entry, Int *best_cost,
+                        Real *best_size)
+{
+    const List *row = s->row + i;
+    Real most = 0.0;
+    for (Int e = 0; e < row->n; e++)
+        if (!s->column_done[row->at[e]] && fabs(row->value[e]) > most)
+            most = fabs(row->value[e]);
+    for (Int e = 0; e < row->n; e++) {
+        const Real size = fabs(row->value[e]);
+        if (s->column_done[row->at[e]] || !(size >= NOT_SMALL * most) || !(size > 0.0))
+            continue;
+        const Int cost = (s->row_count[i] - 1) * (s->column_count[row->at[e]] - 1);
+        if (*best_row < 0 || cost < *best_cost || (cost == *best_cost && size > *best_size)) {
+            *best_row = i;
+            *best_entry = e;
+            *best_cost = cost;
+            *best_size = size;
+        }
+    }
+}
+
+/* Choose a pivot; 0 if no row has any entry left. */
+static int choose(const Search *s, Int *row, Int *entry)
+{
+    Int cost = 0, seen = 0;
+    Real size = 0.0;
+    *row = -1;
+    for (Int count = 1; count <= s->n && seen < SEARCHED; count++)
+        for (Int i = s->first[count]; i >= 0 && seen < SEARCHED; i = s->next[i]) {
+            look_at_row(s, i, row, entry, &cost, &size);
+            if (*row >= 0 && cost <= (count - 1) * (count - 1) && cost == 0)
+                return 1;
+            seen += *row >= 0;
+        }
+    return *row >= 0;
+}
+
+/* Subtract the pivot's row from another one; new entries are added to the pattern. */
+static int eliminate(Search *s, Int pivot, Real pivot_value, Int column, Int i)
+{
+    List *row = s->row + i;
+    const List *from = s->row + pivot;
+    Int at = 0;
+    while (row->at[at] != column)
+        at++;
+    const Real factor = row->value[at] /= pivot_value;
+    for (Int u = 0; u < from->n; u++) {
+        const Int c = from->at[u];
+        if (s->column_done[c])
+            continue;
+        Int e = 0;
+        while (e < row->n && row->at[e] != c)
+            e++;
+        if (e < row->n)
+            row->value[e] -= factor * from->value[u];
+        else {
+            if (!push(row, c, -factor * from->value[u], 1) || !push(s->column + c, i, 0.0, 0))
+                return 0;
+            s->row_count[i]++;
+            s->column_count[c]++;
+        }
+    }
+    return 1;
+}
+
+/* Eliminate step by step; the order is left in pivot_row, pivot_column. 1, 0 singular, -1 memory */
+static int search(Search *s, Int *pivot_row, Int *pivot_column)
+{
+    for (Int step = 0; step < s->n; step++) {
+        Int r, e;
+        if (!choose(s, &r, &e))
+            return 0;
+        const Int c = s->row[r].at[e];
+        const Real value = s->row[r].value[e];
+        bucket_remove(s, r);
+        pivot_row[step] = r;
+        pivot_column[step] = c;
+        s->row_done[r] = s->column_done[c] = 1;
+        for (Int u = 0; u < s->row[r].n; u++)
+            if (!s->column_done[s->row[r].at[u]])
+                s->column_count[s->row[r].at[u]]--;
+        for (Int l = 0; l < s->column[c].n; l++) {
+            const Int i = s->column[c].at[l];
+            if (s->row_done[i])
+                continue;
+            bucket_remove(s, i);
+            s->row_count[i]--;
+            if (!push(s->below + step, i, 0.0, 0) || !eliminate(s, r, value, c, i))
+                return -1;
+            bucket_add(s, i);
+        }
+    }
+    return 1;
+}
+
+/* ---- the list of multiply-adds ---- */
+
+static Int place_of(const Search *s, const Int *offset, Int row, Int column)
+{
+    Int e = 0;
+    while (s->row[row].at[e] != column)
+        e++;
+    return offset[row] + e;
+}
+
+static int allocate(SparseLU *lu, Int n_lower, Int n_upper, Int n_targets)
+{
+    const size_t n = (size_t)lu->n + 1;
+    struct {
+        Int **to;
+        size_t count;
+    } ints[] = {
+        {&lu->pivot_at, n},      {&lu->lower_start, n},           {&lu->upper_start, n},
+        {&lu->lower_row, (size_t)n_lower + 1},   {&lu->lower_at, (size_t)n_lower + 1},
+        {&lu->upper_column, (size_t)n_upper + 1}, {&lu->upper_at, (size_t)n_upper + 1},
+        {&lu->target, (size_t)n_targets + 1}, {&lu->place, (size_t)lu->n_entries + 1},
+    };
+    for (size_t i = 0; i < sizeof ints / sizeof *ints; i++)
+        if (!(*ints[i].to = malloc(ints[i].count * sizeof(Int))))
+            return 0;
+    lu->value = calloc((size_t)lu->n_values + 1, sizeof(Real));
+    lu->inverse = calloc(n, sizeof(Real));
+    lu->work = calloc(n, sizeof(Real));
+    return lu->value && lu->inverse && lu->work;
+}
+
+/* Sign of the permutation that takes the pivots to the diagonal. */
+static Real parity_of(const SparseLU *lu, Int *to, Int *seen)
+{
+    Real parity = 1.0;
+    for (Int i = 0; i < lu->n; i++) {
+        to[lu->pivot_row[i]] = lu->pivot_column[i];
+        seen[i] = 0;
+    }
+    for (Int i = 0; i < lu->n; i++) {
+        Int length = 0;
+        for (Int j = i; !seen[j]; j = to[j]) {
+            seen[j] = 1;
+            length++;
+        }
+        if (length > 0 && length % 2 == 0)
+            parity = -parity;
+    }
+    return parity;
+}
+
+static int count_steps(SparseLU *lu, const Search *s, const Int *when)
+{
+    Int n_lower = 0, n_upper = 0, n_targets = 0;
+    for (Int step = 0; step < lu->n; step++) {
+        const List *row = s->row + lu->pivot_row[step];
+        Int later = 0;
+        for (Int e = 0; e < row->n; e++)
+            later += when[row->at[e]] > step;
+        n_lower += s->below[step].n;
+        n_upper += later;
+        n_targets += later * s->below[step].n;
+    }
+    return allocate(lu, n_lower, n_upper, n_targets);
+}
+
+static void write_steps(SparseLU *lu, const Search *s, const Int *when, const Int *offset)
+{
+    Int lower = 0, upper = 0, target = 0;
+    for (Int step = 0; step < lu->n; step++) {
+        const Int r = lu->pivot_row[step], c = lu->pivot_column[step];
+        const List *row = s->row + r, *below = s->below + step;
+        lu->pivot_at[step] = place_of(s, offset, r, c);
+        lu->lower_start[step] = lower;
+        lu->upper_start[step] = upper;
+        for (Int e = 0; e < row->n; e++)
+            if (when[row->at[e]] > step) {
+                lu->upper_column[upper] = row->at[e];
+                lu->upper_at[upper++] = offset[r] + e;
+            }
+        for (Int l = 0; l < below->n; l++) {
+            lu->lower_row[lower] = below->at[l];
+            lu->lower_at[lower++] = place_of(s, offset, below->at[l], c);
+            for (Int u = lu->upper_start[step]; u < upper; u++)
+                lu->target[target++] = place_of(s, offset, below->at[l], lu->upper_column[u]);
+        }
+    }
+    lu->lower_start[lu->n] = lower;
+    lu->upper_start[lu->n] = upper;
+}
+
+/* Places of all entries, fill-in included, and the list of steps. */
+static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, const Int *column)
+{
+    const size_t n = (size_t)lu->n + 1;
+    Int *offset = calloc(n, sizeof *offset), *when = calloc(n, sizeof *when);
+    Int *to = calloc(n, sizeof *to);
+    int good = offset && when && to;
+    if (good) {
+        for (Int i = 0; i < lu->n; i++) {
+            offset[i + 1] = offset[i] + s->row[i].n;
+            when[lu->pivot_column[i]] = i;
+        }
+        lu->n_values = offset[lu->n];
+        good = count_steps(lu, s, when);
+    }
+    if (good) {
+        write_steps(lu, s, when, offset);
+        for (Int e = 0; e < n_entries; e++)
+            lu->place[e] = place_of(s, offset, row[e], column[e]);
+        lu->parity = parity_of(lu, to, when);
+    }
+    free(offset);
+    free(when);
+    free(to);
+    return good;
+}
+
+int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
+               const Real *value)
+{
+    Search s;
+    release(lu);
+    lu->n = n;
+    lu->n_entries = n_entries;
+    lu->pivot_row = calloc((size_t)n + 1, sizeof(Int));
+    lu->pivot_column = calloc((size_t)n + 1, sizeof(Int));
+    int code = NO_MEMORY;
+    if (lu->pivot_row && lu->pivot_column && search_begin(&s, n, n_entries, row, column, value)) {
+        const int found = search(&s, lu->pivot_row, lu->pivot_column);
+        if (found == 0)
+            code = SINGULAR;
+        else if (found > 0 && record(lu, &s, n_entries, row, column))
+            code = DONE;
+        search_free(&s);
+    }
+    lu->chosen = code == DONE;
+    lu->first_ratio = 0.0;
+    return code;
+}
+
+/* ---- numbers ---- */
+
+/* Keep the determinant's size as mantissa * 2^exponent, far from overflow. */
+static void multiply_determinant(SparseLU *lu, Real size)
+{
+    lu->mantissa *= size;
+    if (lu->mantissa < 1e-100 || lu->mantissa > 1e100) {
+        int exponent;
+        lu->mantissa = frexp(lu->mantissa, &exponent);
+        lu->exponent += exponent;
+    }
+}
+
+int lu_factor(SparseLU *lu, const Real *entry)
+{
+    Real *value = lu->value, least = INFINITY, most = 0.0, largest = 0.0;
+    const Int *target = lu->target;
+    memset(value, 0, (size_t)lu->n_values * sizeof *value);
+    for (Int e = 0; e < lu->n_entries; e++)
+        value[lu->place[e]] = entry[e];
+    lu->sign = lu->parity;
+    lu->mantissa = 1.0;
+    lu->exponent = 0;
+    for (Int step = 0; step < lu->n; step++) {
+        const Real pivot = value[lu->pivot_at[step]], size = fabs(pivot);
+        const Int first = lu->upper_start[step], end = lu->upper_start[step + 1];
+        if (!(size > 0.0) || !isfinite(size)) {
+            lu->sign = lu->ratio = 0.0;
+            return 0;
+        }
+        if (pivot < 0.0)
+            lu->sign = -lu->sign;
+        least = fmin(least, size);
+        most = fmax(most, size);
+        multiply_determinant(lu, size);
+        lu->inverse[step] = 1.0 / pivot;
+        for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
+            const Real factor = value[lu->lower_at[l]] *= lu->inverse[step];
+            largest = fmax(largest, fabs(factor));
+            for (Int u = first; u < end; u++)
+                value[*target++] -= factor * value[lu->upper_at[u]];
+        }
+    }
+    lu->ratio = lu->n ? least / most : 1.0;
+    if (lu->first_ratio == 0.0)
+        lu->first_ratio = lu->ratio;
+    return largest < MULTIPLIER && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
+}
+
+void lu_solve(const SparseLU *lu, const Real *right, Real *x)
+{
+    Real *y = lu->work;
+    memcpy(y, right, (size_t)lu->n * sizeof *y);
+    for (Int step = 0; step < lu->n; step++) {
+        const Real known = y[lu->pivot_row[step]];
+        if (known != 0.0)
+            for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++)
+                y[lu->lower_row[l]] -= lu->value[lu->lower_at[l]] * known;
+    }
+    for (Int step = lu->n - 1; step >= 0; step--) {
+        Real sum = y[lu->pivot_row[step]];
+        for (Int u = lu->upper_start[step]; u < lu->upper_start[step + 1]; u++)
+            sum -= lu->value[lu->upper_at[u]] * x[lu->upper_column[u]];
+        x[lu->pivot_column[step]] = sum * lu->inverse[step];
+    }
+}

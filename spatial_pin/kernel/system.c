@@ -1,0 +1,203 @@
+/* The square system: chosen closure equations, idle rotations, driven freedoms, and rows that fill
+ * it up where freedoms are left (passive ones that nothing determines). Unknowns are v / scale. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernel.h"
+
+static int within(Int index, Int n) { return index >= 0 && index < n; }
+
+static int indices_are_sound(const Int *index, Int n, Int below)
+{
+    for (Int i = 0; i < n; i++)
+        if (!within(index[i], below))
+            return 0;
+    return 1;
+}
+
+static int make_room(Kernel *k, Int n)
+{
+    if (n <= k->system_room)
+        return 1;
+    struct {
+        void **to;
+        size_t size;
+    } arrays[] = {{(void **)&k->system_row, sizeof(Int)},
+                  {(void **)&k->system_column, sizeof(Int)},
+                  {(void **)&k->system_from, sizeof(Int)},
+                  {(void **)&k->system_value, sizeof(Real)}};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) {
+        void *more = realloc(*arrays[i].to, (size_t)n * arrays[i].size);
+        if (!more)
+            return 0;
+        *arrays[i].to = more;
+    }
+    k->system_room = n;
+    return 1;
+}
+
+static void put(Kernel *k, Int row, Int column, Int from, Real value)
+{
+    const Int e = k->n_system++;
+    k->system_row[e] = row;
+    k->system_column[e] = column;
+    k->system_from[e] = from;
+    k->system_value[e] = value;
+}
+
+static Int put_equation(Kernel *k, Int row, Int equation)
+{
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        put(k, row, k->entry_v[e], e, 0.0);
+    return row + 1;
+}
+
+/* Where the entries of the square matrix stand and come from. */
+static int lay_out(Kernel *k)
+{
+    Int row = 0, room = k->entry_start[k->n_equations] - k->entry_start[k->n_closure];
+    for (Int i = 0; i < k->n_chosen; i++)
+        room += k->entry_start[k->chosen[i] + 1] - k->entry_start[k->chosen[i]];
+    if (!make_room(k, room + k->n_driven + k->n_fill * k->nv))
+        return NO_MEMORY;
+    k->n_system = 0;
+    for (Int i = 0; i < k->n_chosen; i++)
+        row = put_equation(k, row, k->chosen[i]);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        row = put_equation(k, row, i);
+    for (Int i = 0; i < k->n_driven; i++)
+        put(k, row++, k->driven[i], -1, 1.0);
+    for (Int i = 0; i < k->n_fill; i++, row++)
+        for (Int v = 0; v < k->nv; v++)
+            if (k->fill[i * k->nv + v] != 0.0)
+                put(k, row, v, -1, k->fill[i * k->nv + v]);
+    lu_forget(k->lu);
+    return DONE;
+}
+
+EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
+                      const Real *fill, Int n_fill)
+{
+    if (n_chosen < 0 || n_driven < 0 || n_fill < 0 || n_chosen > k->nv || n_driven > k->nv ||
+        n_fill > k->nv || n_chosen + k->n_idle + n_driven + n_fill != k->nv)
+        return BAD_ARRAYS;
+    if (!indices_are_sound(chosen, n_chosen, k->n_closure) ||
+        !indices_are_sound(driven, n_driven, k->nv))
+        return BAD_ARRAYS;
+    if (n_fill > 0) {
+        Real *rows = realloc(k->fill, (size_t)(n_fill * k->nv) * sizeof *rows);
+        if (!rows)
+            return NO_MEMORY;
+        k->fill = rows;
+        memcpy(rows, fill, (size_t)(n_fill * k->nv) * sizeof *rows);
+    }
+    memmove(k->chosen, chosen, (size_t)n_chosen * sizeof *chosen);
+    memmove(k->driven, driven, (size_t)n_driven * sizeof *driven);
+    k->n_chosen = n_chosen;
+    k->n_driven = n_driven;
+    k->n_fill = n_fill;
+    return lay_out(k);
+}
+
+/* Factor with the order there is; choose another where it has become a bad one. */
+int system_factor(Kernel *k)
+{
+    k->factorisations++;
+    for (Int e = 0; e < k->n_system; e++)
+        if (k->system_from[e] >= 0)
+            k->system_value[e] = k->entry[k->system_from[e]];
+    for (int attempt = 0; attempt < 2; attempt++) {
+        int code = DONE;
+        if (attempt || !lu_has_order(k->lu))
+            code = lu_analyse(k->lu, k->nv, k->n_system, k->system_row, k->system_column,
+                              k->system_value);
+        if (code != DONE)
+            return code;
+        const int factored = lu_factor(k->lu, k->system_value);
+        lu_determinant(k->lu, &k->sign, &k->pivot_ratio, &k->mantissa, &k->exponent);
+        if (factored > 0 || (factored < 0 && attempt))
+            return DONE;
+    }
+    return SINGULAR;
+}
+
+void system_solve(const Kernel *k, Real *x)
+{
+    Real *right = k->scratch_v;
+    memcpy(right, x, (size_t)k->nv * sizeof *x);
+    lu_solve(k->lu, right, x);
+}
+
+/* Gram-Schmidt on the rows of the closure equations, the longest one left first: `chosen` becomes
+ * as many independent equations as before. */
+static int choose_rows(Kernel *k, Real *rows, Int *left)
+{
+    const Int n = k->n_closure, nv = k->nv;
+    for (Int i = 0; i < n; i++) {
+        left[i] = 1;
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+            rows[i * nv + k->entry_v[e]] = k->entry[e];
+    }
+    for (Int picked = 0; picked < k->n_chosen; picked++) {
+        Int best = -1;
+        Real most = 1e-26; /* square of a length that is round-off of rows of length one */
+        for (Int i = 0; i < n; i++) {
+            Real square = 0.0;
+            for (Int v = 0; left[i] && v < nv; v++)
+                square += rows[i * nv + v] * rows[i * nv + v];
+            if (square > most) {
+                most = square;
+                best = i;
+            }
+        }
+        if (best < 0)
+            return SINGULAR;
+        left[best] = 0;
+        const Real *along = rows + best * nv;
+        for (Int i = 0; i < n; i++)
+            for (int twice = 0; left[i] && twice < 2; twice++) {
+                Real part = 0.0;
+                for (Int v = 0; v < nv; v++)
+                    part += rows[i * nv + v] * along[v];
+                for (Int v = 0; v < nv; v++)
+                    rows[i * nv + v] -= part / most * along[v];
+            }
+    }
+    return DONE;
+}
+
+int system_reselect(Kernel *k)
+{
+    Real *rows = calloc((size_t)(k->n_closure * k->nv) + 1, sizeof *rows);
+    Int *left = calloc((size_t)k->n_closure + 1, sizeof *left);
+    int code = rows && left ? choose_rows(k, rows, left) : NO_MEMORY;
+    if (code == DONE) {
+        Int n = 0;
+        for (Int i = 0; i < k->n_closure; i++)
+            if (!left[i])
+                k->chosen[n++] = i;
+        code = lay_out(k);
+    }
+    free(rows);
+    free(left);
+    return code;
+}
+
+void system_path_rates(Kernel *k, Real *first, Real *second)
+{
+    Real *x = k->right;
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    x[k->n_chosen + k->n_idle] = 1.0 / k->scale[k->driven[0]];
+    system_solve(k, x);
+    for (Int v = 0; v < k->nv; v++)
+        first[v] = k->scale[v] * x[v];
+    equations_bias(k, first);
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_chosen; i++)
+        x[i] = -k->bias[k->chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        x[k->n_chosen + i] = -k->bias[k->n_closure + i];
+    system_solve(k, x);
+    for (Int v = 0; v < k->nv; v++)
+        second[v] = k->scale[v] * x[v];
+}

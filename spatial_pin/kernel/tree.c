@@ -1,0 +1,288 @@
+/* The tree of joints: placements, joint Jacobian, rates of the bodies, displacements.
+ *
+ * The joint axis is the local z axis. Quaternions are (x, y, z, w); velocities of balls and free
+ * joints are in the axes of the body, as in Pinocchio. */
+#include "kernel.h"
+
+/* Columns of the rotation of a unit quaternion. */
+static void quaternion_rotation(const Real *quaternion, Real *R)
+{
+    const Real x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
+    const Real xx = 2.0 * x * x, yy = 2.0 * y * y, zz = 2.0 * z * z;
+    const Real xy = 2.0 * x * y, xz = 2.0 * x * z, yz = 2.0 * y * z;
+    const Real wx = 2.0 * w * x, wy = 2.0 * w * y, wz = 2.0 * w * z;
+    R[0] = 1.0 - yy - zz, R[1] = xy + wz, R[2] = xz - wy;
+    R[3] = xy - wz, R[4] = 1.0 - xx - zz, R[5] = yz + wx;
+    R[6] = xz + wy, R[7] = yz - wx, R[8] = 1.0 - xx - yy;
+}
+
+/* Rotation of the joint's frame before it moves. */
+static void fixed_rotation(const Kernel *k, Int j, const Real *parent, Real *R)
+{
+    if (k->plain[j])
+        for (int i = 0; i < 9; i++)
+            R[i] = parent[i];
+    else
+        product3(parent, k->rotation + 9 * j, R);
+}
+
+/* R = fixed * rotation about z */
+static void turn_about_z(const Real *fixed, Real angle, Real *R)
+{
+    const Real c = cos(angle), s = sin(angle);
+    for (int i = 0; i < 3; i++) {
+        R[i] = c * fixed[i] + s * fixed[3 + i];
+        R[3 + i] = c * fixed[3 + i] - s * fixed[i];
+        R[6 + i] = fixed[6 + i];
+    }
+}
+
+void tree_place(Kernel *k, const Real *q)
+{
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Real *parent = k->R + 9 * k->parent[j], *x = q + k->iq[j];
+        Real *R = k->R + 9 * j, *p = k->p + 3 * j, fixed[9], own[9];
+        rotate3(parent, k->translation + 3 * j, p);
+        add3(1.0, k->p + 3 * k->parent[j], p);
+        fixed_rotation(k, j, parent, fixed);
+        switch (k->kind[j]) {
+        case SLIDE:
+            for (int i = 0; i < 9; i++)
+                R[i] = fixed[i];
+            add3(k->pitch[j] * x[0], R + 6, p);
+            break;
+        case TURN:
+            turn_about_z(fixed, x[0], R);
+            break;
+        case SCREW:
+            turn_about_z(fixed, x[0], R);
+            add3(k->pitch[j] * x[0], R + 6, p);
+            break;
+        case FREE:
+            for (int c = 0; c < 3; c++)
+                add3(x[c], fixed + 3 * c, p);
+            x += 3;
+            /* fall through */
+        default:
+            quaternion_rotation(x, own);
+            product3(fixed, own, R);
+        }
+    }
+}
+
+void tree_columns(Kernel *k)
+{
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Real *R = k->R + 9 * j, *p = k->p + 3 * j;
+        Real *linear = k->linear + 3 * k->iv[j], *angular = k->angular + 3 * k->iv[j];
+        switch (k->kind[j]) {
+        case SLIDE:
+            zero3(linear);
+            add3(k->pitch[j], R + 6, linear);
+            break;
+        case TURN:
+        case SCREW:
+            copy3(R + 6, angular);
+            cross3(p, angular, linear);
+            if (k->kind[j] == SCREW)
+                add3(k->pitch[j], R + 6, linear);
+            break;
+        case FREE:
+            for (int c = 0; c < 3; c++)
+                copy3(R + 3 * c, linear + 3 * c);
+            linear += 9, angular += 9;
+            /* fall through */
+        default:
+            for (int c = 0; c < 3; c++) {
+                copy3(R + 3 * c, angular + 3 * c);
+                cross3(p, angular + 3 * c, linear + 3 * c);
+            }
+        }
+    }
+}
+
+/* Velocity of the body relative to its parent: slide and turn, world axes. */
+static void joint_rate(const Kernel *k, Int j, const Real *v, Real *slide, Real *turn)
+{
+    const Real *R = k->R + 9 * j, *x = v + k->iv[j];
+    zero3(slide);
+    zero3(turn);
+    switch (k->kind[j]) {
+    case TURN:
+        add3(x[0], R + 6, turn);
+        break;
+    case SCREW:
+        add3(x[0], R + 6, turn);
+        /* fall through */
+    case SLIDE:
+        add3(k->pitch[j] * x[0], R + 6, slide);
+        break;
+    case FREE:
+        rotate3(R, x, slide);
+        x += 3;
+        /* fall through */
+    default:
+        rotate3(R, x, turn);
+    }
+}
+
+/* With w the parent's angular velocity, r the arm from its origin to the joint's, u and t the
+ * slide and turn of the joint:  velocity = vp + w x r + u,  acceleration = ap + alphap x r +
+ * w x (w x r) + w x u + (w + t) x u + du,  omega = w + t,  alpha = alphap + w x t + dt. */
+void tree_rates(Kernel *k, const Real *v, const Real *a)
+{
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int up = 3 * k->parent[j], at = 3 * j;
+        Real arm[3], swing[3], slide[3], turn[3], more[3], body[3];
+        Real slide_rate[3] = {0.0, 0.0, 0.0}, turn_rate[3] = {0.0, 0.0, 0.0};
+        joint_rate(k, j, v, slide, turn);
+        if (a)
+            joint_rate(k, j, a, slide_rate, turn_rate);
+        copy3(k->p + at, arm);
+        add3(-1.0, k->p + up, arm);
+        cross3(k->omega + up, arm, swing);
+        copy3(k->velocity + up, k->velocity + at);
+        add3(1.0, swing, k->velocity + at);
+        add3(1.0, slide, k->velocity + at);
+        copy3(k->omega + up, body);
+        add3(1.0, turn, body);
+        Real *acceleration = k->acceleration + at;
+        copy3(k->acceleration + up, acceleration);
+        cross3(k->alpha + up, arm, more);
+        add3(1.0, more, acceleration);
+        add3(1.0, slide, swing); /* w x (w x r) + w x u */
+        cross3(k->omega + up, swing, more);
+        add3(1.0, more, acceleration);
+        cross3(body, slide, more);
+        add3(1.0, more, acceleration);
+        add3(1.0, slide_rate, acceleration);
+        cross3(k->omega + up, turn, more);
+        copy3(k->alpha + up, k->alpha + at);
+        add3(1.0, more, k->alpha + at);
+        add3(1.0, turn_rate, k->alpha + at);
+        copy3(body, k->omega + at);
+    }
+}
+
+/* out = quaternion * (w, 0) */
+static void times_pure(const Real *quaternion, const Real *w, Real *out)
+{
+    cross3(quaternion, w, out);
+    add3(quaternion[3], w, out);
+    out[3] = -dot3(quaternion, w);
+}
+
+static void normalize_quaternion(Real *x)
+{
+    const Real size = sqrt(dot3(x, x) + x[3] * x[3]);
+    for (int i = 0; i < 4; i++)
+        x[i] /= size;
+}
+
+/* sin(t)/t, (1 - cos t)/t², (t - sin t)/t³ as series for small angles, where t² is `square`. */
+static void exponential_factors(Real square, Real *b, Real *c)
+{
+    if (square < 1e-2) { /* the terms left out are below 1e-17 of the first */
+        *b = 0.5 * (1.0 - square / 12.0 * (1.0 - square / 30.0 *
+             (1.0 - square / 56.0 * (1.0 - square / 90.0))));
+        *c = (1.0 - square / 20.0 * (1.0 - square / 42.0 *
+             (1.0 - square / 72.0 * (1.0 - square / 110.0)))) / 6.0;
+    } else {
+        const Real angle = sqrt(square), half = sin(0.5 * angle);
+        *b = 2.0 * half * half / square;
+        *c = (angle - sin(angle)) / (square * angle);
+    }
+}
+
+/* x += R(quaternion) (u + b w x u + c w x (w x u)): the slide of a screw motion (u, w). */
+static void slide_along(const Real *quaternion, const Real *u, const Real *w, Real *x)
+{
+    Real b, c, once[3], twice[3], slide[3], R[9], moved[3];
+    exponential_factors(dot3(w, w), &b, &c);
+    cross3(w, u, once);
+    cross3(w, once, twice);
+    copy3(u, slide);
+    add3(b, once, slide);
+    add3(c, twice, slide);
+    quaternion_rotation(quaternion, R);
+    rotate3(R, slide, moved);
+    add3(1.0, moved, x);
+}
+
+/* x becomes x * exp(w / 2). */
+static void turn_quaternion(Real *x, const Real *w)
+{
+    const Real half = 0.5 * sqrt(dot3(w, w));
+    const Real factor = half < 1e-8 ? 0.5 : 0.5 * sin(half) / half, c = cos(half);
+    Real pure[3] = {factor * w[0], factor * w[1], factor * w[2]}, added[4];
+    times_pure(x, pure, added);
+    for (int i = 0; i < 4; i++)
+        x[i] = c * x[i] + added[i];
+    normalize_quaternion(x);
+}
+
+void tree_integrate(const Kernel *k, Real *q, const Real *step)
+{
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real *x = q + k->iq[j];
+        const Real *s = step + k->iv[j];
+        switch (k->kind[j]) {
+        case FREE:
+            slide_along(x + 3, s, s + 3, x);
+            x += 3, s += 3;
+            /* fall through */
+        case BALL:
+            turn_quaternion(x, s);
+            break;
+        default:
+            x[0] += s[0];
+        }
+    }
+}
+
+void tree_normalize(const Kernel *k, Real *q)
+{
+    for (Int j = 1; j < k->n_joints; j++)
+        if (k->kind[j] >= BALL)
+            normalize_quaternion(q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0));
+}
+
+/* Derivatives of a quaternion at the body's angular velocity w and acceleration alpha. */
+static void quaternion_rates(const Real *x, const Real *w, const Real *alpha, Real *first,
+                             Real *second)
+{
+    Real again[4];
+    times_pure(x, w, first);
+    for (int i = 0; i < 4; i++)
+        first[i] *= 0.5;
+    times_pure(x, alpha, second);
+    times_pure(first, w, again);
+    for (int i = 0; i < 4; i++)
+        second[i] = 0.5 * (second[i] + again[i]);
+}
+
+void tree_entry_rates(const Kernel *k, const Real *q, const Real *v, const Real *a, Real *first,
+                      Real *second)
+{
+    for (Int j = 1; j < k->n_joints; j++) {
+        Int iq = k->iq[j], iv = k->iv[j];
+        switch (k->kind[j]) {
+        case FREE: {
+            Real R[9], sliding[3];
+            quaternion_rotation(q + iq + 3, R);
+            rotate3(R, v + iv, first + iq);
+            cross3(v + iv + 3, v + iv, sliding);
+            add3(1.0, a + iv, sliding);
+            rotate3(R, sliding, second + iq);
+            iq += 3, iv += 3;
+        }
+            /* fall through */
+        case BALL:
+            quaternion_rates(q + iq, v + iv, a + iv, first + iq, second + iq);
+            break;
+        default:
+            first[iq] = v[iv];
+            second[iq] = a[iv];
+        }
+    }
+}
