@@ -19,12 +19,12 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import spatial_pin as sp
-from spatial_pin.kinematics.usual import usual_motion
-from spatial_pin.view.devtools import Browser
-from spatial_pin.view.film import film
-from spatial_pin.view.html import export_html
-from spatial_pin.view.look import Look
-from spatial_pin.view.movie import open_page, shoot, write_gif
+from spatial_pin.motion.default_motion import usual_motion
+from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser.movie import open_page, shoot, write_gif
+from spatial_pin.view.page.html import export_html
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.look import Look
 
 TILE = (480, 360)  # [pixels]
 CAPTION = 30  # height of the name under a tile [pixels]

@@ -2,7 +2,7 @@
 
 For every mechanism of the library whose closures Pinocchio can express, and for longer and longer
 ladders: time of the public `forward_dynamics` both ways, of the bare call below it, and by how much
-the accelerations differ. `dynamics/native.py` takes its limits from here.
+the accelerations differ. `dynamics/solvers/constraint_dynamics.py` takes its limits from here.
 
 Other pairs have a native form too: the cut body in two halves welded together, the pair a joint of
 the tree. The coordinate of that joint has to be found first, which is part of the second table.
@@ -27,8 +27,8 @@ import pinocchio as pin
 
 import spatial_pin as sp
 from spatial_pin.accuracy.models import ladder
-from spatial_pin.dynamics.equations import equations_of
-from spatial_pin.dynamics.native import NativeDynamics, native_models
+from spatial_pin.dynamics.solvers.constraint_dynamics import NativeDynamics, native_models
+from spatial_pin.dynamics.solvers.equations import equations_of
 from spatial_pin.mechanism.inertia import MassMatrix
 
 # joints of a pair about and along z, and their coordinates among (3 angles, 3 lengths)

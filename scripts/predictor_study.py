@@ -35,9 +35,9 @@ from benchmark.workers import Worker
 from numpy.typing import NDArray
 
 import spatial_pin as sp
-from spatial_pin.kinematics import run
-from spatial_pin.kinematics.branch import Branch
-from spatial_pin.kinematics.newton import SquareSystem
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.continuation import vectorised_path
+from spatial_pin.continuation.branch import Branch
 
 Array = NDArray[np.float64]
 Job = Callable[[], Any]
@@ -163,13 +163,13 @@ class Setting:
 
     def sweep(self, mechanism: sp.Mechanism, values: Array) -> sp.Motion:
         """Return the motion through some values."""
-        possible = run.is_possible
+        possible = vectorised_path.is_possible
         if not self.together:
-            run.is_possible = lambda _: False
+            vectorised_path.is_possible = lambda _: False
         try:
             return sp.sweep(mechanism, "crank", values, accuracy=self.accuracy)
         finally:
-            run.is_possible = possible
+            vectorised_path.is_possible = possible
 
 
 def time_in_turns(jobs: list[Job], repeats: int) -> Array:

@@ -3,18 +3,20 @@
 from importlib import import_module
 from typing import Any
 
-from spatial_pin.accuracy.reduce import Reduced, reduce
-from spatial_pin.accuracy.reduction_report import Omission
 from spatial_pin.accuracy.reference import Errors
 from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
-from spatial_pin.accuracy.verification import Verification
-from spatial_pin.dynamics.derivatives import Derivatives, dynamics_derivatives
+from spatial_pin.assembly.assemble import assemble
+from spatial_pin.assembly.export_mjcf import export_mjcf
+from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
+from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
+from spatial_pin.dimensions.tolerance import Tolerance, tolerance
+from spatial_pin.dynamics.derivatives.derivatives import Derivatives, dynamics_derivatives
+from spatial_pin.dynamics.derivatives.reactions import Linear
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
 from spatial_pin.dynamics.inverse import Efforts, inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
-from spatial_pin.dynamics.reaction_derivatives import Linear
-from spatial_pin.dynamics.simulate import Simulation, simulate
-from spatial_pin.dynamics.simulation import Projection
+from spatial_pin.dynamics.simulation.result import Projection
+from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import (
     AssemblyError,
     ClosureTypeError,
@@ -29,33 +31,8 @@ from spatial_pin.errors import (
     UnknownNameError,
 )
 from spatial_pin.formats.files import list_mechanisms, load
-from spatial_pin.kinematics.assembly import assemble
-from spatial_pin.kinematics.dead_centres import dead_centres
-from spatial_pin.kinematics.grashof import Grashof, grashof
-from spatial_pin.kinematics.jacobians import (
-    Influence,
-    closure_jacobian,
-    influence,
-    jacobian,
-    jacobian_rate,
-)
-from spatial_pin.kinematics.jerks import Jerks, solve_jerks
-from spatial_pin.kinematics.joint_limits import JointLimit, Passing
-from spatial_pin.kinematics.limits import limits, trace
-from spatial_pin.kinematics.mjcf_export import export_mjcf
-from spatial_pin.kinematics.mobility import Loop, Mobility, PassiveFreedom, mobility
-from spatial_pin.kinematics.mode_list import AssemblyModes, Continuum
-from spatial_pin.kinematics.modes import assembly_modes
-from spatial_pin.kinematics.motion import Event, FrameMotion, Motion, Output
-from spatial_pin.kinematics.ranges import Range
-from spatial_pin.kinematics.rates import solve_rates
-from spatial_pin.kinematics.sensitivity import Sensitivity, sensitivity
-from spatial_pin.kinematics.state import Gap, PointRates, RelativeMotion, State
-from spatial_pin.kinematics.sweep import sweep
-from spatial_pin.kinematics.tolerance import Tolerance, tolerance
-from spatial_pin.kinematics.transmission import Transmission, transmission
 from spatial_pin.mechanism import closures, laws
-from spatial_pin.mechanism.configuration import CoordinateRates
+from spatial_pin.mechanism.coordinates import CoordinateRates
 from spatial_pin.mechanism.mechanism import (
     Closure,
     Coordinate,
@@ -65,6 +42,29 @@ from spatial_pin.mechanism.mechanism import (
     Spring,
 )
 from spatial_pin.mechanism.named_frames import Frame
+from spatial_pin.mobility.grashof import Grashof, grashof
+from spatial_pin.mobility.mobility import Loop, Mobility, PassiveFreedom, mobility
+from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
+from spatial_pin.mobility.modes import assembly_modes
+from spatial_pin.motion.dead_centres import dead_centres
+from spatial_pin.motion.joint_limits import JointLimit, Passing
+from spatial_pin.motion.limits import limits, trace
+from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
+from spatial_pin.motion.ranges import Range
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.rates.jacobians import (
+    Influence,
+    closure_jacobian,
+    influence,
+    jacobian,
+    jacobian_rate,
+)
+from spatial_pin.rates.jerks import Jerks, solve_jerks
+from spatial_pin.rates.rates import solve_rates
+from spatial_pin.rates.transmission import Transmission, transmission
+from spatial_pin.reduction.reduce import Reduced, reduce
+from spatial_pin.reduction.report import Omission
+from spatial_pin.reduction.verification import Verification
 from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"
@@ -72,7 +72,7 @@ __version__ = "0.1.0"
 # they load meshcat and matplotlib
 _SEEN_ON_USE = dict.fromkeys(("Look", "Viewer", "export_html", "live", "movie", "plot", "report",
                               "screenshot", "show"), "spatial_pin.view")
-_SEEN_ON_USE["Vectors"] = "spatial_pin.view.arrows"
+_SEEN_ON_USE["Vectors"] = "spatial_pin.view.scene.layers.arrows"
 
 __all__ = [
     "Accuracy",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 if TYPE_CHECKING:
-    from spatial_pin.linalg import Array
+    from spatial_pin.numerics.linalg import Array
 
 Row = TypeVar("Row")
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -104,7 +104,7 @@ MADE_BY = {
     "State": "sp.assemble(mechanism, {driver: value}) makes one",
     "Motion": "sp.sweep(mechanism, driver, values) or sp.simulate(mechanism, state, duration) "
               "makes one",
-    "Vectors": "spatial_pin.view.arrows.Vectors(...) makes one",
+    "Vectors": "spatial_pin.Vectors(...) makes one",
     "Look": "sp.Look(...) makes one",
     "Accuracy": "give it as spatial_pin.Accuracy, for example Accuracy.named('engineering')",
 }

@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from spatial_pin.kinematics.motion import Motion
-    from spatial_pin.kinematics.state import State
+    from spatial_pin.assembly.state import State
+    from spatial_pin.motion.motion import Motion
 
 
 class SpatialPinError(Exception):

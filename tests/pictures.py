@@ -6,7 +6,7 @@ import math
 import numpy as np
 from PIL import Image
 
-from spatial_pin.view.framing import ASPECT, FIELD_OF_VIEW, Framing
+from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing
 
 
 def pixels(png: bytes) -> np.ndarray:

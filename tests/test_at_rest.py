@@ -7,10 +7,10 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.dynamics.embedding import Lost
-from spatial_pin.dynamics.one_freedom import OneFreedom
-from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.simulate import _independent
+from spatial_pin.dynamics.simulation.formulations.one_freedom import OneFreedom
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.simulate import _independent
 
 ROD = (1.3, (0.5, 0.0, 0.0), (0.0, 0.1, 0.1))
 SETTINGS = {

@@ -11,12 +11,12 @@ import pytest
 from test_closures import JOINTS, every_type, settle, somewhere, tree_with
 
 import spatial_pin as sp
-from spatial_pin.kinematics import nodes, run
-from spatial_pin.kinematics.batch import Batch
-from spatial_pin.kinematics.constraints import Constraints, Evaluation
-from spatial_pin.kinematics.flat import FlatTree
-from spatial_pin.kinematics.interpolation import NodeCurve, integrals
-from spatial_pin.linalg import StackedLU
+from spatial_pin.constraints.closure_equations import Constraints, Evaluation
+from spatial_pin.constraints.stacked import Batch
+from spatial_pin.constraints.vectorised_tree import FlatTree
+from spatial_pin.continuation import collocation, vectorised_path
+from spatial_pin.numerics.interpolation import NodeCurve, integrals
+from spatial_pin.numerics.linalg import StackedLU
 
 SEVERAL = 4
 TURN = np.linspace(0.0, 2.0 * np.pi, 500)
@@ -170,7 +170,7 @@ def both_ways(monkeypatch, mechanism, values, **keys) -> tuple[sp.Motion, sp.Mot
     driver = next(iter(mechanism.drivers))
     together = sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
     with monkeypatch.context() as patch:
-        patch.setattr(run, "is_possible", lambda _: False)
+        patch.setattr(vectorised_path, "is_possible", lambda _: False)
         return together, sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
 
 
@@ -197,14 +197,14 @@ def test_rows_together_are_rows_one_by_one(name, values, monkeypatch):
 @pytest.fixture
 def taken(monkeypatch) -> list[int]:
     """How many rows were taken together, each time."""
-    numbers, follow = [], run.Runner.follow
+    numbers, follow = [], vectorised_path.Runner.follow
 
     def counted(self, k, end):
         for first, rows in follow(self, k, end):
             numbers.append(len(rows.q))
             yield first, rows
 
-    monkeypatch.setattr(run.Runner, "follow", counted)
+    monkeypatch.setattr(vectorised_path.Runner, "follow", counted)
     return numbers
 
 
@@ -246,7 +246,7 @@ def test_an_end_of_travel_is_found_from_rows_together(monkeypatch):
     for possible in (True, False):
         with monkeypatch.context() as patch:
             if not possible:
-                patch.setattr(run, "is_possible", lambda _: False)
+                patch.setattr(vectorised_path, "is_possible", lambda _: False)
             with pytest.raises(sp.LimitError) as caught:
                 sp.sweep(mechanism, "slider", np.linspace(0.0, 0.6, 900))
         reached.append((caught.value.limit, len(caught.value.motion)))
@@ -262,9 +262,9 @@ def test_a_passive_spin_does_not_depend_on_the_rows(name, monkeypatch):
     fine = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 3001))
     coarse = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 301))
     assert_same(coarse.q, fine.q[::10], 1e-11)
-    monkeypatch.setattr(run, "FIRST_STEP", 0.03)
+    monkeypatch.setattr(vectorised_path, "FIRST_STEP", 0.03)
     assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
-    monkeypatch.setattr(run, "is_possible", lambda _: False)
+    monkeypatch.setattr(vectorised_path, "is_possible", lambda _: False)
     assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
 
 
@@ -278,7 +278,7 @@ def test_a_passive_spin_is_exact_however_few_the_rows_are(name, rows, monkeypatc
     fine = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 3001))
     rows = list(rows)
     assert_same(sp.sweep(mechanism, driver, fine.driver[rows]).q, fine.q[rows], 1e-10)
-    monkeypatch.setattr(run, "is_possible", lambda _: False)
+    monkeypatch.setattr(vectorised_path, "is_possible", lambda _: False)
     assert_same(sp.sweep(mechanism, driver, fine.driver[rows]).q, fine.q[rows], 1e-7)
 
 
@@ -309,15 +309,15 @@ def test_branches_that_cross_twice_at_one_place_are_not_passed_unnoticed(rows, b
 
 def test_far_rows_of_a_spinning_rod_are_not_gone_on_to_from_steps_that_fail(monkeypatch):
     """Points that fail between rows are as good a reason to go row by row as rows that do."""
-    divided, calls = nodes.divided, []
+    divided, calls = collocation.divided, []
 
     def failing(*given):
         calls.append(given)
         return divided(*given)._replace(good=2)
 
     expected = sp.sweep(sp.load("rssr"), "crank", [0.0, 6.0])
-    monkeypatch.setattr(run, "LONGEST", 4)
-    monkeypatch.setattr(nodes, "divided", failing)
+    monkeypatch.setattr(vectorised_path, "LONGEST", 4)
+    monkeypatch.setattr(collocation, "divided", failing)
     motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 6.0])
     assert len(calls) == 1
     rockers = (m.coordinate("rocker_pin").value for m in (motion, expected))

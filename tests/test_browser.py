@@ -17,18 +17,18 @@ from PIL import Image
 
 import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.bodies import colour
-from spatial_pin.view.browser import find_browser
-from spatial_pin.view.devtools import Browser
-from spatial_pin.view.film import film
-from spatial_pin.view.framing import rotate
-from spatial_pin.view.gaps import COLOUR as GAP_COLOUR
-from spatial_pin.view.html import export_html
-from spatial_pin.view.look import Look
-from spatial_pin.view.movie import READY, movie, open_page, shoot
-from spatial_pin.view.report import report
-from spatial_pin.view.scene import joint_poses, scene, upright
-from spatial_pin.view.traces import COLOURS as TRACE_COLOURS
+from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser.movie import READY, movie, open_page, shoot
+from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.page.html import export_html
+from spatial_pin.view.page.report import report
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.framing import rotate
+from spatial_pin.view.scene.layers.bodies import colour
+from spatial_pin.view.scene.layers.gaps import COLOUR as GAP_COLOUR
+from spatial_pin.view.scene.layers.traces import COLOURS as TRACE_COLOURS
+from spatial_pin.view.scene.look import Look
+from spatial_pin.view.scene.meshcat_commands import joint_poses, scene, upright
 
 SIZE = (480, 360)
 REPORT_READY = "frames.length === 1 && typeof frames[0].seek === 'function'"
@@ -323,7 +323,7 @@ def test_closed_browser_leaves_nothing_behind():
 
 FILMING = """
 import sys, time, numpy as np, spatial_pin as sp
-movie = __import__("importlib").import_module("spatial_pin.view.movie")
+movie = __import__("importlib").import_module("spatial_pin.view.browser.movie")
 def shoot(browser, seconds):
     print(browser._process.pid, browser._folder.name, flush=True)
     time.sleep(600)
@@ -371,7 +371,7 @@ def test_browser_that_does_not_start_is_a_clear_error(monkeypatch, tmp_path):
     program = tmp_path / "chromium"
     program.write_text("#!/bin/sh\necho no display >&2\nexit 3\n")
     program.chmod(0o755)
-    monkeypatch.setattr("spatial_pin.view.devtools.find_browser", lambda: str(program))
+    monkeypatch.setattr("spatial_pin.view.browser.devtools.find_browser", lambda: str(program))
     with pytest.raises(SpatialPinError, match=r"ended at once:\s+no display"):
         Browser(SIZE)
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from test_linkages import delta
 
 import spatial_pin as sp
-from spatial_pin.view.drive import Drive
+from spatial_pin.view.page.drive import Drive
 
 HELD = [(0.0, 0.0), (-0.1, 0.2), (-0.2, 0.3), (0.3, -0.3)]  # arms 2 and 3 [rad]
 HELD_IDS = ["level", "little", "more", "opposite"]

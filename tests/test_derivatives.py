@@ -10,9 +10,9 @@ import pytest
 from mpmath import acos, cos, diff, mp, mpf
 
 import spatial_pin as sp
-from spatial_pin.kinematics.rates import rate_error
-from spatial_pin.kinematics.split import split
-from spatial_pin.kinematics.state import State
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.composite_joints import split
+from spatial_pin.rates.rates import rate_error
 
 STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # fourth-order first derivative
 STEP = 3e-4

@@ -6,7 +6,7 @@ import pytest
 from mechanisms import closure, driver, floating, guess, load, point, refine, tilted, turning
 
 import spatial_pin as sp
-from spatial_pin.mechanism.configuration import rotation_vector
+from spatial_pin.mechanism.coordinates import rotation_vector
 
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 

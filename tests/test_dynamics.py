@@ -25,13 +25,13 @@ from masses import (
 from mpmath import cos, mpf, sin
 
 import spatial_pin as sp
-from spatial_pin.dynamics.equations import Equations
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
-from spatial_pin.dynamics.sparse import SparseEquations
-from spatial_pin.mechanism.export import content_of
+from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.sparse import SparseEquations
+from spatial_pin.formats.export import content_of
 
 LIBRARY = sp.list_mechanisms()
 G = 9.81

@@ -9,9 +9,9 @@ import pytest
 from masses import heavy, with_masses
 
 import spatial_pin as sp
-from spatial_pin.dynamics.derivatives import dynamics_derivatives
+from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.linalg import null_space
+from spatial_pin.numerics.linalg import null_space
 
 WEIGHT = (1.0, (0.01, 0.02, 0.03), (0.02, 0.03, 0.04))
 STENCIL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.holding import free_bases
+from spatial_pin.assembly.holding import free_bases
 
 POSE = [0.3, -0.2, 0.5, 0.4, -0.3, 0.2]
 LIBRARY = ("four_bar", "rssr", "stewart", "delta", "double_cardan", "screw_press")

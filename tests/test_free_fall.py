@@ -7,8 +7,8 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.dynamics.free_fall import floats
-from spatial_pin.dynamics.problem import Problem
+from spatial_pin.dynamics.simulation.formulations.free_fall import floats
+from spatial_pin.dynamics.simulation.problem import Problem
 
 GRAVITY = np.array([1.0, -2.0, -9.0])
 ORIGIN = {"xyz": (0.3, -0.2, 0.5), "rpy": (0.4, -0.7, 1.1)}

@@ -13,7 +13,7 @@ from test_seven_bodies import poses, rsup
 
 import spatial_pin as sp
 from spatial_pin.cli import main
-from spatial_pin.kinematics.joint_limits import (
+from spatial_pin.motion.joint_limits import (
     first_passing,
     joint_limit_events,
     joint_limits,

@@ -17,8 +17,8 @@ from mechanisms import KNOWN, closure, driver, floating, guess, load, point, ref
 from mpmath import mpf
 
 import spatial_pin as sp
+from spatial_pin.continuation import vectorised_path
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.kinematics import run
 
 SPEED, ACCELERATION = 3.0, 7.0
 TOLERANCE = 1e-11
@@ -140,7 +140,7 @@ def test_long_runs_are_the_step_by_step_path(name, built, monkeypatch):
     mechanism = built(name)
     values = np.linspace(KNOWN[name].values[0], KNOWN[name].values[-1], 600)
     fast = sweep(name, mechanism, values, speed=SPEED, acceleration=ACCELERATION)
-    monkeypatch.setattr(run, "is_possible", lambda _: False)
+    monkeypatch.setattr(vectorised_path, "is_possible", lambda _: False)
     slow = sweep(name, mechanism, values, speed=SPEED, acceleration=ACCELERATION)
     determined = set(truth(name, float(values[0])).value.coordinates) & set(mechanism.coordinates)
     for coordinate in determined:

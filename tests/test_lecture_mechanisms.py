@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.state import RelativeMotion
+from spatial_pin.assembly.state import RelativeMotion
 
 TOLERANCE = 1e-11
 X, Y, Z = np.eye(3)

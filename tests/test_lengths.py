@@ -24,14 +24,14 @@ from test_reaction_derivatives import check
 
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
-from spatial_pin.dynamics import sparse
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.jerks import Jerks, solve_jerks
-from spatial_pin.kinematics.pieces import PiecewiseRows
-from spatial_pin.kinematics.report import info
-from spatial_pin.mechanism.export import export_urdf
-from spatial_pin.view.film import film
-from spatial_pin.view.scene import scene
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.subtrees import PiecewiseRows
+from spatial_pin.dynamics.solvers import sparse
+from spatial_pin.formats.export import export_urdf
+from spatial_pin.motion.report import info
+from spatial_pin.rates.jerks import Jerks, solve_jerks
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.meshcat_commands import scene
 
 LINKS = ("trunk", "left", "leaf", "right")
 ENDS = [  # which links the frames are on, and the two that give the length

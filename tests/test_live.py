@@ -20,14 +20,14 @@ from pictures import ink, pixels
 import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Spring
-from spatial_pin.view.browser import find_browser
-from spatial_pin.view.devtools import Browser
-from spatial_pin.view.drive import BESIDE, Drive
-from spatial_pin.view.html import page
-from spatial_pin.view.live import live
-from spatial_pin.view.look import Look
-from spatial_pin.view.scene import joint_paths, joint_poses
-from spatial_pin.view.server import LONGEST_QUESTION, Viewer
+from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.page.drive import BESIDE, Drive
+from spatial_pin.view.page.html import page
+from spatial_pin.view.page.live import live
+from spatial_pin.view.page.server import LONGEST_QUESTION, Viewer
+from spatial_pin.view.scene.look import Look
+from spatial_pin.view.scene.meshcat_commands import joint_paths, joint_poses
 
 DOUBLE_ROCKER = {"r1": 0.3, "r2": 0.24, "r3": 0.1, "r4": 0.28}
 PARALLELOGRAM = {"r1": 0.3, "r2": 0.1, "r3": 0.3, "r4": 0.1}
@@ -480,7 +480,7 @@ def test_stopped_page_is_not_answered_any_more():
 
 PROGRAM = """
 import spatial_pin as sp
-from spatial_pin.view.live import live
+from spatial_pin.view.page.live import live
 viewer = live(sp.load("rssr"), open_browser=False)
 print(viewer.url, flush=True)
 """

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.mechanism.export import content_of, export_urdf
+from spatial_pin.formats.export import content_of, export_urdf
 
 STEPS = np.linspace(0.0, 0.35, 8)
 SAME = 1e-12  # of the characteristic length, or rad

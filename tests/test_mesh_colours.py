@@ -9,9 +9,9 @@ import pytest
 import umsgpack
 
 import spatial_pin as sp
-from spatial_pin.view.bodies import BODY_COLOURS, body_items
-from spatial_pin.view.film import film
-from spatial_pin.view.scene import scene
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, body_items
+from spatial_pin.view.scene.meshcat_commands import scene
 
 RED, GREEN, URDF = (1.0, 0.0, 0.0, 1.0), (0.0, 0.5, 0.0, 0.25), (0.0, 0.0, 1.0, 1.0)
 MTL = "newmtl red\nKd 1 0 0\nnewmtl green\nd 0.25\nKd 0 0.5 0\nnewmtl bare\nNs 10\n"

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.mechanism import meshes, shapes
+from spatial_pin.formats.meshes import meshes
+from spatial_pin.formats.urdf import shapes
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]

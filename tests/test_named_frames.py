@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import spatial_pin as sp
 from spatial_pin.cli import main
+from spatial_pin.formats.export import content_of
 from spatial_pin.formats.files import from_text
-from spatial_pin.mechanism.export import content_of
 
 BARE = """<robot name="bars">
   <link name="ground"/>

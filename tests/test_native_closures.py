@@ -6,8 +6,8 @@ import pytest
 from sameness import near
 
 import spatial_pin as sp
-from spatial_pin.linalg import null_space
 from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.numerics.linalg import null_space
 
 
 @pytest.fixture(autouse=True)

@@ -11,11 +11,11 @@ from test_closures import JOINTS, tree_with
 from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
 
 import spatial_pin as sp
-from spatial_pin.dynamics.equations import Equations, equations_of
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.dynamics.forces import joint_efforts
-from spatial_pin.dynamics.native import native_models
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.linalg import null_space
+from spatial_pin.dynamics.solvers.constraint_dynamics import native_models
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.numerics.linalg import null_space
 
 OVERCONSTRAINED = ["bennett", "bricard", "double_cardan", "four_bar", "hooke_joint", "peaucellier",
                    "sarrus", "spherical_four_bar", "watt_six_bar"]

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.order import there_and_back
+from spatial_pin.continuation.evaluation_order import there_and_back
 
 RNG = np.random.default_rng(7)
 SCATTERED = np.concatenate([[0.3], RNG.uniform(-2.0, 6.0, 400), [0.3, 6.0, -2.0]])
@@ -18,7 +18,7 @@ def apart(mech, first, second):
 
 def counted(monkeypatch):
     """Count the values that a branch is asked to go to one by one."""
-    from spatial_pin.kinematics.branch import Branch
+    from spatial_pin.continuation.branch import Branch
 
     asked, reach = [], Branch.reach
     monkeypatch.setattr(Branch, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])

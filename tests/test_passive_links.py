@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.passive import chain_links
+from spatial_pin.assembly.passive_freedoms import chain_links
 
 ROD = 0.31
 GEPETTO = Path(__file__).parent / "data" / "gepetto"

@@ -9,8 +9,8 @@ from masses import heavy
 
 import spatial_pin as sp
 from spatial_pin.dynamics.kinetostatics import kinetostatics
+from spatial_pin.formats.export import content_of
 from spatial_pin.formats.files import from_text
-from spatial_pin.mechanism.export import content_of
 
 G = 9.81
 

@@ -15,7 +15,7 @@ from test_closures import JOINTS, TYPES, tree_with
 from test_dynamics_derivatives import NAMES, REGULAR, WEIGHT, moving
 
 import spatial_pin as sp
-from spatial_pin.dynamics.force_derivatives import slope
+from spatial_pin.dynamics.derivatives.forces import slope
 
 EIGHTH = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 LAWS = {"stiffening": lambda x, rate: 30 * x**3 + 2 * np.sin(rate) * x,

@@ -10,8 +10,8 @@ from test_seven_bodies import rsup
 
 import spatial_pin as sp
 from spatial_pin.cli import main
+from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_folder
-from spatial_pin.mechanism.export import export_urdf
 
 # a driver's range ends where rates grow without bound, and with them round-off
 CLOSE = 5e-11

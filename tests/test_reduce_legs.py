@@ -14,7 +14,7 @@ from mechanisms import turning as hinge
 from test_reduce import sizes
 
 import spatial_pin as sp
-from spatial_pin.mechanism.export import export_urdf
+from spatial_pin.formats.export import export_urdf
 
 CLOSE = 5e-12  # position, rate and acceleration; the ends of some ranges are not far from limits
 FOOT, TOP = (0.7, 0.1, -0.2), (0.4, 0.05, 0.3)  # ends of the leg on the ground and on the door

@@ -10,13 +10,13 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.usual import ROWS, SLIDE, usual_motion
-from spatial_pin.view.look import Look
-from spatial_pin.view.markup import number, table, tiny
-from spatial_pin.view.movie import movie
-from spatial_pin.view.plots import plot, svg, usual_outputs
-from spatial_pin.view.report import report
-from spatial_pin.view.sections import SECTIONS
+from spatial_pin.motion.default_motion import ROWS, SLIDE, usual_motion
+from spatial_pin.view.browser.movie import movie
+from spatial_pin.view.page.markup import number, table, tiny
+from spatial_pin.view.page.plots import plot, svg, usual_outputs
+from spatial_pin.view.page.report import report
+from spatial_pin.view.page.sections import SECTIONS
+from spatial_pin.view.scene.look import Look
 
 
 @pytest.fixture(scope="module")

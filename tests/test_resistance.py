@@ -10,14 +10,14 @@ from masses import heavy
 from scipy.integrate import solve_ivp
 
 import spatial_pin as sp
-from spatial_pin.dynamics.derivatives import dynamics_derivatives
+from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
-from spatial_pin.dynamics.sparse import SparseEquations
+from spatial_pin.dynamics.solvers.sparse import SparseEquations
+from spatial_pin.formats.export import content_of, export_urdf
 from spatial_pin.formats.files import from_text
-from spatial_pin.kinematics.report import info
-from spatial_pin.mechanism.export import content_of, export_urdf
+from spatial_pin.motion.report import info
 
 G = 9.81
 BOB = (1.5, (0.4, 0, 0), (0.0, 0.02, 0.02))

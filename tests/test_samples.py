@@ -13,9 +13,9 @@ from test_batch import SEVERAL, configurations
 from test_closures import JOINTS, KEYS, TYPES, tree_with
 
 import spatial_pin as sp
-from spatial_pin.kinematics import tolerance as module
-from spatial_pin.kinematics.flat import FlatTree
-from spatial_pin.kinematics.varying import times, varying
+from spatial_pin.constraints.sample_coefficients import times, varying
+from spatial_pin.constraints.vectorised_tree import FlatTree
+from spatial_pin.dimensions import tolerance as module
 
 SAMPLES, COMPARED = 240, 5
 CRANK = {"crank": 0.8}
@@ -133,7 +133,7 @@ def all_outputs(mechanism: sp.Mechanism, moving: bool) -> list[str]:
 
 
 def check(state: sp.State, deviations: dict[str, float], by_themselves: list,
-          n: int = SAMPLES, within: float = 2e-14) -> sp.kinematics.tolerance.Tolerance:
+          n: int = SAMPLES, within: float = 2e-14) -> sp.dimensions.tolerance.Tolerance:
     mechanism = state.mechanism
     outputs = all_outputs(mechanism, bool(state.v.any()))
     found = module.tolerance(mechanism, outputs, deviations, state, samples=n)

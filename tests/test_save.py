@@ -9,8 +9,8 @@ from sameness import same_mechanisms
 
 import spatial_pin as sp
 from spatial_pin.cli import main
+from spatial_pin.formats.export import content_of
 from spatial_pin.formats.files import from_text
-from spatial_pin.mechanism.export import content_of
 
 NEEDS = {".xml": "mujoco", ".usda": "pxr"}
 DATA = Path(__file__).parent / "data"

@@ -24,17 +24,17 @@ import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
-from spatial_pin.view import arrows
-from spatial_pin.view.arrows import Vectors
-from spatial_pin.view.film import film, length_words
-from spatial_pin.view.framing import rotate
-from spatial_pin.view.glyphs import GLYPHS, glyphs
-from spatial_pin.view.html import page
-from spatial_pin.view.look import Look
-from spatial_pin.view.places import places
-from spatial_pin.view.scene import joint_poses, scene, upright
-from spatial_pin.view.skeleton import skeleton
-from spatial_pin.view.stage import Stage, quaternions_along
+from spatial_pin.view.page.html import page
+from spatial_pin.view.scene.film import film, length_words
+from spatial_pin.view.scene.framing import rotate
+from spatial_pin.view.scene.layers import arrows
+from spatial_pin.view.scene.layers.arrows import Vectors
+from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
+from spatial_pin.view.scene.layers.places import places
+from spatial_pin.view.scene.layers.skeleton import skeleton
+from spatial_pin.view.scene.look import Look
+from spatial_pin.view.scene.meshcat_commands import joint_poses, scene, upright
+from spatial_pin.view.scene.stage import Stage, quaternions_along
 
 TURN = np.linspace(0.0, 2 * np.pi, 37)
 MAGENTA = (1.0, 0.0, 0.62)
@@ -601,8 +601,8 @@ def test_picture_shows_an_open_closure_even_when_it_cannot_be_seen(tmp_path):
 @pytest.mark.browser
 @needs_browser
 def test_picture_shows_paths_and_arrows_in_their_colours(tmp_path):
-    from spatial_pin.view import traces
-    from spatial_pin.view.arrows import COLOURS
+    from spatial_pin.view.scene.layers import traces
+    from spatial_pin.view.scene.layers.arrows import COLOURS
 
     look = Look(traces=("coupler_b",), arrows=("coupler_b.acceleration",))
     plain, full = (
@@ -617,7 +617,7 @@ def test_picture_shows_paths_and_arrows_in_their_colours(tmp_path):
 @pytest.mark.browser
 @needs_browser
 def test_page_fits_its_window_until_the_user_moves_the_camera_and_hides_the_controls(tmp_path):
-    from spatial_pin.view.devtools import Browser
+    from spatial_pin.view.browser.devtools import Browser
 
     away = "viewer.camera.position.length()"
     dialog = "getComputedStyle(document.querySelector('.dg.main'))"

@@ -14,8 +14,8 @@ from scipy.special import ellipj, ellipk
 
 import spatial_pin as sp
 from spatial_pin import settings
-from spatial_pin.dynamics.simulate import FORMULATIONS
-from spatial_pin.dynamics.steppers import STEPPERS
+from spatial_pin.dynamics.simulation.integrators import STEPPERS
+from spatial_pin.dynamics.simulation.simulate import FORMULATIONS
 from spatial_pin.mechanism.laws import LAWS
 
 G = 9.81

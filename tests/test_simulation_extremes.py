@@ -8,10 +8,10 @@ from masses import heavy
 from scipy.integrate import solve_ivp
 
 import spatial_pin as sp
-from spatial_pin.dynamics.least_constraint import LeastConstraint
-from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.saddle import Blurred
-from spatial_pin.dynamics.steppers import Differences
+from spatial_pin.dynamics.simulation.integrators import Differences
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.solvers.kkt import Blurred
+from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 
 FORMULATIONS = ("independent", "projected")
 BARS = {"crank": 0.1, "coupler": 0.28, "rocker": 0.24}

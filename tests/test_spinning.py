@@ -7,8 +7,8 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.spinning import spinning_bodies
+from spatial_pin.dynamics.simulation.formulations.free_rotation import spinning_bodies
+from spatial_pin.dynamics.simulation.problem import Problem
 
 REFERENCE = sp.Accuracy.named("reference")
 PROJECTED = sp.Accuracy(formulation="projected", tolerance=1e-15, time_tolerance=1e-13)

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.holding import free_bases
+from spatial_pin.assembly.holding import free_bases
 
 LEGS = ("FL", "FR", "HL", "HR")
 SIX = ["FL_HFE", "FL_KFE", "FR_HAA", "FR_HFE", "HL_HAA", "HL_KFE"]

@@ -10,10 +10,10 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.dynamics.derivatives import dynamics_derivatives
-from spatial_pin.kinematics.limits import trace
-from spatial_pin.view.film import film
-from spatial_pin.view.report import report
+from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
+from spatial_pin.motion.limits import trace
+from spatial_pin.view.page.report import report
+from spatial_pin.view.scene.film import film
 
 G = 9.81
 

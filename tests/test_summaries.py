@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.kinematics.sensitivity import Sensitivity, sensitivities, with_spread
+from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivities, with_spread
 
 LINES = 45  # of a summary, at most
 

@@ -10,13 +10,13 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.accuracy.cases import CASES
-from spatial_pin.dynamics.chebyshev import NODES, points, polynomials_at
-from spatial_pin.dynamics.embedding import Lost
-from spatial_pin.dynamics.one_freedom import OneFreedom
-from spatial_pin.dynamics.placed_rows import PlacedRows
-from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.simulate import _independent
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.dynamics.simulation.formulations.one_freedom import OneFreedom
+from spatial_pin.dynamics.simulation.formulations.sample_energies import PlacedRows
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.simulate import _independent
+from spatial_pin.numerics.chebyshev import NODES, points, polynomials_at
 
 ONE_FREEDOM = ("ladder_1", "bricard")
 

@@ -7,11 +7,11 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.dynamics.freedoms import Freedoms
-from spatial_pin.dynamics.one_freedom import OneFreedom
-from spatial_pin.dynamics.problem import Problem
-from spatial_pin.dynamics.simulate import _independent
-from spatial_pin.kinematics.branch import Branch
+from spatial_pin.continuation.branch import Branch
+from spatial_pin.dynamics.simulation.formulations.independent import Freedoms
+from spatial_pin.dynamics.simulation.formulations.one_freedom import OneFreedom
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.simulate import _independent
 
 
 def rod(mass, length):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.mechanism import expressions
+from spatial_pin.formats.xacro import expressions
 from spatial_pin.mechanism.lazy import cached_property
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'

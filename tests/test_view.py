@@ -22,10 +22,10 @@ import umsgpack
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view import Viewer, export_html, plot, screenshot, show
-from spatial_pin.view.browser import find_browser, photograph
-from spatial_pin.view.film import MAX_ROWS, film, nice
-from spatial_pin.view.framing import ASPECT, FIELD_OF_VIEW, frame, occupied, rotate
-from spatial_pin.view.html import page
+from spatial_pin.view.browser.picture import find_browser, photograph
+from spatial_pin.view.page.html import page
+from spatial_pin.view.scene.film import MAX_ROWS, film, nice
+from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, frame, occupied, rotate
 
 RED, BLUE, GREEN = (0.8, 0.1, 0.1), (0.1, 0.2, 0.8), (0.1, 0.6, 0.2)
 ARM = """<robot name="arm">
@@ -227,7 +227,7 @@ def test_page_of_a_state_is_still():
 
 
 def test_colours_are_those_of_the_urdf_and_apart_where_it_gives_none():
-    from spatial_pin.view.scene import colour
+    from spatial_pin.view.scene.meshcat_commands import colour
 
     drawn = [colour(v) for v in arm().visual_model.geometryObjects]
     np.testing.assert_allclose(drawn, [(*c, 1.0) for c in (GREEN, RED, BLUE)])

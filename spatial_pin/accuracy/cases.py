@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.accuracy import models
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.dynamics.simulate import Simulation, simulate
-from spatial_pin.kinematics.assembly import assembled
-from spatial_pin.kinematics.rates import solve_rates
-from spatial_pin.kinematics.state import State
-from spatial_pin.linalg import Array
+from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import solve_rates
 from spatial_pin.settings import Accuracy
 
 IFTOMM = "IFToMM Library of Computational Benchmark Problems, "

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.accuracy.extended import EPS, Extended, Long
+from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem, close
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.errors import SingularError
-from spatial_pin.kinematics.constraints import Evaluation, constraints_of
-from spatial_pin.kinematics.holding import still_entries
-from spatial_pin.kinematics.newton import SINGULAR_PIVOT, SquareSystem, close
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.numerics.linalg import Array
 
 REFINEMENTS = 12
 CLOSED = 1e-11  # closure error small enough to be refined

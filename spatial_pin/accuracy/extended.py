@@ -3,8 +3,8 @@
 Placements are products of exponentials of the joints' screws, in `numpy.longdouble` (64 bits of
 mantissa on x86). Every quantity is carried with its first two derivatives in time, as arrays
 (3, N, ...) whose products follow Leibniz' rule: velocities and accelerations of the rows come from
-differentiating their definition (`spatial_pin.mechanism.rows`), by no formula that the library's
-solvers use. With T the placement of a joint and X the 4 x 4 matrix of its body twist,
+differentiating their definition (`spatial_pin.mechanism.equations`), by no formula that the
+library's solvers use. With T the placement of a joint and X the 4 x 4 matrix of its body twist,
 
     T' = T X,    T'' = T (X X + X').
 """
@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.kinematics.constraints import unit_length
-from spatial_pin.linalg import Array
+from spatial_pin.constraints.closure_equations import unit_length
+from spatial_pin.mechanism.equations import Row
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.mechanism import point_on_body as point_on
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
-from spatial_pin.mechanism.rows import Row
+from spatial_pin.numerics.linalg import Array
 
 Long: Any = np.longdouble
 EPS = float(np.finfo(Long).eps)  # 1.1e-19 on x86; that of float64 where there is nothing longer

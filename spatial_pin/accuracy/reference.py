@@ -16,9 +16,9 @@ from spatial_pin.accuracy.exact import Exact, ExactRows
 from spatial_pin.accuracy.extended import EPS, Extended, Long
 from spatial_pin.accuracy.tasks import SimulationTask, SweepTask
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.motion import Motion
-from spatial_pin.kinematics.rates import prescribed_at
-from spatial_pin.linalg import Array
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
 JUDGED = 721  # rows of a sweep that are judged at most, evenly spaced

@@ -10,19 +10,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.rounding import as_meant
+from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import mapping
-from spatial_pin.dynamics.simulate import Simulation, simulate
+from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.kinematics.assembly import assembled
-from spatial_pin.kinematics.motion import Motion
-from spatial_pin.kinematics.rates import driven_coordinates, prescribed_at
-from spatial_pin.kinematics.rounding import as_meant
-from spatial_pin.kinematics.state import State, of_mechanism
-from spatial_pin.kinematics.sweep import sweep
-from spatial_pin.kinematics.usual import usual_motion
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import needed
+from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.default_motion import usual_motion
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import driven_coordinates, prescribed_at
 from spatial_pin.settings import Accuracy
 
 OURS = ("mechanism", "accuracy", "progress")  # arguments that the trade-off itself gives

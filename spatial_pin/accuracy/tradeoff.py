@@ -22,11 +22,11 @@ from spatial_pin.accuracy.reference import (
 )
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
 from spatial_pin.checks import checked, positive_number, whole_number
-from spatial_pin.dynamics.simulate import Simulation
+from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kinematics.motion import Motion
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.settings import Accuracy, accuracy_of
 

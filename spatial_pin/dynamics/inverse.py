@@ -9,18 +9,18 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.holding import free_bases
+from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import checked, finite_number, names_of
-from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.saddle import HOLDS
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.kkt import HOLDS
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.holding import free_bases
-from spatial_pin.kinematics.state import State, moving_in_time
-from spatial_pin.linalg import Array, decompose
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.numerics.linalg import Array, decompose
 
 
 class Actuation:

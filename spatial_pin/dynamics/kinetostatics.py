@@ -10,24 +10,24 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import checked, mapping
-from spatial_pin.dynamics.equations import Equations, equations_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kinematics.motion import Motion, motion_needed
-from spatial_pin.kinematics.rated_limits import (
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.motion import Motion, motion_needed
+from spatial_pin.motion.rated_limits import (
     BeyondLimit,
     beyond,
     effort_limits,
     velocities_beyond,
 )
-from spatial_pin.kinematics.state import State, moving_in_time
-from spatial_pin.kinematics.summary import effort_lines, first_of, heading, tidy, where
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.summary import effort_lines, first_of, heading, tidy, where
+from spatial_pin.numerics.linalg import Array
 
 External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.numerics.linalg import Array
 
 MANY = ("* one of many (along these axes): loops, or more actuators than freedoms, can be under "
         "stress by themselves; the least")

@@ -14,15 +14,17 @@ from typing import Any, NoReturn
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, suggestion, warn
-from spatial_pin.formats import urdf
+from spatial_pin.formats import urdf_importer
+from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.imported import Imported, Request
 from spatial_pin.formats.merging import merged
+from spatial_pin.formats.sources import check_file, is_file, read_text, shown
 from spatial_pin.formats.table import endings, importer_of
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import check_guess
-from spatial_pin.mechanism.faults import Faults
+from spatial_pin.formats.toml_files import parse_toml
+from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
+from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.inertia import impossible_inertias
 from spatial_pin.mechanism.mechanism import (
     Closure,
@@ -44,9 +46,7 @@ from spatial_pin.mechanism.pairs import (
     closure_geometry,
     unit,
 )
-from spatial_pin.mechanism.sources import check_file, is_file, read_text, shown
-from spatial_pin.mechanism.toml_files import parse_toml
-from spatial_pin.mechanism.urdf import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
+from spatial_pin.numerics.linalg import Array
 
 _REQUIRED: Any = object()
 BETWEEN = "length_between"
@@ -198,7 +198,7 @@ def _load_toml(request: Request) -> Mechanism:
         check_file(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(top.text('tree'))!r}: {error}")
-    read = (importer_of(file) or urdf.IMPORTER).read
+    read = (importer_of(file) or urdf_importer.IMPORTER).read
     tree = read(replace(request, path=file, alone="closures" not in top))
     content, left_out = merged(top.content, tree.content)
     for notice in (*tree.notices, *left_out):

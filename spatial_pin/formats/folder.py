@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.dialects import gepetto, loop_closures
+from spatial_pin.formats.dialects.beside import gepetto, loop_closures
 from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.formats.urdf import read_urdf
-from spatial_pin.mechanism.sources import is_file, shown
-from spatial_pin.mechanism.xacro_files import parse_xml
+from spatial_pin.formats.sources import is_file, shown
+from spatial_pin.formats.urdf_importer import read_urdf
+from spatial_pin.formats.xacro.expansion import parse_xml
 
 PLACES = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 

@@ -6,14 +6,14 @@ import os
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats import folder, mjcf, sdf, urdf, usd
+from spatial_pin.formats import folder, mjcf, sdf, urdf_importer, usd
 from spatial_pin.formats.imported import Importer
-from spatial_pin.mechanism.sources import check_file, shown
+from spatial_pin.formats.sources import check_file, shown
 
 FOLDER = "/"  # the ending of a folder's name
 
 IMPORTERS: dict[str, Importer] = {
-    "urdf": urdf.IMPORTER,
+    "urdf": urdf_importer.IMPORTER,
     "sdf": sdf.IMPORTER,
     "usd": usd.IMPORTER,
     "mjcf": mjcf.IMPORTER,

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 if TYPE_CHECKING:
     from spatial_pin.mechanism.mechanism import Mechanism

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
 
 SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
 

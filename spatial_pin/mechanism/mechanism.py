@@ -19,13 +19,13 @@ from spatial_pin.errors import (
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.linalg import Array
+from spatial_pin.formats.xacro.expansion import dimensions
+from spatial_pin.mechanism.equations import Row
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.lazy import cached_property
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
-from spatial_pin.mechanism.rows import Row
-from spatial_pin.mechanism.xacro_files import dimensions
+from spatial_pin.numerics.linalg import Array
 
 SMALLEST = 1e-100  # m
 
@@ -281,7 +281,7 @@ class Mechanism:
             TypeError: an argument is of another kind.
             ValueError: a number is NaN or infinite.
         """
-        from spatial_pin.mechanism.in_code import mechanism_of
+        from spatial_pin.formats.pinocchio_model.from_model import mechanism_of
 
         return mechanism_of(model, closures, drivers, springs, passives,
                             {} if guess is None else guess, frames or {}, name, visual_model,
@@ -559,7 +559,7 @@ class Mechanism:
             TypeError: `folder` is no path.
             ValueError: it is the name of a file, or of nothing.
         """
-        from spatial_pin.mechanism.export import save
+        from spatial_pin.formats.export import save
 
         return save(self, folder)
 

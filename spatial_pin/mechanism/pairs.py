@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.linalg import EPS, Array
-from spatial_pin.mechanism.rows import Row, distance, dot, point, screw
+from spatial_pin.mechanism.equations import Row, distance, dot, point, screw
+from spatial_pin.numerics.linalg import EPS, Array
 
 X, Y, Z = np.eye(3)
 

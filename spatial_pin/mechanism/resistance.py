@@ -15,8 +15,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from spatial_pin.checks import positive_number
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
 
 SLIP_SPEED = 1e-3  # rad/s, characteristic lengths per second: slow beside a machine's motion
 

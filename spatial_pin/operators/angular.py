@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.operators.rotation import checked_rotation
 
 SKEW_TOLERANCE = 1e-9  # greatest symmetric part accepted, as a fraction of 1 + the largest entry

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, rows_of
 from spatial_pin.errors import suggestion
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.operators.rotation import rotation_matrix
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, finite_points
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 RIGID_TOLERANCE = 1e-9  # greatest misfit of a rigid motion, as a fraction of the figure's size
 SMALLEST_ANGLE = 1e-15  # rotations below this are round-off of a product of operators [rad]

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, rows_of, unit_vector
-from spatial_pin.linalg import Array, aligned
+from spatial_pin.numerics.linalg import Array, aligned
 
 ROTATION_TOLERANCE = 1e-9  # greatest entry of R^T R - I accepted
 HALF_TURN_TOLERANCE = 2.0 * np.finfo(np.float64).eps  # cos(angle/2) of a half turn, round-off

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, finite_points
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.operators.rotation import (
     axis_angle_from_rotation,
     axis_vector,

@@ -21,8 +21,8 @@ import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.dialects.tree import local, said
-from spatial_pin.mechanism.sources import shown
-from spatial_pin.mechanism.urdf_checks import numbers
+from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.checks import numbers
 
 TREE_JOINTS = ("ball", "universal", "screw", "planar")
 

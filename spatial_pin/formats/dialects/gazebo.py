@@ -31,8 +31,8 @@ import pinocchio as pin
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.dialects.tree import end, local, said
 from spatial_pin.formats.sdf.poses import pose
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import shown
+from spatial_pin.formats.sources import shown
+from spatial_pin.numerics.linalg import Array
 
 WORLD, MODEL = "world", "__model__"
 OLD = {"hinge": "revolute", "slider": "prismatic", "ball": "spherical"}

@@ -20,9 +20,9 @@ from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.dialects.tree import said
 from spatial_pin.formats.sdf.links import link_elements
 from spatial_pin.formats.sdf.poses import pose
+from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.elements import origin
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mechanism.sources import shown
-from spatial_pin.mechanism.urdf_elements import origin
 
 
 def hang_links(reading: Reading) -> None:

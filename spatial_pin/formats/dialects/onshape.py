@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 FRAME = re.compile(r"closing_(?P<name>.+)_(?P<side>[12])")
 AXIS = re.compile(r"closing_.+_[12]_z")

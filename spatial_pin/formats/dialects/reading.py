@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.tree import Tree, end, local
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
+from spatial_pin.numerics.linalg import Array
 
 
 class Names:

@@ -15,14 +15,13 @@ from spatial_pin.formats.dialects import (
     drake,
     gazebo,
     gazebo_links,
-    gepetto,
     isaac,
-    loop_closures,
     onshape,
     ros,
     unknown,
     urdf_plus,
 )
+from spatial_pin.formats.dialects.beside import gepetto, loop_closures
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.dialects.tree import local
 

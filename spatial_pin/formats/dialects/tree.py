@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import shown
-from spatial_pin.mechanism.urdf_checks import numbers
+from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.checks import numbers
+from spatial_pin.numerics.linalg import Array
 
 PAIR_OF = {  # what dialects call a joint -> our pair
     "revolute": "revolute", "continuous": "revolute", "hinge": "revolute",

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.graph.joints import Joint, JointGraph, joints_at
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss directions of a ball
 

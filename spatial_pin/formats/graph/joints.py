@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 WORLD = ""  # what links are joined to that stands still
 TURN = 2.0 * math.pi - 1e-3  # rad; limits so far apart hold nothing back

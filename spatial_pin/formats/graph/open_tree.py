@@ -16,9 +16,9 @@ from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
 from spatial_pin.formats.graph.posture import coordinates_at
 from spatial_pin.formats.graph.spanning import SpanningTree, span
 from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.urdf_text import unique
+from spatial_pin.formats.urdf.elements import finite_text, joint_element, numbers_text
+from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mechanism.urdf_elements import finite_text, joint_element, numbers_text
 
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
 GROUND = "world"  # the link that stands for the world

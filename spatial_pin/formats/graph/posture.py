@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.graph.joints import Joint
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.pairs import axes_from_z
+from spatial_pin.numerics.linalg import Array
 
 
 def coordinates_at(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:

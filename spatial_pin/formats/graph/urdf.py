@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.joints import Joint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.imported import Imported
-from spatial_pin.mechanism.faults import Faults
-from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mechanism.urdf import (
+from spatial_pin.formats.urdf.checks import check_joint, end_of, numbers
+from spatial_pin.formats.urdf.model import (
     CONTAINED_PAIRS,
     PAIR_OF_URDF_TYPE,
     JointRefinement,
     joint_axes,
 )
-from spatial_pin.mechanism.urdf_checks import check_joint, end_of, numbers
-from spatial_pin.mechanism.xacro_files import parse_urdf
+from spatial_pin.formats.xacro.expansion import parse_urdf
+from spatial_pin.mechanism.pairs import PAIRS
 
 LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
 

@@ -19,9 +19,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import check_file, is_file, shown
-from spatial_pin.mechanism.xacro_files import parse_xml
+from spatial_pin.formats.sources import check_file, is_file, shown
+from spatial_pin.formats.xacro.expansion import parse_xml
+from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
 MOST_COPIES = 100_000  # of an element by <replicate> and the like: no mechanism has so many links

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.formats.mjcf.tree import Reading, pose
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.configuration import rotation_vectors
+from spatial_pin.mechanism.coordinates import rotation_vectors
+from spatial_pin.numerics.linalg import Array
 
 HOME = "home"  # the key that is the guess, if there is one
 

@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.export import tree_axes
 from spatial_pin.formats.mjcf.writing import Writing, quaternion
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.export import tree_axes
+from spatial_pin.formats.urdf.elements import UNBOUNDED, numbers_text
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
-from spatial_pin.mechanism.urdf_elements import UNBOUNDED, numbers_text
+from spatial_pin.numerics.linalg import Array
 
 UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
 HINGE, SLIDE, BALL, FREE = "hinge", "slide", "ball", "free"

@@ -10,11 +10,11 @@ import pinocchio as pin
 from spatial_pin.errors import ClosureTypeError, warn
 from spatial_pin.formats.mjcf.export_joints import add_parts, parts_of, tie_screw
 from spatial_pin.formats.mjcf.writing import Writing, placed
-from spatial_pin.formats.urdf_text import unique
-from spatial_pin.linalg import Array
+from spatial_pin.formats.urdf.elements import numbers_text
+from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.mechanism.urdf_elements import numbers_text
+from spatial_pin.numerics.linalg import Array
 
 WELDED = ("weld", "fixed")
 COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")

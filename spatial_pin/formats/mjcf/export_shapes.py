@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from spatial_pin.errors import warn
 from spatial_pin.formats.mjcf.writing import Writing, placed
-from spatial_pin.formats.urdf_text import unique
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import is_file
-from spatial_pin.mechanism.urdf_elements import numbers_text
+from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.urdf.elements import numbers_text
+from spatial_pin.formats.urdf.writing import unique
+from spatial_pin.numerics.linalg import Array
 
 MESHES = (".obj", ".stl")  # files that MuJoCo reads
 GROUPS = {"visual": {"group": "2", "contype": "0", "conaffinity": "0"},

@@ -10,9 +10,9 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.mjcf.drives import fixed_lengths, site_frames, straight_sites
 from spatial_pin.formats.mjcf.tree import Reading, pose, shift
-from spatial_pin.formats.urdf_text import unique
-from spatial_pin.linalg import Array
+from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.mechanism.pairs import axes_from_z
+from spatial_pin.numerics.linalg import Array
 
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
 ROUNDED = 1e-12  # of two lengths that are the same, as the file has them by round-off

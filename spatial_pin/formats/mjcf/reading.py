@@ -12,7 +12,7 @@ from spatial_pin.formats.mjcf.drives import read_drivers, read_guess, read_sprin
 from spatial_pin.formats.mjcf.left_out import left_out
 from spatial_pin.formats.mjcf.loops import read_closures
 from spatial_pin.formats.mjcf.tree import Reading, read_tree
-from spatial_pin.mechanism.sources import shown
+from spatial_pin.formats.sources import shown
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 

@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.mjcf.compiling import Compiled
-from spatial_pin.formats.urdf_text import UrdfText, unique
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.urdf_elements import numbers_text
+from spatial_pin.formats.urdf.elements import numbers_text
+from spatial_pin.formats.urdf.writing import UrdfText, unique
+from spatial_pin.numerics.linalg import Array
 
 WORLD = "world"
 SPHERE = Path(__file__).with_name("unit_sphere.obj")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.urdf_text import unique
-from spatial_pin.linalg import Array
+from spatial_pin.formats.urdf.elements import numbers_text
+from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.urdf_elements import numbers_text
+from spatial_pin.numerics.linalg import Array
 
 LEAST = 1e-9  # of the whole mass: that of a body without mass at an end of the tree
 THIN = 1e-6  # of the characteristic length: its radius of gyration

@@ -12,7 +12,7 @@ from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import Joint
 from spatial_pin.formats.sdf.model import AXES, GEARBOX, PAIR_OF, Model
 from spatial_pin.formats.sdf.poses import number
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 PARALLEL = 1e-2  # sine of the angle between an axis and another: files write 1.57 for a right angle
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sdf.poses import TRUE, number, number_list, pose
-from spatial_pin.mechanism.urdf_elements import numbers_text, origin
+from spatial_pin.formats.urdf.elements import numbers_text, origin
 
 MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
 SIZES = {  # of shapes, with SDFormat's defaults

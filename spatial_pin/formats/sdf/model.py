@@ -27,7 +27,7 @@ from spatial_pin.formats.sdf.poses import (
     pose,
 )
 from spatial_pin.formats.sdf.unread import unread
-from spatial_pin.linalg import Array
+from spatial_pin.numerics.linalg import Array
 
 PAIR_OF = {
     "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",

@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import WORLD
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.urdf_checks import by_name
+from spatial_pin.formats.urdf.checks import by_name
+from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
 WORLDS = ("world",)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.mechanism.sources import shown
+from spatial_pin.formats.sources import shown
 
 
 def is_usd(path: Path) -> bool:

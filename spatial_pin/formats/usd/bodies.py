@@ -11,11 +11,11 @@ import pinocchio as pin
 from pxr import Gf, UsdGeom, UsdPhysics
 
 from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.urdf.checks import LIGHTEST
+from spatial_pin.formats.urdf.elements import inertial, numbers_text, origin
 from spatial_pin.formats.usd.stage import Stage, brief_names, rotation_of
-from spatial_pin.linalg import Array
 from spatial_pin.mechanism.inertia import inertia_as_given
-from spatial_pin.mechanism.urdf_checks import LIGHTEST
-from spatial_pin.mechanism.urdf_elements import inertial, numbers_text, origin
+from spatial_pin.numerics.linalg import Array
 
 AXES = {"X": pin.utils.rotate("y", np.pi / 2), "Y": pin.utils.rotate("x", -np.pi / 2),
         "Z": np.eye(3)}  # rotations that take z to an axis

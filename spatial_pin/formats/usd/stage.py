@@ -15,8 +15,8 @@ import pinocchio as pin
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.linalg import Array
-from spatial_pin.mechanism.sources import shown
+from spatial_pin.formats.sources import shown
+from spatial_pin.numerics.linalg import Array
 
 DEGREE = np.pi / 180.0
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity

@@ -1,0 +1,1 @@
+"""From a guess to a closed State."""

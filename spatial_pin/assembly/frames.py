@@ -1,0 +1,83 @@
+"""Where frames are and how they move: by the whole tree, or by the piece of a large one.
+
+A `pin.Data` of 400 freedoms takes 4 GB and seconds to make; a frame needs its own branch only.
+"""
+
+from __future__ import annotations
+
+import pinocchio as pin
+
+from spatial_pin.constraints.subtrees import Piece, pieces_of
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+WHOLE = 60  # freedoms up to which a tree is taken whole
+
+
+class FramePiece:
+    """Some branches of a tree, with their frames.
+
+    Args:
+        piece: the branches.
+        whole: the model of the tree.
+
+    Attributes:
+        model: of the branches.
+        frames: place in it of frames of the whole model.
+    """
+
+    def __init__(self, piece: Piece, whole: pin.Model) -> None:
+        self.model, self._q, self._v = piece.model, piece.q, piece.v
+        own = {0: 0} | {int(joint): k for k, joint in enumerate(piece.joints.tolist(), start=1)}
+        self.frames = {
+            i: self.model.addFrame(pin.Frame(f"{i}", own[f.parentJoint], 0, f.placement, f.type))
+            for i, f in enumerate(whole.frames) if f.parentJoint in own}
+
+    def data(self, q: Array, v: Array, a: Array) -> pin.Data:
+        """Return data with the kinematics of the branches at a motion of the whole tree."""
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, q[self._q], v[self._v], a[self._v])
+        pin.updateFramePlacements(self.model, data)
+        return data
+
+
+def frame_pieces(mechanism: Mechanism) -> list[FramePiece]:
+    """Return the pieces of a mechanism's tree, made once; none if it is taken whole."""
+    if mechanism.model.nv <= WHOLE or len(mechanism.model.children[0]) < 2:
+        return []
+    if "frame pieces" not in mechanism.memo:
+        mechanism.memo["frame pieces"] = [
+            FramePiece(piece, mechanism.model) for piece in pieces_of(mechanism.model)]
+    found: list[FramePiece] = mechanism.memo["frame pieces"]
+    return found
+
+
+class Located:
+    """A motion of a tree, asked for single frames.
+
+    Args:
+        mechanism: the mechanism.
+        motion: its q (nq,), v and a (nv,).
+    """
+
+    def __init__(self, mechanism: Mechanism, motion: tuple[Array, Array, Array]) -> None:
+        self._pieces, self._motion = frame_pieces(mechanism), motion
+        self._known: dict[int, pin.Data] = {}
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the tree is taken whole: then nothing is found here."""
+        return not self._pieces
+
+    def find(self, frame: int) -> tuple[pin.Model, pin.Data, int]:
+        """Return model and data of the piece that a frame of the whole tree is on, and its place.
+
+        Args:
+            frame: Pinocchio's index of it.
+        """
+        for k, piece in enumerate(self._pieces):
+            if frame in piece.frames:
+                if k not in self._known:
+                    self._known[k] = piece.data(*self._motion)
+                return piece.model, self._known[k], piece.frames[frame]
+        raise IndexError(f"no frame {frame}")

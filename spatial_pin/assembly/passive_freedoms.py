@@ -1,0 +1,211 @@
+"""Passive freedoms: motions of one link that move nothing else.
+
+One link is what stands together: bodies that drivers hold to each other, and those that closures
+weld, as a rod that was cut in two. A ball, or a universal joint, may be a chain of hinges whose
+axes meet: its links turn as the two that it joins ask for, and nobody looks at them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.mechanism.mechanism import Closure, Coordinate, Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.numerics.linalg import Array, decompose
+
+STILL = 1e-8  # twist of a body that rests, by that of the one that moves most
+WELDS = ("weld", "fixed")
+HINGES = ("revolute", "universal")  # pairs that a chain is made of
+LIGHT = 1e-6  # mass of a link of a chain, at most, by that of the heaviest body
+MEETING = 1e-9  # characteristic lengths between the centres of the pairs of a chain
+PARALLEL = 1e-6  # least sine of the angle between its axes
+
+
+def driven_groups(
+    mechanism: Mechanism, driven: Iterable[Coordinate] | None = None
+) -> list[int]:
+    """Return for every body (by its joint's index) the first body that it stands together with.
+
+    The two halves of a driven telescopic leg are one body as long as the driver stands still; so
+    are those of a rod that a closure welds.
+
+    Args:
+        mechanism: the mechanism.
+        driven: what is prescribed; default the drivers.
+    """
+    if driven is None:
+        driven = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
+    key = "groups", frozenset(c.name for c in driven)
+    if key not in mechanism.memo:
+        mechanism.memo[key] = _groups(mechanism, key[1])
+    found: list[int] = mechanism.memo[key]
+    return found
+
+
+def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
+    model = mechanism.model
+    names: dict[str, list[str]] = {}
+    for c in mechanism.coordinate_table.values():
+        names.setdefault(c.joint, []).append(c.name)
+    groups = list(range(model.njoints))
+    for i in range(1, model.njoints):
+        if driven.issuperset(names[model.names[i]]):
+            groups[i] = groups[model.parents[i]]
+    for closure in mechanism.closures:
+        if closure.type in WELDS and closure.equations is None:
+            low, high = sorted(groups[mechanism.frame_on_joint(f)[0]] for f in closure.frames)
+            groups = [low if g == high else g for g in groups]
+    return groups
+
+
+def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
+    """Whether the body of a joint, with what stands together with it, carries more than a pair."""
+    if "in loops" not in mechanism.memo:
+        groups = np.array(driven_groups(mechanism))
+        pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
+                             if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
+        mechanism.memo["in loops"] = (pairs[groups] > 1).tolist()
+    found: bool = mechanism.memo["in loops"][mechanism.joint_id(joint)]
+    return found
+
+
+def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """Return the two bodies, by joint, of every pair; couplings join none."""
+    model = mechanism.model
+    pairs = [(int(model.parents[i]), i) for i in range(1, model.njoints)]
+    for closure in mechanism.closures:
+        for frames in (closure.frames, closure.between):
+            if frames:
+                pairs.append((mechanism.frame_on_joint(frames[0])[0],
+                              mechanism.frame_on_joint(frames[1])[0]))
+    return pairs
+
+
+# ---------------------------------------------------------------- links of chains
+
+
+def chain_links(mechanism: Mechanism) -> frozenset[int]:
+    """Return the bodies inside balls and universal joints that are written as chains of hinges.
+
+    They weigh nothing, and carry two hinges, not driven nor coupled, whose centres are one point.
+    Where nothing at all weighs, nobody can tell them from shafts: there are none.
+    """
+    if "chain links" not in mechanism.memo:
+        mechanism.memo["chain links"] = _chain_links(mechanism)
+    found: frozenset[int] = mechanism.memo["chain links"]
+    return found
+
+
+def _chain_links(mechanism: Mechanism) -> frozenset[int]:
+    model = mechanism.model
+    masses = np.array([inertia.mass for inertia in model.inertias])
+    if not masses.any():
+        return frozenset()
+    counted = np.bincount([body for ends in _pairs(mechanism) for body in ends],
+                          minlength=model.njoints)
+    moved = {mechanism.coordinate(name).joint for name in (
+        *(d.joint for d in mechanism.drivers.values()),
+        *(name for c in mechanism.closures for name in c.joints))}
+    closures: dict[int, list[Closure]] = {}
+    for closure in mechanism.closures:
+        if closure.type != COUPLING:
+            for frame in (*closure.frames, *closure.between):
+                closures.setdefault(mechanism.frame_on_joint(frame)[0], []).append(closure)
+    found = []
+    for i in range(1, model.njoints):
+        light = masses[i] <= LIGHT * masses.max()
+        if not light or counted[i] != 2 or mechanism.pairs[i - 1] not in HINGES:
+            continue
+        joints = {model.names[i], *(model.names[k] for k in model.children[i])}
+        if joints.isdisjoint(moved) and _meets(mechanism, i, closures.get(i, ())):
+            found.append(i)
+    return frozenset(found)
+
+
+def _meets(mechanism: Mechanism, body: int, closures: Iterable[Closure]) -> bool:
+    """Whether the other pair of a body is a hinge about another axis through the first one's."""
+    model = mechanism.model
+    for child in model.children[body]:
+        kind, place = mechanism.pairs[child - 1], model.jointPlacements[child]
+        axis = place.rotation @ _axis(mechanism, child)
+    for closure in closures:
+        kind = closure.type if closure.equations is None else "part"
+        mine = [k for k, f in enumerate(closure.frames) if mechanism.frame_on_joint(f)[0] == body]
+        if not mine or closure.geometry is None:
+            return False
+        place = mechanism.frame_on_joint(closure.frames[mine[0]])[1]
+        axes = closure.geometry.axes2 if mine[0] else closure.geometry.axes1
+        axis = place.rotation @ axes[:, 2]
+    if kind not in HINGES or np.linalg.norm(place.translation) > (
+            MEETING * mechanism.characteristic_length):
+        return False
+    if kind == mechanism.pairs[body - 1] == "revolute":
+        return bool(np.linalg.norm(np.cross(axis, _axis(mechanism, body))) > PARALLEL)
+    return True
+
+
+def _axis(mechanism: Mechanism, joint: int) -> Array:
+    """Return the last axis (3,) of a joint that turns, in its own axes."""
+    model = mechanism.model.joints[joint]
+    data = model.createData()
+    model.calc(data, mechanism.neutral)
+    axis: Array = np.array(data.S).reshape(6, -1)[3:, -1]
+    return axis
+
+
+# ---------------------------------------------------------------- motions
+
+
+def passive_freedoms(
+    evaluation: Evaluation, null_space: Array, driven: Iterable[Coordinate] | None = None
+) -> list[tuple[str, Array]]:
+    """Return (joint name, (k, nv) velocities) for the motions that move one link only.
+
+    A link is named by the first of its bodies. Links inside chains of hinges may move with it.
+
+    Args:
+        evaluation: at the configuration in question.
+        null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
+        driven: what is prescribed; default the drivers.
+    """
+    mechanism = evaluation.mechanism
+    twists = _twists(evaluation, null_space)
+    groups = np.array(driven_groups(mechanism, driven)[1:])
+    moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL
+    chains = chain_links(mechanism)
+    inside = np.isin(np.arange(1, len(groups) + 1), list(chains))
+    found: list[tuple[str, Array]] = []
+    for group in sorted(set(groups[moves].tolist()) - {0}):
+        seen = moves if group in chains else moves & ~inside
+        others = twists[(groups != group) & seen].reshape(-1, len(null_space))
+        if len(null_space) == 1 and len(others):
+            continue
+        svd = decompose(others)
+        still = int(np.count_nonzero(svd.s > STILL))
+        alone = svd.vt[still:]
+        if chains and group not in chains and len(alone):  # without what moves chains only
+            own = decompose(twists[groups == group].reshape(-1, len(null_space)) @ alone.T)
+            alone = own.vt[: np.count_nonzero(own.s > STILL)] @ alone
+        if len(alone):
+            found.append((mechanism.model.names[group], alone @ null_space))
+    return found
+
+
+def moved_bodies(evaluation: Evaluation, velocities: Array) -> list[int]:
+    """Return the bodies, by joint, that joint velocities (k, nv) move at the evaluation."""
+    twists = _twists(evaluation, velocities)
+    return (np.flatnonzero(np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL) + 1).tolist()
+
+
+def _twists(evaluation: Evaluation, velocities: Array) -> Array:
+    """Return the twists (bodies, 6, k) of joint velocities (k, nv), the largest of size 1."""
+    size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
+    columns = (joint_jacobian(evaluation.data, evaluation.model.nv)
+               * evaluation.constraints.supports[1:, None])
+    twists = (columns @ velocities.T) * size[:, None]
+    found: Array = twists / np.abs(twists).max(initial=1e-300)
+    return found

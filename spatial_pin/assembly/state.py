@@ -1,0 +1,374 @@
+"""A State: one configuration of a mechanism with fresh kinematics and a known closure error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.frames import Located
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
+from spatial_pin.mechanism.joint_limits import beyond_limits
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+LOST = 1e-10  # round-off of rates, by their size, that is worth a word
+WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class PointRates(NamedTuple):
+    """Position, velocity and acceleration of a point, world axes.
+
+    Attributes:
+        position: (3,) [m].
+        velocity: (3,) [m/s].
+        acceleration: (3,) [m/s²].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+class RelativeMotion(NamedTuple):
+    """Motion of a point split over a moving frame, world axes, each (3,) [EMT2431, 7.3].
+
+    The point's velocity is base_velocity + transport + relative_velocity, its acceleration
+    base + tangential + normal + relative + coriolis.
+
+    Attributes:
+        position: of the point from the frame's origin [m].
+        base_velocity: of the frame's origin [m/s].
+        transport: omega x position.
+        relative_velocity: of the point as seen in the frame.
+        base: acceleration of the frame's origin [m/s²].
+        tangential: alpha x position.
+        normal: omega x (omega x position).
+        relative: acceleration of the point as seen in the frame.
+        coriolis: 2 omega x relative_velocity.
+    """
+
+    position: Array
+    base_velocity: Array
+    transport: Array
+    relative_velocity: Array
+    base: Array
+    tangential: Array
+    normal: Array
+    relative: Array
+    coriolis: Array
+
+
+class Gap(float):
+    """How far equations of a closed configuration are from holding: the largest of them.
+
+    A number, 0 where all hold; else the file's numbers are rounded, and redundant equations of its
+    loops hold to so much only. Angles are in rad, lengths by the characteristic length.
+
+    Attributes:
+        closures: the largest of each closure that has such equations.
+    """
+
+    closures: Mapping[str, float]
+
+    def __new__(cls, closures: Mapping[str, float] = MappingProxyType({})) -> Gap:
+        """Make it from the largest of each closure."""
+        gap = super().__new__(cls, max(closures.values(), default=0.0))
+        gap.closures = dict(closures)
+        return gap
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        """Return what a copy is made from."""
+        return (self.closures,)
+
+
+class State:
+    """One configuration of a mechanism, its velocity and acceleration. Read-only.
+
+    Made by `assemble` and `solve_rates`, which close the loops; holding one means that the
+    closure error is known.
+
+    Attributes:
+        mechanism: the mechanism; of a rounded file (`gap`) one without the redundant equations
+            that its numbers contradict, which `whole` has: the same all along a motion.
+        q: (nq,) configuration as Pinocchio orders it.
+        v, a: (nv,) joint velocities and accelerations.
+        closure_error: largest closure row [-]; lengths relative to the characteristic length,
+            angles in rad.
+        angles: relative angle of every screw closure [rad], counting turns.
+        branch: label of the assembly mode, from `assembly_modes`.
+        released: how far drivers that were given no value have gone from where the guess has
+            them, as the loops would not close otherwise {driver: displacement [rad or m]}.
+        rate_error: estimated round-off of v and a, by their size; it grows near a limit position
+            of a driver, and near a crossing of branches, up to 1: no digit. NaN until
+            `solve_rates`; of a row of a sweep it is worked out when asked for, of a row of a
+            simulation it is NaN.
+        in_time: whether v and a are rates in time; those of a row of a sweep without a speed are
+            not, and forces there are those at rest.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        q: Array,
+        v: Array | None = None,
+        a: Array | None = None,
+        *,
+        closure_error: float,
+        angles: Array | None = None,
+        branch: str = "",
+        rate_error: float | Callable[[State], float] = np.nan,
+        released: Mapping[str, float] = MappingProxyType({}),
+        in_time: bool = True,
+    ) -> None:
+        nv = mechanism.model.nv
+        self.mechanism = mechanism
+        self.q = _frozen(q)
+        self.v = _frozen(np.zeros(nv) if v is None else v)
+        self.a = _frozen(np.zeros(nv) if a is None else a)
+        self.closure_error = float(closure_error)
+        self.angles = _frozen(np.empty(0) if angles is None else angles)
+        self.branch = branch
+        self.released = dict(released)
+        self._rate_error = rate_error
+        self.in_time = in_time
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        return {k: x for k, x in self.__dict__.items() if k not in ("data", "_located")}
+
+    def __setstate__(self, kept: Mapping[str, Any]) -> None:
+        """Take what was kept; a copy is as read-only as the first."""
+        self.__dict__.update(kept)
+        for name in ("q", "v", "a", "angles"):
+            setattr(self, name, _frozen(kept[name]))
+
+    @cached_property
+    def rate_error(self) -> float:
+        """Estimated round-off of v and a, by their size; NaN where it is not known."""
+        known, self._rate_error = self._rate_error, np.nan  # an error on the way may print us
+        return float(known(self) if callable(known) else known)
+
+    @cached_property
+    def beyond_limits(self) -> dict[str, float]:
+        """How far coordinates are beyond the joint limits of the URDF, of those that are.
+
+        Signed amounts by coordinate [rad or m]: positive beyond upper limits, negative beyond
+        lower ones.
+        """
+        return beyond_limits(self.mechanism, self.q)
+
+    @cached_property
+    def gap(self) -> Gap:
+        """How far redundant equations of a rounded file are from holding; 0 where all hold."""
+        return gap_of(self.mechanism, self.q, self.angles)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Pinocchio data with joint and frame kinematics at (q, v, a).
+
+        Of the whole tree: its memory grows with the cube of the freedoms. Frames of a large tree
+        are found without it.
+        """
+        data = self.mechanism.model.createData()
+        pin.forwardKinematics(self.mechanism.model, data, self.q, self.v, self.a)
+        pin.updateFramePlacements(self.mechanism.model, data)
+        return data
+
+    @cached_property
+    def _located(self) -> Located:
+        return Located(self.mechanism, (self.q, self.v, self.a))
+
+    def _find(self, name: str) -> tuple[pin.Model, pin.Data, int]:
+        """Return a model and its data, and the place in it, of a link, frame or joint."""
+        frame = self.mechanism.frame_id(self.mechanism.placed(name))
+        if self._located.is_whole:
+            return self.mechanism.model, self.data, frame
+        return self._located.find(frame)
+
+    def coordinate(self, name: str) -> CoordinateRates:
+        """Return (value, rate, acceleration) of a joint coordinate [rad or m, per s, per s²].
+
+        Args:
+            name: a coordinate, a one-freedom joint, or a driver.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None], self.a[None])
+        return CoordinateRates(*(float(x[0]) for x in rows))
+
+    def placement(self, name: str) -> pin.SE3:
+        """Return the placement of a link, frame or joint in the world [m]."""
+        _, data, frame = self._find(name)
+        return data.oMf[frame].copy()
+
+    def velocity(self, name: str) -> pin.Motion:
+        """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s]."""
+        return pin.getFrameVelocity(*self._find(name), WORLD_AXES)
+
+    def acceleration(self, name: str) -> pin.Motion:
+        """Return the classical acceleration of a frame's origin and the angular acceleration.
+
+        World axes [m/s², rad/s²]; the linear part is the second derivative of the position.
+        """
+        return pin.getFrameClassicalAcceleration(*self._find(name), WORLD_AXES)
+
+    def angular_velocity(self, name: str) -> Array:
+        """Return the angular velocity of a link or frame, world axes (3,) [rad/s]."""
+        return self.velocity(name).angular.copy()
+
+    def angular_acceleration(self, name: str) -> Array:
+        """Return the angular acceleration of a link or frame, world axes (3,) [rad/s²]."""
+        return self.acceleration(name).angular.copy()
+
+    def com(self, name: str) -> PointRates:
+        """Return position, velocity and acceleration of a link's own centre of mass.
+
+        Raises:
+            SpatialPinError: the link has no mass.
+        """
+        offset = self.placement(name).rotation @ center_of_mass(self.mechanism, name)
+        twist, accel = self.velocity(name), self.acceleration(name)
+        w = twist.angular
+        turning = np.cross(w, offset)
+        return PointRates(
+            self.placement(name).translation + offset,
+            twist.linear + turning,
+            accel.linear + np.cross(accel.angular, offset) + np.cross(w, turning),
+        )
+
+    def relative_motion(self, point: str, frame: str) -> RelativeMotion:
+        """Return velocity and acceleration of a point split over a moving frame.
+
+        Args:
+            point: link, frame or joint whose origin is the point.
+            frame: link, frame or joint that the point is seen from.
+        """
+        r = self.placement(point).translation - self.placement(frame).translation
+        own, base = self.velocity(point).linear, self.velocity(frame)
+        own_rate, base_rate = self.acceleration(point).linear, self.acceleration(frame)
+        w = base.angular
+        transport = np.cross(w, r)
+        relative = own - base.linear - transport
+        tangential, normal = np.cross(base_rate.angular, r), np.cross(w, transport)
+        coriolis = 2.0 * np.cross(w, relative)
+        seen = own_rate - base_rate.linear - tangential - normal - coriolis
+        return RelativeMotion(r, base.linear.copy(), transport, relative, base_rate.linear.copy(),
+                              tangential, normal, seen, coriolis)
+
+    def __repr__(self) -> str:
+        drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
+        lost = f", rates to {self.rate_error:.0e}" if self.rate_error > LOST else ""
+        rounded = f", gap {float(self.gap):.1e}" if self.gap else ""
+        return (f"State({self.mechanism.name!r}: {drivers}; closure error "
+                f"{self.closure_error:.1e}{rounded}{lost})")
+
+
+def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
+    """Return how far the equations that a mechanism is without are from holding at q (nq,).
+
+    Args:
+        mechanism: one that has a `whole`, or any other, whose gap is 0.
+        q: configuration.
+        angles: (n_angles,) of its screw closures.
+    """
+    if mechanism.whole is None or mechanism.kept is None:
+        return Gap()
+    with evaluation_of(mechanism.whole, all_angles(mechanism, angles)) as evaluation:
+        evaluation.update(q)
+        largest: dict[str, float] = {}
+        for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
+            largest[label.closure] = max(largest.get(label.closure, 0.0), abs(float(row)))
+    return Gap({c.name: largest[c.name]
+                for c, n in zip(mechanism.whole.closures, mechanism.kept.counts(), strict=True)
+                if n < c.n_rows})
+
+
+def all_angles(mechanism: Mechanism, angles: Array) -> Array:
+    """Return the angles of the screws of the `whole` of a mechanism, whose own are given."""
+    assert mechanism.whole is not None
+    own, every = (constraints_of(m) for m in (mechanism, mechanism.whole))
+    names = [[c.labels[at].closure for at, _, _ in c.screws] for c in (own, every)]
+    known = dict(zip(names[0], angles, strict=True))
+    return np.array([known.get(name, 0.0) for name in names[1]])
+
+
+def of_mechanism(mechanism: Mechanism, state: State) -> State:
+    """Return `state` as a state of `mechanism`: itself, or taken over from another load of it.
+
+    Of a rounded file it is a state of the mechanism without what its numbers contradict: work
+    with that one, `state.mechanism`.
+
+    Raises:
+        SpatialPinError: it is a state of something else, or of other dimensions.
+    """
+    needed(mechanism)
+    if not isinstance(state, State):
+        raise TypeError(f"a State is needed, not {type(state).__name__}: sp.assemble(mechanism, "
+                        "{driver: value}) makes one")
+    if mechanism in (state.mechanism, state.mechanism.whole):
+        return state
+    if state.mechanism.whole is not None and mechanism.whole is None:
+        whole = state.mechanism.whole
+        alike = [(c.name, c.n_rows) for c in mechanism.closures]
+        if alike == [(c.name, c.n_rows) for c in whole.closures]:
+            assert state.mechanism.kept is not None
+            mechanism = mechanism.with_equations(state.mechanism.kept)
+    same = state.mechanism.coordinates == mechanism.coordinates
+    evaluation = Evaluation(constraints_of(mechanism))
+    if same and state.angles.size == evaluation.turns.size:
+        evaluation.turns[:] = state.angles
+        evaluation.update(state.q)
+        if evaluation.closure_error <= max(1e-9, 2.0 * state.closure_error):
+            return State(mechanism, state.q, state.v, state.a,
+                         closure_error=evaluation.closure_error, angles=state.angles,
+                         branch=state.branch, released=state.released, in_time=state.in_time)
+    raise SpatialPinError(
+        f"mechanism {mechanism.name!r}: the state belongs to mechanism {state.mechanism.name!r}"
+        + (f" of other dimensions (its loops are open here by {evaluation.closure_error:.1e}); "
+           "assemble again with this state as guess" if same else ", which has other coordinates")
+    )
+
+
+def moving_in_time(mechanism: Mechanism, state: State) -> State:
+    """Return `state` as a state of `mechanism`, at rest where its rates are not those in time.
+
+    Raises:
+        SpatialPinError: as `of_mechanism`.
+    """
+    own = of_mechanism(mechanism, state)
+    if own.in_time:
+        return own
+    return State(own.mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
+                 branch=own.branch, released=own.released)
+
+
+def center_of_mass(mechanism: Mechanism, link: str) -> Array:
+    """Return the centre of mass of a link in its own frame (3,) [m].
+
+    Raises:
+        UnknownNameError: there is no such link, frame or joint.
+        SpatialPinError: it has no mass.
+    """
+    mechanism.frame_id(link)
+    inertia = mechanism.inertias.get(link)
+    if inertia is None or inertia.mass <= 0.0:
+        massive = [name for name, i in mechanism.inertias.items() if i.mass > 0.0]
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {link!r} has no mass, hence no centre of mass; "
+            f"links with mass: {', '.join(massive) or 'none'}"
+        )
+    return inertia.lever.copy()
+
+
+def _frozen(array: Array) -> Array:
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy

@@ -1,0 +1,1 @@
+"""The closure equations evaluated: of one configuration, of many together, of large trees."""

@@ -1,0 +1,565 @@
+"""All closure equations of a mechanism, compiled to flat arrays and evaluated together.
+
+With G the joint placements stacked as rows (columns of R, then p, of each joint), every vector
+that a row is made of is linear in G: A, B, X = C_A G, C_B G, C_X G. Row i is then
+
+    value      r  = A . B - c
+    Jacobian   J  = sign * scale * (W J6),  W = (f B, X x B)
+    bias       r'' at zero joint acceleration = A'' . B + 2 A' . B' + A . B''
+
+where W is the wrench of the row at the world origin, J6 Pinocchio's world joint Jacobian and sign
+is +1 (-1) for the freedoms that move body 2 (body 1) only. Columns are scaled by
+`Mechanism.velocity_scale`, so that ranks and steps mean the same at every size. Bodies' rates
+enter through G' = H^T G and G'' = (H^T H^T + H'^T) G with H the 4 x 4 matrix of the body twist.
+Pinocchio's `computeJointJacobiansTimeVariation` is not used: in 4.1 it is wrong for joints whose
+motion subspace varies (universal, composite).
+
+A screw row adds -k * angle, the angle of two directions, from two auxiliary dot rows. A distance
+that is that of two other frames (`length_between`) is the difference of two distance rows, the
+second an auxiliary one.
+A coupling row is linear in the joint coordinates. A passive row is the absolute spin of a body
+about a line fixed in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.constraints.pinocchio_views import (
+    accelerations,
+    joint_jacobian,
+    placements,
+    twists,
+)
+from spatial_pin.mechanism.coordinates import joint_values, needed, with_values
+from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.workspaces import lent
+from spatial_pin.numerics.linalg import Array
+
+SHORT = 1e-3  # length of a distance, by the characteristic length, that is no unit for it
+DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
+
+
+class RowLabel(NamedTuple):
+    """Which equation of which closure a row is."""
+
+    closure: str
+    equation: int
+
+
+Term = tuple[float, int, Array, float]  # factor * (R_joint local + flag p_joint)
+
+
+class _Vectors:
+    """Coefficient rows on G of one block (A, B or X), grown row by row, and their terms."""
+
+    def __init__(self, n_joints: int) -> None:
+        self.n = n_joints
+        self.rows: list[Array] = []
+        self.terms: list[tuple[Term, ...]] = []
+
+    def add(self, *terms: Term) -> None:
+        """Add the sum of terms."""
+        self.terms.append(terms)
+        row = np.zeros(4 * self.n)
+        for factor, joint, local, flag in terms:
+            row[4 * joint : 4 * joint + 4] += factor * np.array([*local, flag])
+        self.rows.append(row)
+
+
+class Constraints:
+    """The compiled closure equations of a mechanism.
+
+    Attributes:
+        labels: closure and equation of each of the `n_rows` closure rows.
+        n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
+        n_angles: number of screw closures, whose relative angles count turns.
+        n_wrenches: of `Evaluation.row_wrenches`.
+        differences: (row, auxiliary row to be subtracted) of each distance between other frames.
+        spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        terms: of the vectors A, B and X of each product, see `Term`.
+        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.scale = 1.0 / mechanism.characteristic_length
+        self.supports = _supports(mechanism.model)
+        n = mechanism.model.njoints
+        self._a, self._b, self._x = _Vectors(n), _Vectors(n), _Vectors(n)
+        self._constants: list[float] = []
+        self._factors: list[float] = []
+        self._signs: list[Array] = []
+        self.spins: list[tuple[int, Array]] = []
+        labels: list[RowLabel] = []
+        screws: list[tuple[int, Row, Closure]] = []
+        lengths: list[tuple[int, Closure]] = []
+        for closure in mechanism.closures:
+            for k, row in enumerate(closure.rows):
+                if row.pitch is not None:
+                    screws.append((len(labels), row, closure))
+                if closure.between:
+                    lengths.append((len(labels), closure))
+                self._add_row(row, closure)
+                labels.append(RowLabel(closure.name, k))
+        self.n_products = len(labels)
+        self.screws = [self._add_screw(at, row, closure) for at, row, closure in screws]
+        self.differences = [self._add_length(at, closure) for at, closure in lengths]
+        self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
+        labels += [RowLabel(c.name, 0) for c in self.couplings]
+        self.passive_at = len(self._constants)
+        spin = [self._add_passive(p.body, p.axis) for p in mechanism.passives]
+        self.labels = tuple(labels)
+        self.n_rows = len(labels)
+        self.n_passive = len(spin)
+        self.n_angles = len(self.screws)
+        self.n_wrenches = self.n_rows + len(self.differences)
+        a, b, x = self._a.rows, self._b.rows, self._x.rows
+        self.terms = self._a.terms, self._b.terms, self._x.terms
+        self.c_abx = _matrix([*a, *b, *x], 4 * n)
+        self.c_rates = _rate_matrix(a, b, n)
+        self.rate_sum = _sum_of_rates(len(a))
+        self.constants = np.array(self._constants)
+        self.factors = np.array(self._factors).reshape(-1, 1)
+        signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
+        self.signs = signs * mechanism.velocity_scale
+        self.spin_bias = np.array(spin).reshape(self.n_passive, 6 * n)
+
+    def _frames(self, closure: Closure) -> tuple[tuple[int, Any], tuple[int, Any]]:
+        first, second = (self.mechanism.frame_on_joint(f) for f in closure.frames)
+        return first, second
+
+    def _add_distance(self, frames: tuple[str, ...], unit: float, constant: float) -> None:
+        """Add the row d . d / 2 unit - constant of the vector d between two frames."""
+        (i1, m1), (i2, m2) = (self.mechanism.frame_on_joint(f) for f in frames)
+        p1, p2 = m1.translation, m2.translation
+        half = self.scale / (2.0 * unit)
+        self._a.add((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
+        self._b.add((half, i2, p2, 1.0), (-half, i1, p1, 1.0))
+        self._x.add((2.0, i2, p2, 1.0))
+        self._finish(constant, 2.0, self.support(i2) - self.support(i1))
+
+    def _add_length(self, at: int, closure: Closure) -> tuple[int, int]:
+        """Add the distance row between the other two frames; return (row, auxiliary row)."""
+        self._add_distance(closure.between, unit_length(self.mechanism, closure), 0.0)
+        return at, len(self._constants) - 1
+
+    def _add_row(self, row: Row, closure: Closure) -> None:
+        if row.u is None:  # distance: (d . d - L²) / 2L
+            unit = unit_length(self.mechanism, closure) if closure.between else row.offset
+            self._add_distance(closure.frames, unit, 0.5 * row.offset * self.scale)
+            return
+        (i1, m1), (i2, m2) = self._frames(closure)
+        p1, p2 = m1.translation, m2.translation
+        sign = self.support(i2) - self.support(i1)
+        if row.w is None:  # point or screw: u . d
+            self._a.add((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
+            self._b.add((self.scale, i1, m1.rotation @ row.u, 0.0))
+            self._x.add((1.0, i2, p2, 1.0))
+            self._finish(0.0, 1.0, sign)
+        else:
+            self._add_dot(i1, m1.rotation @ row.u, i2, m2.rotation @ row.w, row.offset, sign)
+
+    def _add_dot(
+        self, i1: int, u: Array, i2: int, w: Array, cosine: float, sign: Array
+    ) -> None:
+        self._a.add((1.0, i2, w, 0.0))
+        self._b.add((1.0, i1, u, 0.0))
+        self._x.add((1.0, i2, w, 0.0))
+        self._finish(cosine, 0.0, sign)
+
+    def _add_screw(self, at: int, row: Row, closure: Closure) -> tuple[int, int, float]:
+        """Add the dot rows of sine and cosine; return (screw row, sine row, pitch)."""
+        (i1, m1), (i2, m2) = self._frames(closure)
+        sign = self.support(i2) - self.support(i1)
+        assert row.angle_from is not None and row.angle_of is not None and row.pitch is not None
+        sine = len(self._constants)
+        for u in row.angle_from[::-1]:  # y gives the sine, x the cosine
+            self._add_dot(i1, m1.rotation @ u, i2, m2.rotation @ row.angle_of, 0.0, sign)
+        return at, sine, row.pitch * self.scale
+
+    def _add_passive(self, body: str, axis: tuple[str, str]) -> Array:
+        """Add the spin row; return its bias row on the stacked local body accelerations."""
+        joint, _ = self.mechanism.frame_on_joint(body)
+        a, b = (point_on_body(self.mechanism, joint, name) for name in axis)
+        direction = (b - a) / np.linalg.norm(b - a)
+        self.spins.append((joint, direction))
+        self._a.add()
+        self._b.add((1.0, joint, direction, 0.0))
+        self._x.add()
+        self._finish(0.0, 0.0, self.support(joint))
+        bias = np.zeros(6 * self.mechanism.model.njoints)
+        bias[6 * joint + 3 : 6 * joint + 6] = direction
+        return bias
+
+    def _finish(self, constant: float, factor: float, sign: Array) -> None:
+        self._constants.append(constant)
+        self._factors.append(factor)
+        self._signs.append(sign)
+
+    def support(self, joint: int) -> Array:
+        """(nv,) 1 for the freedoms that move the body of `joint`."""
+        mask: Array = self.supports[joint]
+        return mask
+
+
+def _supports(model: pin.Model) -> Array:
+    """Return (njoints, nv): 1 for the freedoms that move the body of each joint."""
+    supports = np.zeros((model.njoints, model.nv))
+    for i in range(1, model.njoints):
+        supports[i] = supports[model.parents[i]]
+        supports[i, model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
+    return supports
+
+
+def unit_length(mechanism: Mechanism, closure: Closure) -> float:
+    """Return the length [m] that a distance between other frames is divided by.
+
+    It is theirs in the guess, so that the row is the difference of the lengths near there, or the
+    characteristic length where that is next to nothing.
+    """
+    model, size = mechanism.model, mechanism.characteristic_length
+    q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
+    ends = []
+    for joint, placement in map(mechanism.frame_on_joint, closure.between):
+        for i in reversed(list(model.supports[joint])[1:]):  # a `pin.Data` of many loops is large
+            own = model.joints[i].createData()
+            model.joints[i].calc(own, q)
+            placement = model.jointPlacements[i] * pin.SE3(own.M) * placement
+        ends.append(placement.translation)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    return length if length > SHORT * size else size
+
+
+def _rate_rows(a: list[Array], b: list[Array], n: int) -> list[Array]:
+    """Rows that take (G'', G', G) of each joint to A'', A', A and then B, B', B''."""
+
+    def rows(block: list[Array], order: int) -> list[Array]:
+        out = np.zeros((len(block), n, 3, 4))
+        out[:, :, 2 - order] = np.array(block).reshape(-1, n, 4)
+        return list(out.reshape(len(block), 12 * n))
+
+    return [row for block, orders in ((a, (2, 1, 0)), (b, (0, 1, 2)))
+            for order in orders for row in rows(block, order)]
+
+
+def _matrix(rows: list[Array], width: int) -> Any:
+    dense = np.array(rows).reshape(len(rows), width)
+    if dense.size <= DENSE_LIMIT:
+        return dense
+    from scipy.sparse import csr_array  # imported on use: it takes a tenth of a second
+
+    return csr_array(dense)
+
+
+def _rate_matrix(a: list[Array], b: list[Array], n: int) -> Any:
+    """Return the matrix of `_rate_rows`, never dense when it is large."""
+    height = 6 * len(a)
+    if height * 12 * n <= DENSE_LIMIT:
+        return _matrix(_rate_rows(a, b, n), 12 * n)
+    from scipy.sparse import csr_array
+
+    places, values = [], []
+    for k, (block, order) in enumerate([(a, 2), (a, 1), (a, 0), (b, 0), (b, 1), (b, 2)]):
+        dense = np.array(block)
+        rows, columns = np.nonzero(dense)
+        moved = 12 * (columns // 4) + 4 * (2 - order) + columns % 4
+        places.append([rows + k * len(a), moved])
+        values.append(dense[rows, columns])
+    return csr_array((np.concatenate(values), np.hstack(places)), shape=(height, 12 * n))
+
+
+def _sum_of_rates(n: int) -> Any:
+    """Return the matrix that takes n values each of A''.B, A'.B', A.B'' to their Leibniz sum."""
+    if 3 * n * n <= DENSE_LIMIT:
+        return np.hstack([np.eye(n), 2.0 * np.eye(n), np.eye(n)])
+    from scipy.sparse import csr_array
+
+    at = np.arange(n)
+    weights = np.repeat([1.0, 2.0, 1.0], n)
+    return csr_array((weights, (np.tile(at, 3), np.arange(3 * n))), shape=(n, 3 * n))
+
+
+def _product(matrix: Any, vectors: Array, out: Array) -> None:
+    """Write matrix @ vectors into `out`; `np.dot` costs half of `@` here."""
+    if isinstance(matrix, np.ndarray):
+        np.dot(matrix, vectors, out)
+    else:
+        out[:] = matrix @ vectors
+
+
+def constraints_of(mechanism: Mechanism) -> Constraints:
+    """Return the compiled constraints of a mechanism, made once."""
+    needed(mechanism)
+    if "constraints" not in mechanism.memo:
+        mechanism.memo["constraints"] = Constraints(mechanism)
+    found: Constraints = mechanism.memo["constraints"]
+    return found
+
+
+@contextmanager
+def evaluation_of(mechanism: Mechanism, angles: Array | float = 0.0) -> Iterator[Evaluation]:
+    """Lend an `Evaluation` of a mechanism, its screws counting turns from `angles` (n_angles,)."""
+    with lent(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism))) as evaluation:
+        evaluation.turns[:] = angles
+        yield evaluation
+
+
+# columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
+TWIST_MATRIX = np.zeros((6, 16))
+for _i in range(3):
+    TWIST_MATRIX[_i, 12 + _i] = 1.0
+    TWIST_MATRIX[3 + _i].reshape(4, 4)[:3, :3] = pin.skew(np.eye(3)[_i]).T
+# a @ _CYCLES = (a, a_yzx, a_zxy, a_yzx): a cross product from one multiplication and one difference
+_CYCLES = np.hstack([np.eye(3)[:, c] for c in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 2, 0])])
+
+
+class Evaluation:
+    """Closure value, Jacobian and bias at one configuration at a time.
+
+    Owns a `pin.Data` whose memory is read through views made once.
+
+    Attributes:
+        q: (nq,) the last configuration; not to be changed before what is made of it.
+        residual: (n_rows,) closure rows [-]; lengths divided by the characteristic length.
+        jacobian: (n_rows + n_passive, nv) derivative of the rows with respect to the scaled
+            velocities v / `velocity_scale`; the last ones are spin rates.
+        angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
+            one in `turns`.
+        turns: (n_angles,) the angles to which `angles` stays nearest.
+        angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
+        wrenches: (rows, 6) force and moment about the world origin of each product row.
+        placements: (njoints, 4, 3) view on the joint placements.
+        regular: the last configuration that was found to be regular, see `newton.rank_loss`.
+        rotations: what closes loops from afar, see `rotations`.
+    """
+
+    def __init__(self, constraints: Constraints) -> None:
+        self.regular: Any = None
+        self.rotations: Any = None
+        self.constraints = c = constraints
+        self.mechanism = c.mechanism
+        self.model = model = c.mechanism.model
+        self.data = model.createData()
+        n, nv, r = model.njoints, model.nv, len(c.constants)
+        self._n_all = r
+        self.angles = np.zeros(c.n_angles)
+        self.turns = np.zeros(c.n_angles)
+        self.angle_jacobian = np.zeros((c.n_angles, nv))
+        self._zero = np.zeros(nv)
+        self.q = c.mechanism.neutral
+        self.placements = placements(self.data)
+        self._g = self.placements.reshape(4 * n, 3)
+        self._twists, self._accelerations = twists(self.data), accelerations(self.data)
+        self._spins = self._accelerations.reshape(-1)
+        self._joint_jacobian = joint_jacobian(self.data, nv)
+        self._make_buffers(n, nv, r)
+        self._plain = not (c.screws or c.couplings or c.differences)
+        self._offset = bool(np.any(c.constants))
+        self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
+        self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
+
+    def _make_buffers(self, n: int, nv: int, r: int) -> None:
+        """Allocate once what every evaluation writes, with the views it is read through."""
+        self._abx, self._cycled = np.empty((3 * r, 3)), np.empty((3 * r, 12))
+        blocks = self._cycled[:r], self._cycled[r : 2 * r], self._cycled[2 * r :]
+        self._a, self._b = blocks[0][:, :3], blocks[1][:, :3]
+        self._b_cycles, self._x_cycles = blocks[1][:, 6:12], blocks[2][:, 3:9]
+        self._values = np.zeros(r)
+        self.wrenches = np.zeros((r, 6))
+        self._forces, self._moments = self.wrenches[:, :3], self.wrenches[:, 3:]
+        spin = slice(self.constraints.passive_at, r)
+        self._spin_moments, self._spin_axes = self._moments[spin], self._b[spin]
+        self._halves = np.empty((r, 6))
+        self._first, self._second = self._halves[:, :3], self._halves[:, 3:]
+        self._products = np.zeros((r, nv))
+        self._rates_h = np.zeros((n, 4, 8))  # transposed matrices of twist and acceleration
+        self._h1, self._h2 = self._rates_h[:, :, :4], self._rates_h[:, :, 4:]
+        self._g_rates = np.zeros((n, 12, 3))  # G'', G', G of each joint
+        self._g2, self._g1, self._g0 = (self._g_rates[:, k : k + 4] for k in (0, 4, 8))
+        self._g10 = self._g_rates[:, 4:]
+        self._g_flat = self._g_rates.reshape(12 * n, 3)
+        self._ab_rates = np.zeros((6 * r, 3))
+        self._a_rates, self._b_rates = self._ab_rates[: 3 * r], self._ab_rates[3 * r :]
+        self._rate_products = np.zeros(3 * r)
+        self._bias = np.zeros(r)
+
+    def update(self, q: Array) -> None:
+        """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
+        self.update_wrenches(q)
+        if self._n_all:
+            products = np.dot(self.wrenches, self._joint_jacobian, self._products)
+            if self._plain:
+                np.multiply(products, self.constraints.signs, out=self.jacobian)
+                return
+        self._finish_rows(q)
+
+    def update_wrenches(self, q: Array) -> None:
+        """Evaluate placements, joint Jacobian, values and wrenches of the rows at q (nq,) only."""
+        c, self.q = self.constraints, q
+        pin.computeJointJacobians(self.model, self.data, q)
+        if self._n_all:
+            _product(c.c_abx, self._g, self._abx)
+            np.dot(self._abx, _CYCLES, self._cycled)
+            values = np.vecdot(self._a, self._b, out=self._values)
+            if self._offset:
+                values -= c.constants
+            np.multiply(self._b, c.factors, out=self._forces)
+            np.multiply(self._x_cycles, self._b_cycles, out=self._halves)
+            np.subtract(self._first, self._second, out=self._moments)
+            if c.n_passive:
+                self._spin_moments[:] = self._spin_axes
+
+    def row_wrenches(self) -> Array:
+        """Return (n_wrenches, 6) force on body 2 per unit of each row, and moment about the origin.
+
+        World axes, at the last `update`; a row's derivative is its wrench times the twist of
+        body 2 relative to body 1. Couplings, which act on joints, have none. After the rows come
+        those of `differences`: less their wrenches times the twists of their own two bodies.
+        """
+        c = self.constraints
+        wrenches = np.zeros((c.n_wrenches, 6))
+        wrenches[c.n_rows :] = self.wrenches[[other for _, other in c.differences]]
+        wrenches[: c.n_products] = self.wrenches[: c.n_products]
+        for at, sine, pitch in c.screws:
+            s, co = self._values[sine : sine + 2]
+            turn = co * self.wrenches[sine] - s * self.wrenches[sine + 1]
+            wrenches[at] -= pitch / (s * s + co * co) * turn
+        return wrenches
+
+    def opening(self, joint: int) -> Array:
+        """Return (n_rows, 6) derivatives of the rows for a twist of what a joint carries."""
+        c, at = self.constraints, self.model.idx_vs[joint]
+        signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
+        wrenches = self.row_wrenches()
+        wrenches[: c.n_products] *= signs[: c.n_products]
+        for k, (row, other) in enumerate(c.differences, start=c.n_rows):
+            wrenches[row] -= signs[other] * wrenches[k]
+        return wrenches[: c.n_rows]
+
+    def _finish_rows(self, q: Array) -> None:
+        """Put product, screw, coupling and passive rows in their places."""
+        c, p = self.constraints, self.constraints.n_products
+        products = self._products
+        products *= c.signs
+        self.jacobian[:p] = products[:p]
+        self.residual[:p] = self._values[:p]
+        for k, (at, sine, pitch) in enumerate(c.screws):
+            self._screw(k, at, sine, pitch)
+        for at, other in c.differences:
+            self.residual[at] -= self._values[other]
+            self.jacobian[at] -= products[other]
+        if c.couplings:
+            self._couple(q)
+        self.jacobian[c.n_rows :] = products[c.passive_at :]
+
+    def _screw(self, k: int, at: int, sine: int, pitch: float) -> None:
+        s, c = self._values[sine], self._values[sine + 1]
+        angle = math.atan2(s, c)
+        angle += 2.0 * math.pi * round((self.turns[k] - angle) / (2.0 * math.pi))
+        self.angles[k] = angle
+        slope = (c * self._products[sine] - s * self._products[sine + 1]) / (s * s + c * c)
+        self.angle_jacobian[k] = slope
+        self.residual[at] -= pitch * angle
+        self.jacobian[at] -= pitch * slope
+
+    def _couple(self, q: Array) -> None:
+        """Coupling rows: coordinate b - ratio * coordinate a - offset, scaled by b's unit."""
+        c = self.constraints
+        for k, closure in enumerate(c.couplings, start=c.n_products):
+            a, b = (self.mechanism.coordinate(name) for name in closure.joints)
+            size = self.mechanism.velocity_scale
+            scale = 1.0 if b.unit == "rad" else c.scale
+            self.residual[k] = scale * (q[b.q] - closure.ratio * q[a.q] - closure.offset)
+            self.jacobian[k, a.v] = -scale * closure.ratio * size[a.v]
+            self.jacobian[k, b.v] = scale * size[b.v]
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return (n_rows + n_passive,) second derivatives of the rows at zero joint acceleration.
+
+        Call after `update` at the same q.
+        """
+        c = self.constraints
+        pin.forwardKinematics(self.model, self.data, q, v, self._zero)
+        if not self._n_all:
+            return np.zeros(c.n_rows)
+        shape = self._h1.shape
+        self._h1[:] = np.dot(self._twists, TWIST_MATRIX).reshape(shape)
+        self._h2[:] = np.dot(self._accelerations, TWIST_MATRIX).reshape(shape)
+        self._g0[:] = self.placements
+        np.matmul(self._h1, self.placements, out=self._g1)
+        np.matmul(self._rates_h, self._g10, out=self._g2)  # G'' = H^T G' + H'^T G
+        _product(c.c_rates, self._g_flat, self._ab_rates)
+        np.vecdot(self._a_rates, self._b_rates, out=self._rate_products)
+        bias = self._bias
+        _product(c.rate_sum, self._rate_products, bias)
+        if c.n_passive:
+            bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
+        return bias if self._plain else self._finish_bias(bias)
+
+    def rates(self) -> tuple[Array, Array]:
+        """Return views (njoints, 6) on the twists and spatial accelerations, joint axes."""
+        return self._twists, self._accelerations
+
+    def _finish_bias(self, bias: Array) -> Array:
+        c, r = self.constraints, self._n_all
+        out = np.zeros(c.n_rows + c.n_passive)
+        out[: c.n_products] = bias[: c.n_products]
+        a1, b1 = self._a_rates[r : 2 * r], self._b_rates[r : 2 * r]
+        for at, sine, pitch in c.screws:
+            rows = slice(sine, sine + 2)
+            ds, dc = np.vecdot(a1[rows], self._b[rows]) + np.vecdot(self._a[rows], b1[rows])
+            s, co = self._values[rows]
+            dds, ddc = bias[rows]
+            n = s * s + co * co
+            out[at] -= pitch * float(
+                (co * dds - s * ddc) / n - 2.0 * (co * ds - s * dc) * (co * dc + s * ds) / n**2
+            )
+        for at, other in c.differences:
+            out[at] -= bias[other]
+        out[c.n_rows :] = bias[c.passive_at :]
+        return out
+
+    @property
+    def closure_error(self) -> float:
+        """Largest absolute closure row at the last configuration [-]."""
+        return float(np.abs(self.residual).max()) if self.residual.size else 0.0
+
+    def worst_closure(self) -> str:
+        """Return the name of the closure with the largest row; empty when there is none."""
+        if not self.residual.size:
+            return ""
+        return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
+
+    def mirrored(self) -> str:
+        """Return the name of a closure whose axes do not point the same way, else nothing."""
+        return next(iter(self.opposite_axes()), "")
+
+    def opposite_axes(self) -> dict[str, bool]:
+        """Return closures whose axes do not point the same way, and whether half a turn helps.
+
+        Closed rows leave them parallel, opposite, or (three rotation rows) interchanged: then half
+        a turn of one of the frames is not what makes them one.
+        """
+        found = {}
+        for closure in self.mechanism.closures:
+            if closure.type == COUPLING or not closure.pair.aligned:
+                continue
+            (i1, m1), (i2, m2) = self.constraints._frames(closure)
+            oM = self.data.oMi
+            geometry = closure.geometry
+            assert geometry is not None
+            axes1 = oM[i1].rotation @ m1.rotation @ geometry.axes1
+            axes2 = oM[i2].rotation @ m2.rotation @ geometry.axes2
+            cosines = np.vecdot(axes1.T, axes2.T)[2 if closure.pair.aligned == "z" else 0 :]
+            if np.any(cosines < 0.5):
+                found[closure.name] = bool(np.all(np.abs(cosines) > 0.5))
+        return found

@@ -1,0 +1,76 @@
+"""NumPy views on the memory of a `pin.Data`: an access to an SE3 costs more than the kinematics.
+
+The arrays are valid as long as the data lives; keep it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+
+from spatial_pin.numerics.linalg import Array
+
+
+def placements(data: pin.Data) -> Array:
+    """Return a view (njoints, 4, 3) on the joint placements: three columns of R, then p."""
+    return as_strided(data.oMi[0].rotation.T, (len(data.oMi), 4, 3), (_stride(data.oMi), 24, 8))
+
+
+def twists(data: pin.Data) -> Array:
+    """Return a view (njoints, 6) on the joint twists, local axes, linear first."""
+    return as_strided(data.v[0].linear, (len(data.v), 6), (48, 8))
+
+
+def accelerations(data: pin.Data) -> Array:
+    """Return a view (njoints, 6) on the spatial joint accelerations, local axes, linear first."""
+    return as_strided(data.a[0].linear, (len(data.a), 6), (48, 8))
+
+
+def forces(data: pin.Data) -> Array:
+    """Return a view (njoints, 6) on the forces through the joints, local axes, linear first."""
+    return as_strided(data.f[0].linear, (len(data.f), 6), (48, 8))
+
+
+def joint_jacobian(data: pin.Data, nv: int) -> Array:
+    """Return a view (6, nv) on the world joint Jacobian, which is one-dimensional for nv = 1."""
+    return data.J.reshape(6, nv)
+
+
+def _stride(items: Any) -> int:
+    if len(items) < 2:
+        return 96
+    first, second = (items[i].translation.__array_interface__["data"][0] for i in (0, 1))
+    return int(second - first)
+
+
+# Pinocchio gives matrices of one column as vectors, and ends the interpreter over some without any.
+LOCAL = pin.ReferenceFrame.LOCAL
+
+
+def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Array:
+    """Return the Jacobian (6, nv) of a frame at its origin, world axes; joints' are known."""
+    if not model.nv:
+        return np.zeros((6, 0))
+    found: Array = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    return found.reshape(6, model.nv)
+
+
+def own_jacobian(model: pin.Model, data: pin.Data, joint: int) -> Array:
+    """Return the Jacobian (6, nv) of a joint in its own axes; joints' are known."""
+    found: Array = pin.getJointJacobian(model, data, joint, LOCAL)
+    return found.reshape(6, model.nv)
+
+
+def twist_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:
+    """Return `pin.getJointVelocityDerivatives` of a joint in its own axes, each (6, nv)."""
+    return [x.reshape(6, model.nv)
+            for x in pin.getJointVelocityDerivatives(model, data, joint, LOCAL)]
+
+
+def acceleration_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:
+    """Return `pin.getJointAccelerationDerivatives` of a joint in its own axes, each (6, nv)."""
+    return [x.reshape(6, model.nv)
+            for x in pin.getJointAccelerationDerivatives(model, data, joint, LOCAL)]

@@ -1,0 +1,1 @@
+"""Following paths of closed configurations, branch points and turning points included."""

@@ -1,0 +1,30 @@
+"""The order in which driver values are best followed: a branch is the same there and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.numerics.linalg import Array
+
+WORTH = 3.0  # times as long as the sorted ones a way is that is better not gone as it is asked for
+
+
+def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
+    """Return the rows from the first value upwards, and those from it downwards.
+
+    None where values asked for one after the other make no much longer way.
+
+    Args:
+        values: (N,) driver values.
+    """
+    first = values[0]
+    with np.errstate(over="ignore"):
+        way = np.abs(np.diff(values)).sum()
+        span = values.max() - values.min()
+        ends = min(values.max() - first, first - values.min())
+        if not way / WORTH > span + ends:
+            return None
+    rows = np.argsort(values, kind="stable")
+    up, down = rows[values[rows] >= first], rows[values[rows] < first][::-1]
+    return [part for part in (up, down) if part.size]

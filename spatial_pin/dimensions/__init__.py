@@ -1,0 +1,1 @@
+"""What dimensions change: sensitivity, tolerance, and many samples closed together."""

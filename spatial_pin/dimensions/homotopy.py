@@ -1,0 +1,106 @@
+"""Closed configurations followed as dimensions change, the drivers held.
+
+Between two sets of dimensions the branch is the one that leads from a closed configuration of the
+first, along the straight line between them, to the second. It ends where the loops lose rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spatial_pin.assembly.assemble import ACCEPTED, nearest_turn
+from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.files import load
+from spatial_pin.mechanism.coordinates import blur, with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
+from spatial_pin.settings import Accuracy
+
+FARTHEST = 0.3  # rad, characteristic lengths, that a coordinate may move in one step
+SHORTEST = 2.0**-7  # part of the way between the dimensions, in one step
+
+
+def varied(mechanism: Mechanism, dimensions: Mapping[str, float]) -> Mechanism:
+    """Return the mechanism with some dimensions changed, loaded anew from its files."""
+    if mechanism.path is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
+    return load(mechanism.path, **{**mechanism.loading, **dimensions})
+
+
+def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) -> State:
+    """Return the closed configuration of a mechanism on the branch of one with other dimensions.
+
+    The dimensions go in a straight line from one to the other, in one step if no coordinate moves
+    by more than 0.3 rad or characteristic lengths, else in as many as it takes; the determinant of
+    the loops' independent rows keeps its sign from step to step.
+
+    Args:
+        mechanism: at the dimensions wanted.
+        drivers: values of coordinates to hold [rad, m].
+        near: a closed state of the mechanism at other dimensions.
+
+    Raises:
+        SpatialPinError: the branch ends before it.
+    """
+    drivers = {mechanism.driven_coordinate(name).name: x for name, x in drivers.items()}
+    if mechanism.coordinates != near.mechanism.coordinates:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has other coordinates at dimensions "
+                              f"{dict(mechanism.parameters)}")
+    state, done, part = near, 0.0, 1.0
+    begin, end = near.mechanism.dimensions, mechanism.dimensions
+    changed = {name: (begin.get(name, x), x) for name, x in end.items() if begin.get(name, x) != x}
+    while done < 1.0:
+        goal = min(1.0, done + part)
+        there = mechanism if goal == 1.0 else varied(
+            mechanism, {name: a + goal * (b - a) for name, (a, b) in changed.items()})
+        ahead = _step(state, there, drivers)
+        if ahead is not None:
+            state, done, part = ahead, goal, 2.0 * part
+        elif part > SHORTEST and changed:
+            part *= 0.5
+        else:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: no closed configuration of this branch at "
+                f"dimensions {dict(mechanism.parameters)}; it ends {done:.2g} of the way to them")
+    return state
+
+
+def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State | None:
+    """Return the closed configuration next to a state; None where it is not surely the branch's."""
+    near = state.mechanism
+    values = {c.name: float(state.q[c.q]) for c in near.coordinate_table.values() if c.q >= 0}
+    free = np.ones(near.model.nv, dtype=bool)
+    free[[near.coordinate_table[name].v for name in drivers]] = False
+    accuracy = Accuracy.named("engineering")
+    with evaluation_of(near, state.angles) as evaluation:
+        evaluation.update(state.q)
+        jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
+        rows = independent_rows(jacobian)
+        spare = decompose(jacobian[rows]).null_space
+        before = determinant_sign_of(np.vstack([jacobian[rows], spare]))
+    with evaluation_of(there, state.angles) as evaluation:
+        q = with_values(there, state.q, dict(drivers))
+        q, error = close(evaluation, q, free, accuracy.tolerance)
+        q = nearest_turn(there, q, drivers, values)
+        evaluation.update(q)
+        if not error <= max(ACCEPTED, blur(there, q)) or evaluation.mirrored():
+            return None
+        if _farthest(there, state.q, q) > FARTHEST:
+            return None
+        jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
+        after = determinant_sign_of(np.vstack([jacobian[rows], spare]))
+        if after != before:
+            return None
+        return State(there, q, closure_error=evaluation.closure_error, angles=evaluation.angles)
+
+
+def _farthest(mechanism: Mechanism, before: Array, after: Array) -> float:
+    """Return by how much a coordinate moves at most [rad, characteristic lengths]."""
+    table = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
+    return max((abs(after[c.q] - before[c.q]) / mechanism.velocity_scale[c.v] for c in table),
+               default=0.0)

@@ -1,0 +1,317 @@
+"""Spread of outputs when dimensions scatter: linear propagation and Monte Carlo."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked, generator, names_of
+from spatial_pin.dimensions.homotopy import varied
+from spatial_pin.dimensions.sample_outputs import is_possible, output, points_of
+from spatial_pin.dimensions.samples import Solver
+from spatial_pin.dimensions.sensitivity import Drive, sensitivities, with_spread
+from spatial_pin.dimensions.surrogate import FittedGeometry, fit
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.files import load
+from spatial_pin.mechanism.coordinates import finite_number
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
+LARGEST = 1e100  # deviation, whose square is a number [m, rad]
+MOST_SAMPLES = 10_000_000  # which fit into a memory: spreads to 0.02 %
+LOADS = 0.25  # mechanisms to learn a geometry from, at most, by samples
+WAYS = 4, 16  # steps of the dimensions by which samples are tried that move far
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerance:
+    """Spread of outputs when dimensions scatter independently and normally.
+
+    Attributes:
+        nominal: the outputs at the nominal dimensions.
+        linear: standard deviations by linear propagation.
+        sampled: standard deviations of the samples; None without samples.
+        mean: mean of the samples; None without.
+        samples: (n,) or (n, 3) values by output, of the samples that could be closed.
+        failed: number of samples in which the mechanism could not be closed.
+        dimensions: (N,) drawn values of each dimension, of all samples [m, rad].
+        is_closed: (N,) which samples could be closed: `samples[output]` are those at
+            `dimensions[name][is_closed]`.
+        units: of the outputs, "1" for none.
+    """
+
+    nominal: dict[str, Any]
+    linear: dict[str, Any]
+    sampled: dict[str, Any] | None
+    mean: dict[str, Any] | None
+    samples: dict[str, Array]
+    failed: int
+    dimensions: dict[str, Array]
+    is_closed: NDArray[np.bool_]
+    units: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        lines = []
+        for name, value in self.nominal.items():
+            unit = self.units.get(name, "")
+            line = f"{name} = {with_spread(value, self.linear[name], unit)} (linear)"
+            if self.sampled is not None and self.mean is not None:
+                spread = with_spread(self.mean[name], self.sampled[name], unit)
+                line += f"; {spread} ({len(self.samples[name])} samples)"
+            lines.append(line)
+        if self.failed:
+            lines.append(f"{self.failed} samples cannot be closed")
+        return "\n".join(lines)
+
+
+@checked
+def tolerance(
+    mechanism: Mechanism,
+    outputs: str | Iterable[str],
+    deviations: Mapping[str, float],
+    state: State | None = None,
+    *,
+    samples: int = 0,
+    executor: Executor | None = None,
+    seed: int = 0,
+    progress: bool = False,
+) -> Tolerance:
+    """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
+
+    Where it pays, samples are solved together. A few dozen mechanisms (at most a quarter of the
+    number of samples) are loaded at the ends of the range of each dimension and between, and the
+    places and directions that the file computes are fitted by polynomials in the dimensions.
+    These must give the places and directions of other samples, the farthest among them, to 4e-15.
+    Then all samples take together Newton's steps from the state; those that move a joint by more
+    than 0.25 rad or characteristic lengths, or do not go straight, go again from the nominal
+    dimensions to their own in 4 and then 16 steps. A sample is loaded and followed by itself, in
+    as many steps of its dimensions as it takes, where that does not do either, or the determinant
+    of the loops has less than a fiftieth of the state's size; so it is on the state's branch, or
+    fails because the branch ends before it, however far it moves. All samples are
+    solved one by one if they are few for the number of dimensions, if the file's formulas are not
+    smooth (an `if` or `max` that changes over among the samples), if the state is all but
+    singular, and for jerks, transmission angles and limits. Results agree to round-off. A change
+    of formula that concerns hardly any sample can be missed.
+
+    Args:
+        mechanism: a mechanism with a xacro tree.
+        outputs: names as for `sensitivity`.
+        deviations: standard deviation by dimension [m, rad].
+        state: a closed state; its driver values, speeds and accelerations are kept; default the
+            assembled guess.
+        samples: number of Monte Carlo samples, 0 for none, ten millions at most.
+        executor: where to solve them (any `concurrent.futures` executor, a Dask client's too);
+            default in this process.
+        seed: of the samples.
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Raises:
+        UnknownNameError: no such dimension or output.
+        ValueError: a deviation is negative or not finite, or a number of samples or a seed cannot
+            be.
+    """
+    state = assembled(mechanism) if state is None else state
+    names = names_of(outputs, "outputs")
+    rng = generator(seed)
+    spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
+    if any(x < 0.0 for x in spread.values()):
+        raise ValueError("a standard deviation is negative")
+    for name, x in spread.items():
+        if x > LARGEST:
+            raise ValueError(f"deviation of {name!r} is {x:.3g}; it is {LARGEST:g} at most")
+    if samples == 1 or not 0 <= samples <= MOST_SAMPLES:
+        raise ValueError(f"samples is {samples}; it is 0 for none, or from 2, for a spread, to "
+                         f"{MOST_SAMPLES}")
+    found = sensitivities(mechanism, state, names, spread)
+    nominal = {one.output: one.value for one in found}
+    units = {one.output: one.unit for one in found}
+    linear = {one.output: _propagated(one.derivatives, spread) for one in found}
+    if not samples:
+        return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
+                         {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
+    drawn = _drawn(mechanism, spread, samples, rng)
+    values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
+                                executor, progress)
+    good = {name: x[is_closed] for name, x in values.items()}
+    return Tolerance(
+        nominal, linear,
+        {name: _of_enough(x, 2, lambda x: x.std(axis=0, ddof=1)) for name, x in good.items()},
+        {name: _of_enough(x, 1, lambda x: x.mean(axis=0)) for name, x in good.items()},
+        good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
+        units,
+    )
+
+
+def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> Any:
+    parts = [(np.asarray(derivatives[name]) * x) ** 2 for name, x in spread.items()]
+    return np.sqrt(sum(parts))[()]
+
+
+def _of_enough(values: Array, fewest: int, what: Callable[[Array], Array]) -> Any:
+    """Return something of values (N, ...), NaN where they are too few."""
+    return (what(values) if len(values) >= fewest else np.full(values.shape[1:], np.nan))[()]
+
+
+def _drawn(
+    mechanism: Mechanism, spread: Mapping[str, float], samples: int, rng: np.random.Generator
+) -> Array:
+    """Return the dimensions (samples, k) in the order of `spread`."""
+    nominal = np.array([mechanism.dimensions[name] for name in spread])
+    normal = rng.normal(size=(samples, len(nominal)))
+    return nominal + np.array(list(spread.values())) * normal
+
+
+def _solved(
+    mechanism: Mechanism, state: State, nominal: Mapping[str, Any], spread: Mapping[str, float],
+    drawn: Array, executor: Executor | None, progress: bool,
+) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+    """Return (N, ...) values by output, and which samples (N,) could be closed."""
+    names, drive = list(nominal), Drive.of(mechanism, state)
+    values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
+    is_closed = np.zeros(len(drawn), dtype=bool)
+    bar = tqdm(total=len(drawn), desc=f"{mechanism.name}: samples", delay=1.0, leave=False,
+               disable=None if progress else True)
+    together = _Together.of(mechanism, state, drive, names, list(spread), drawn)
+    if together:
+        for begin in range(0, len(drawn), CHUNK):
+            some = slice(begin, begin + CHUNK)
+            is_closed[some], found = together.solve(drawn[some])
+            for name, x in found.items():
+                values[name][some] = x
+            bar.update(int(np.count_nonzero(is_closed[some])))
+    rest = np.flatnonzero(~is_closed)
+    start, mark = (np.array(state.q), np.array(state.angles)), uuid4().hex
+    jobs = [_Job(str(mechanism.path), mechanism.loading,
+                 dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
+            for k in rest]
+    futures = [executor.submit(_sample, job) for job in jobs] if executor else []
+    rows = (future.result() for future in futures) if executor else map(_sample, jobs)
+    for k, row in zip(rest, rows, strict=True):
+        bar.update()
+        if row is not None:
+            is_closed[k] = True
+            for name, x in zip(names, row, strict=True):
+                values[name][k] = x
+    bar.close()
+    return values, is_closed
+
+
+class _Job(NamedTuple):
+    """One sample to solve in any process.
+
+    Attributes:
+        path: the mechanism's file.
+        parameters: what `load` takes for the nominal mechanism.
+        dimensions: of the sample.
+        nominal: q and angles of screws.
+        drive: the drivers' motion.
+        names: of the outputs.
+        mark: of the call of `tolerance`.
+    """
+
+    path: str
+    parameters: dict[str, Any]
+    dimensions: dict[str, float]
+    nominal: tuple[Array, Array]
+    drive: Drive
+    names: list[str]
+    mark: str
+
+
+def _sample(job: _Job) -> list[Any] | None:
+    """Solve one sample; None when it cannot be closed. Runs in any process."""
+    path, parameters, dimensions, (q, angles), drive, names, mark = job
+    try:
+        nominal = _loaded(path, pickle.dumps(parameters), mark)
+        near = State(nominal, q, closure_error=np.nan, angles=angles)
+        return drive.evaluate(varied(nominal, dimensions), near, names)
+    except SpatialPinError:
+        return None
+
+
+@lru_cache(maxsize=1)
+def _loaded(path: str, parameters: bytes, mark: str) -> Mechanism:
+    """Load the nominal mechanism, once for all samples of one call, which has its own mark."""
+    return load(path, **pickle.loads(parameters))
+
+
+class _Together(NamedTuple):
+    """Solves samples together.
+
+    Attributes:
+        solver: of the mechanism.
+        geometry: by dimensions, which vary by `reach` (k,) at most from `nominal` (k,).
+        varies: which of the dimensions (k,) vary.
+        points: whose motion the outputs tell.
+        names: of the outputs.
+    """
+
+    solver: Solver
+    geometry: FittedGeometry
+    nominal: Array
+    reach: Array
+    varies: NDArray[np.bool_]
+    points: list[str]
+    names: Sequence[str]
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, state: State, drive: Drive, outputs: list[str],
+        dimensions: list[str], drawn: Array,
+    ) -> _Together | None:
+        """Return a solver for samples, None where it does not pay or cannot be."""
+        nominal = np.array([mechanism.dimensions[name] for name in dimensions])
+        reach = np.abs(drawn - nominal).max(axis=0)
+        varies = reach > 0.0
+        if not varies.any() or not is_possible(mechanism, outputs):
+            return None
+        points = points_of(mechanism, outputs)
+        try:
+            solver = Solver(state, drive.speeds, drive.accelerations)
+        except SpatialPinError:  # each sample will tell
+            return None
+        names = [name for name, x in zip(dimensions, varies, strict=True) if x]
+        centre, half = nominal[varies], reach[varies]
+
+        def at(x: Array) -> Mechanism:
+            return varied(mechanism, dict(zip(names, (centre + half * x).tolist(), strict=True)))
+
+        geometry = fit(mechanism, at, (drawn[:, varies] - centre) / half, points,
+                       int(LOADS * len(drawn))) if solver.is_regular else None
+        if geometry is None:
+            return None
+        return cls(solver, geometry, centre, half, varies, points, outputs)
+
+    def solve(self, drawn: Array) -> tuple[NDArray[np.bool_], dict[str, Array]]:
+        """Return which samples (m,) are good, and the outputs of all, (m, ...)."""
+        x = ((drawn[:, self.varies] - self.nominal) / self.reach).T
+        good, values = self._way(x, 1)
+        for steps in WAYS:
+            far = np.flatnonzero(~good)
+            if not len(far):
+                break
+            good[far], found = self._way(x[:, far], steps)
+            for name, some in found.items():
+                values[name][far] = some
+        return good, values
+
+    def _way(self, x: Array, steps: int) -> tuple[NDArray[np.bool_], dict[str, Array]]:
+        """Solve samples at fitted dimensions (k, m), going there in equal steps from nominal."""
+        good, placed = np.ones(x.shape[1], dtype=bool), None
+        for k in range(1, steps + 1):
+            geometry = self.geometry(x * (k / steps))
+            moving, closed = self.solver.solve(geometry, x.shape[1], placed)
+            good, placed = good & closed, moving.placed
+        return good, {name: output(moving, geometry, self.points, name) for name in self.names}

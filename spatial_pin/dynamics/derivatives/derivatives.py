@@ -1,0 +1,211 @@
+"""Derivatives of the constrained dynamics, by implicit differentiation.
+
+The equations M a + b - f - J^T lambda = 0 and r'' = J a + gamma = 0 are differentiated with
+respect to q, v and f; the unknown derivatives of a and lambda solve the same linear system as a and
+lambda do. Those of M a + b are Pinocchio's, on joints whose motion subspace is constant
+(`kinematics.split`), those of the rows `row_derivatives`. `computeConstraintDynamicsDerivatives` is
+not used: in Pinocchio 4.1 its derivatives by q differ from the differences of its own accelerations
+on trees with composite joints, and on the RSSR.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.checks import checked
+from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.dynamics.derivatives.closures import Rates, Rows
+from spatial_pin.dynamics.derivatives.forces import Outside, Pull, Slopes, Springs, spring_slopes
+from spatial_pin.dynamics.derivatives.reactions import Changes, Linear, ReactionChanges
+from spatial_pin.dynamics.forces import Law, joint_efforts
+from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
+from spatial_pin.dynamics.solvers.kkt import SINGULAR, SaddlePoint
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.numerics.linalg import Array, independent_rows, null_space
+from spatial_pin.rates.jacobians import closure_jacobian
+
+
+class Derivatives:
+    """Derivatives of `forward_dynamics` at a state.
+
+    Changes of q are joint velocities (the tangent of `pin.integrate`). Where loops are
+    overconstrained, a_by_q dq + a_by_v dv holds for changes that keep the loops closed, in position
+    and in velocity; the multipliers are those of `rows` alone, the others being zero.
+
+    Attributes:
+        a: (nv,) the accelerations.
+        a_by_q, a_by_v, a_by_effort: (nv, nv).
+        rows: indices of the independent closure rows.
+        multipliers: (len(rows),) of these rows.
+        multipliers_by_q, multipliers_by_v, multipliers_by_effort: (len(rows), nv).
+    """
+
+    def __init__(
+        self, a: Linear, rows: NDArray[np.intp], multipliers: Linear, reactions: ReactionChanges
+    ) -> None:
+        self.a, self.a_by_q, self.a_by_v, self.a_by_effort = a
+        self.rows = rows
+        self.multipliers, self.multipliers_by_q = multipliers.value, multipliers.by_q
+        self.multipliers_by_v, self.multipliers_by_effort = (
+            multipliers.by_v, multipliers.by_effort)
+        self._reactions = reactions
+
+    @cached_property
+    def _borne(self) -> tuple[dict[str, Linear], Linear]:
+        return self._reactions.all()
+
+    @property
+    def reactions(self) -> dict[str, Linear]:
+        """By pair, tree joint or closure: `value` (6,), `by_q`, `by_v`, `by_effort` (6, nv).
+
+        The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
+        about the pair's own origin, which moves with it. All NaN where the reaction is not unique
+        (`Dynamics.determined`): what is one of many has no derivative. Worked out when asked for.
+        """
+        return self._borne[0]
+
+    @property
+    def on_ground(self) -> Linear:
+        """Shaking wrench (6,) at the world's origin with its derivatives; unique always."""
+        return self._borne[1]
+
+
+class _Terms(NamedTuple):
+    """What the equations are differentiated at.
+
+    Attributes:
+        rows, rates: of the closures and springs at the motion.
+        outside: wrenches on frames.
+        lines, turns: the springs.
+        mass: the mass matrix.
+    """
+
+    rows: Rows
+    rates: Rates
+    outside: Outside
+    lines: list[Pull]
+    turns: list[Pull]
+    mass: MassMatrix
+
+
+@checked
+def dynamics_derivatives(
+    mechanism: Mechanism,
+    state: State,
+    efforts: Mapping[str, float] | None = None,
+    *,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+    slopes: Mapping[str, Slopes] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Derivatives:
+    """Differentiate `forward_dynamics` with respect to q, v and joint efforts.
+
+    Args:
+        mechanism: the mechanism, with its springs and gravity.
+        state: configuration and velocity.
+        efforts: by driver, joint or coordinate [N·m, N].
+        external: by link, frame or joint, the force on it at its origin, world axes; it keeps its
+            world axes as the frame moves.
+        laws: of springs, as for `forward_dynamics`; smooth at the state.
+        slopes: by spring with a law, (derivative by length, by rate) as a function of
+            (length, rate); by extrapolated differences of the law where not given.
+        slip_speed: of dry friction, as for `forward_dynamics`.
+
+    Returns:
+        The Derivatives, those of the reactions among them.
+
+    Raises:
+        SingularError: as `forward_dynamics`.
+        SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`.
+        UnknownNameError: a name does not exist.
+    """
+    state = moving_in_time(mechanism, state)
+    mechanism = state.mechanism
+    if mechanism.whole is not None:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: its file's numbers are rounded (state.gap is "
+            f"{float(state.gap):.1e}), and derivatives of dynamics are made for exact ones only: "
+            "write more digits into the file")
+    springs = Springs(mechanism, laws, slopes, slip_speed)
+    answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
+                              slip_speed=slip_speed)
+    whole = split_of(mechanism)
+    rows = Rows(mechanism, whole, springs.forces)
+    rates = rows.products.rates(state.q, state.v, answer.a)
+    terms = _Terms(rows, rates, Outside(mechanism, whole, external), springs.lines(rows, rates),
+                   springs.turns(state.q, state.v), MassMatrix(whole.model))
+    jacobian = closure_jacobian(mechanism, state.q)
+    scale = mechanism.velocity_scale
+    chosen = independent_rows(jacobian * scale)
+    borne = jacobian.T @ answer.multipliers
+    multipliers = np.linalg.lstsq(jacobian[chosen].T * scale[:, None], borne * scale,
+                                  rcond=None)[0]
+    x = _changes(answer, terms, jacobian, chosen, multipliers)
+    nv = len(scale)
+    a, lam = Linear(answer.a, *x[:, :nv]), Linear(multipliers, *x[:, nv:])
+    moving = Changes(state, whole, answer.a, rows, rates, terms.lines, terms.turns,
+                     terms.outside.given, joint_efforts(mechanism, efforts),
+                     jacobian[rows.constraints.n_products :])
+    return Derivatives(a, chosen, lam, ReactionChanges(answer, moving, a, lam, chosen))
+
+
+def _lightest(state: State, mass: Array, scaled: Array) -> list[str]:
+    """Return the names of the coordinates of the motion that has the least inertia."""
+    scale = state.mechanism.velocity_scale
+    freedoms = null_space(scaled) * scale
+    motion = np.linalg.eigh(freedoms @ mass @ freedoms.T)[1][:, 0] @ freedoms
+    sizes = np.abs(motion / scale)
+    return [c for c, s in zip(state.mechanism.coordinates, sizes, strict=True)
+            if s > 1e-6 * sizes.max()]
+
+
+def _changes(
+    answer: Dynamics, terms: _Terms, jacobian: Array, chosen: NDArray[np.intp], multipliers: Array
+) -> Array:
+    """Return derivatives (3, nv + rows, nv) of accelerations and multipliers by q, v and efforts.
+
+    Args:
+        answer: of the forward dynamics.
+        terms: what changes.
+        jacobian: (n_rows, nv) of all closure rows.
+        chosen: the independent ones.
+        multipliers: theirs.
+    """
+    rows, rates, outside = terms.rows, terms.rates, terms.outside
+    state, model, unit = answer.state, terms.mass.model, terms.mass.unit
+    q, v, a, nv = state.q, state.v, answer.a, len(answer.a)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    pulls = pin.StdVec_Force([force * (1.0 / unit) for force in outside.on_joints(data)])
+    force_by_q, force_by_v = (unit * x for x in pin.computeRNEADerivatives(
+        model, data, q, v, a, pulls)[:2])
+    curvature, bends = rows.curvature(q)
+    spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, rates, bends, rows.closed)
+    pin.computeJointJacobians(model, data, q)
+    force_by_q -= np.tensordot(multipliers, curvature[chosen], 1) + spring_by_q
+    force_by_q -= outside.turning(data)
+    force_by_v -= spring_by_v
+    closed_by_q, closed_by_v = rows.accelerations(rates)
+    work = np.hstack([-force_by_q, -force_by_v, np.eye(nv)])
+    gamma = np.hstack([closed_by_q[chosen], closed_by_v[chosen], np.zeros((len(chosen), nv))])
+    scale, mass, all_rows = state.mechanism.velocity_scale, terms.mass(q), np.arange(len(chosen))
+    scaled = jacobian[chosen] * scale
+    system = SaddlePoint(scale, all_rows, mass, scaled)
+    x = np.vstack(system.solve(mass, scaled, work, gamma))
+    if system.pivot < SINGULAR:
+        raise SingularError(
+            f"mechanism {state.mechanism.name!r}: {state}: beside others a motion of "
+            f"{', '.join(_lightest(state, mass, scaled))} has no inertia, so accelerations have no "
+            "derivatives there: give its links more mass", state=state)
+    return np.stack(np.split(x, 3, axis=1))

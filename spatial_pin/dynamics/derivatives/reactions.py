@@ -1,0 +1,319 @@
+"""How the reactions of the pairs change with q, v and efforts.
+
+A joint of the tree hands on what the bodies it carries need, less what else acts on them:
+
+    F_i = sum over the carried bodies j of (W_j - w_j),    W_j = X_j (I a + v x* I v)
+
+at the world's origin, with X_j the force transformation of body j, a its acceleration less
+gravity, and w_j the wrenches on it of springs, closures and from outside. As a body moves by a
+twist d of its own axes, d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.composite_joints import SplitModel
+from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
+from spatial_pin.dynamics.derivatives.closures import Rates, Rows
+from spatial_pin.dynamics.derivatives.forces import Pull
+from spatial_pin.dynamics.forward import Dynamics
+from spatial_pin.dynamics.reactions import Pairs
+from spatial_pin.numerics.linalg import Array
+
+
+class Linear(NamedTuple):
+    """A quantity and its derivatives.
+
+    Attributes:
+        value: (n,).
+        by_q, by_v, by_effort: (n, nv).
+    """
+
+    value: Array
+    by_q: Array
+    by_v: Array
+    by_effort: Array
+
+
+class Changes(NamedTuple):
+    """A motion, what acts there, and how rows and springs change.
+
+    Attributes:
+        state: configuration and velocity.
+        whole: the tree with single joints.
+        a: (nv,) accelerations.
+        rows, rates: closure rows and spring lengths.
+        lines, turns: the springs.
+        outside: (joint, placement, force in world axes) of wrenches on frames.
+        effort: (nv,) efforts at joints.
+        couplings: (k, nv) Jacobian of the coupling rows, which are the last ones.
+    """
+
+    state: State
+    whole: SplitModel
+    a: Array
+    rows: Rows
+    rates: Rates
+    lines: list[Pull]
+    turns: list[Pull]
+    outside: list[tuple[int, pin.SE3, pin.Force]]
+    effort: Array
+    couplings: Array
+
+
+class ReactionChanges:
+    """The reactions of a mechanism and their derivatives.
+
+    Wrenches are kept as arrays (..., 6, 1 + 3 nv): the value, then derivatives by q, v, efforts.
+
+    Args:
+        answer: of the forward dynamics.
+        changes: how its terms change.
+        a, multipliers: accelerations, and multipliers of the rows `chosen`.
+        chosen: the independent rows.
+    """
+
+    def __init__(
+        self, answer: Dynamics, changes: Changes, a: Linear, multipliers: Linear,
+        chosen: NDArray[np.intp],
+    ) -> None:
+        self.answer, self.changes, self.chosen = answer, changes, chosen
+        self.mechanism = answer.state.mechanism
+        self.nv = len(a.value)
+        self.by_q = slice(1, 1 + self.nv)
+        self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
+        self.a = np.column_stack([a.value, a.by_q, a.by_v, a.by_effort])
+        self.multipliers = np.zeros((changes.rows.constraints.n_rows, 1 + 3 * self.nv))
+        self.multipliers[chosen] = np.column_stack([
+            multipliers.value, multipliers.by_q, multipliers.by_v, multipliers.by_effort])
+
+    def all(self) -> tuple[dict[str, Linear], Linear]:
+        """Return the reactions by pair and the wrench on the fixed link."""
+        pairs, rates = Pairs(self.mechanism), self.changes.rates
+        closed, on_bodies = self._of_closures(pairs)
+        self._springs(on_bodies)
+        self._outside(on_bodies)
+        forces = np.tensordot(pairs.carries, self._needed() - on_bodies, 1)
+        efforts, columns = self._efforts(), self._columns()
+        found = {}
+        for i in range(1, self.mechanism.model.njoints):
+            force = self._moved(forces[i], rates.placements[i, 3], rates.placements_by_q[i, :, 3])
+            found[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
+        for pair, wrench in zip(pairs.closed, closed, strict=True):
+            body = pair.bodies[1]
+            found[pair.name] = self._moved(wrench, pair.point @ rates.placements[body],
+                                           pair.point @ rates.placements_by_q[body])
+        unique = self.answer.of_loops
+        borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
+                 for name, x in found.items()}
+        return borne, self._linear(on_bodies[0] - forces[pairs.grounded].sum(axis=0))
+
+    def _linear(self, x: Array) -> Linear:
+        return Linear(x[:, 0], *np.split(x[:, 1:], 3, axis=1))
+
+    def _new(self, *shape: int) -> Array:
+        return np.zeros((*shape, 1 + 3 * self.nv))
+
+    # ------------------------------------------------------------ what motion needs
+
+    def _needed(self) -> Array:
+        """Return (njoints, 6, ...) the wrenches W of the bodies."""
+        changes, (model, joints) = self.changes, self.changes.whole
+        data = model.createData()
+        pin.computeForwardKinematicsDerivatives(model, data, changes.state.q, changes.state.v,
+                                                changes.a)
+        total = self._new(len(joints), 6)
+        for i, joint in enumerate(joints[1:].tolist(), start=1):
+            total[i] = self._body(model, data, joint)
+        return total
+
+    def _body(self, model: pin.Model, data: pin.Data, joint: int) -> Array:
+        """Return (6, ...) the wrench that the motion of a body needs, at the world's origin."""
+        v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
+        inertia, x = model.inertias[joint].matrix(), data.oMi[joint].toDualActionMatrix()
+        v = data.v[joint].vector
+        pull = data.oMi[joint].rotation.T @ model.gravity.linear
+        momentum = inertia @ v
+        f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3))) + _dual(v) @ momentum
+        turning = _bar(momentum) + _dual(v) @ inertia
+        falling = np.zeros((6, self.nv))
+        falling[:3] = pin.skew(pull) @ columns[3:]
+        out = self._new(6)
+        out[:, 0] = f
+        out[:, self.by_q] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
+        out[:, self.by_v] = inertia @ a_by_v + turning @ columns
+        out[:, 1:] += inertia @ columns @ self.a[:, 1:]
+        wrench: Array = x @ out
+        return wrench
+
+    # ------------------------------------------------------------ what else acts
+
+    def _of_closures(self, pairs: Pairs) -> tuple[list[Array], Array]:
+        """Return the wrenches of the closures on their second bodies, and those on all bodies."""
+        rows, by_q = self._row_wrenches()
+        total = self._new(self.mechanism.model.njoints, 6)
+
+        def borne(own: slice, at: slice) -> Array:
+            wrench: Array = np.tensordot(rows[at], self.multipliers[own], (0, 0))
+            wrench[:, self.by_q] += np.tensordot(self.multipliers[own, 0], by_q[at], 1)
+            return wrench
+
+        found = []
+        for pair in pairs.closed:
+            wrench = borne(pair.rows, pair.rows)
+            found.append(wrench)
+            total[pair.bodies[0]] -= wrench
+            total[pair.bodies[1]] += wrench
+        for row, at, (first, second) in pairs.lengths:
+            wrench = borne(slice(row, row + 1), slice(at, at + 1))
+            total[first] += wrench
+            total[second] -= wrench
+        return found, total
+
+    def _row_wrenches(self) -> tuple[Array, Array]:
+        """Return the wrenches (n_wrenches, 6) of the rows and their derivatives by q (..., nv)."""
+        c, rates = self.changes.rows.constraints, self.changes.rates
+        n, nv = len(c.constants), self.nv
+        b, x = (c.c_abx @ rates.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
+        changed = np.moveaxis(rates.placements_by_q, 0, -3).reshape(nv, -1, 3)
+        db, dx = np.stack([(c.c_abx @ g)[n:] for g in changed], axis=1).reshape(2, n, nv, 3)
+        wrenches = np.hstack([b * c.factors, np.cross(x, b)])
+        by_q = np.concatenate([
+            db * c.factors[:, :, None],
+            np.cross(dx, b[:, None]) + np.cross(x[:, None], db)], axis=-1).swapaxes(1, 2)
+        for at, sine, pitch in c.screws:
+            z = complex(rates.values[0][sine + 1], rates.values[0][sine])
+            dz = rates.by_q[0][sine + 1] + 1j * rates.by_q[0][sine]
+            turn = wrenches[sine + 1] + 1j * wrenches[sine]
+            wrenches[at] -= pitch * (turn / z).imag
+            by_q[at] -= pitch * ((by_q[sine + 1] + 1j * by_q[sine]) / z
+                                 - np.outer(turn, dz) / z**2).imag
+        couplings = len(c.couplings)  # rows without wrenches, between the products and the screws'
+        own = np.zeros((couplings, 6)), np.zeros((couplings, 6, nv))
+        p, lengths = c.n_products, [other for _, other in c.differences]
+        return (np.concatenate([wrenches[:p], own[0], wrenches[lengths]]),
+                np.concatenate([by_q[:p], own[1], by_q[lengths]]))
+
+    def _springs(self, on_bodies: Array) -> None:
+        """Add the wrenches of springs between frames."""
+        rates = self.changes.rates
+        lines = self.changes.rows.forces.lines
+        for line, pull in zip(lines, self.changes.lines, strict=True):
+            ends = [x @ rates.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
+            moved = [x @ rates.placements_by_q[i]
+                     for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
+            d = ends[1] - ends[0]
+            length = np.linalg.norm(d)
+            n = d / length
+            dn = (moved[1] - moved[0] - np.outer(pull.row, n)) / length
+            along = np.concatenate([n, np.cross(ends[1], n)])
+            bent = np.hstack([dn, np.cross(moved[1], n) + np.cross(ends[1], dn)]).T
+            wrench = self._new(6)
+            wrench[:, 0] = pull.force * along
+            wrench[:, self.by_q] = np.outer(along, pull.by_q) + pull.force * bent
+            wrench[:, self.by_v] = np.outer(along, pull.by_v)
+            on_bodies[line.bodies[0]] += wrench
+            on_bodies[line.bodies[1]] -= wrench
+
+    def _outside(self, on_bodies: Array) -> None:
+        """Add the wrenches from outside, whose points move with their frames."""
+        rates = self.changes.rates
+        for joint, placement, force in self.changes.outside:
+            at = np.append(placement.translation, 1.0)
+            point, moved = at @ rates.placements[joint], at @ rates.placements_by_q[joint]
+            on_bodies[joint, :3, 0] += force.linear
+            on_bodies[joint, 3:, 0] += force.angular + np.cross(point, force.linear)
+            on_bodies[joint, 3:, self.by_q] += np.cross(moved, force.linear).T
+
+    # ------------------------------------------------------------ efforts at joints
+
+    def _efforts(self) -> Array:
+        """Return (nv, ...) efforts at joints, springs, rotors and couplings there."""
+        total = self._new(self.nv)
+        total[:, 0] = self.changes.effort
+        total[:, 1 + 2 * self.nv :] = np.eye(self.nv)
+        total -= self.mechanism.model.armature[:, None] * self.a
+        for pull in self.changes.turns:
+            total[:, 0] -= pull.force * pull.row
+            total[:, self.by_q] -= np.outer(pull.row, pull.by_q)
+            total[:, self.by_v] -= np.outer(pull.row, pull.by_v)
+        couplings = self.changes.couplings
+        return total + couplings.T @ self.multipliers[len(self.multipliers) - len(couplings) :]
+
+    def _columns(self) -> tuple[Array, Array]:
+        """Return the world joint Jacobian (6, nv) and the angular velocities, (nv, 3, nv).
+
+        The latter of what each coordinate's axis is fixed in.
+        """
+        model = self.changes.whole.model
+        columns = pin.computeJointJacobians(model, model.createData(), self.changes.state.q)
+        columns = np.array(columns).reshape(6, -1)
+        turned = np.zeros((self.nv, 3, self.nv))
+        for i in range(1, model.njoints):
+            moving = np.zeros(self.nv)
+            for j in model.supports[i]:
+                moving[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
+            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+            turned[own] = columns[3:] * moving
+        return columns, turned
+
+    def _without_effort(
+        self, pairs: Pairs, joint: int, force: Array, columns: tuple[Array, Array], efforts: Array
+    ) -> Array:
+        """Return what the pair itself bears: `force` less what the joint's effort does."""
+        model = self.mechanism.model
+        own = np.arange(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+        turns = pairs.turns[own]
+        for part, chosen in ((slice(3, 6), own[turns]), (slice(0, 3), own[~turns])):
+            if len(chosen):
+                axes = columns[0][part, chosen]
+                spun = np.cross(columns[1][chosen], axes.T[:, :, None], axis=1)
+                force[part] -= self._along(axes, spun, efforts[chosen])
+        return force
+
+    def _along(self, axes: Array, spun: Array, values: Array) -> Array:
+        """Return (3, ...) the shortest x with axes^T x = values.
+
+        With x = A y and A^T A y = t, dx = dA y + A (A^T A)^-1 (dt - dA^T x - A^T dA y).
+
+        Args:
+            axes: (3, k) A.
+            spun: (k, 3, nv) derivatives of its columns by q.
+            values: (k, ...) t.
+        """
+        inverse = np.linalg.inv(axes.T @ axes)
+        y = inverse @ values
+        x = axes @ y
+        bent = np.tensordot(y[:, 0], spun, 1)
+        x[:, self.by_q] += bent - axes @ inverse @ (
+            np.einsum("i,kij->kj", x[:, 0], spun) + axes.T @ bent)
+        return x
+
+    def _moved(self, wrench: Array, point: Array, by_q: Array) -> Array:
+        """Return a wrench (6, ...) about a point (3,) that moves by `by_q` (nv, 3)."""
+        moved = wrench.copy()
+        moved[3:] -= np.cross(point, wrench[:3], axisb=0, axisc=0)
+        moved[3:, self.by_q] -= np.cross(by_q, wrench[:3, 0]).T
+        return moved
+
+
+def _dual(v: Array) -> Array:
+    """Return the matrix of v x* on forces, for a twist v (6,)."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = pin.skew(v[3:])
+    out[3:, :3] = pin.skew(v[:3])
+    return out
+
+
+def _bar(f: Array) -> Array:
+    """Return the matrix of d x* f on twists d, for a force f (6,)."""
+    out = np.zeros((6, 6))
+    out[:3, 3:] = out[3:, :3] = -pin.skew(f[:3])
+    out[3:, 3:] = -pin.skew(f[3:])
+    return out

@@ -1,0 +1,1 @@
+"""The equations of motion in one, in some, or in all coordinates."""

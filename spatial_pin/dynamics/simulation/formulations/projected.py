@@ -1,0 +1,282 @@
+"""The equations of motion in all joint coordinates, the loops kept closed by projection.
+
+    [M  J^T] [a      ]   [f - b  ]
+    [J   0 ] [-lambda] = [-gamma ]
+
+is solved at every evaluation; after every step the configuration is taken back to closed loops by
+the shortest way, and the velocity to what they allow [Eich1993]. Dearer than independent
+coordinates, but no coordinates have to be chosen.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.newton import rank_loss
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+from spatial_pin.dynamics.simulation.problem import Problem, Row
+from spatial_pin.dynamics.simulation.result import Projection
+from spatial_pin.dynamics.solvers.kkt import DOUBTFUL, Motions, SaddlePoint
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+
+FAR = 0.5  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
+OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
+LOOSE = 10.0  # the same by the tolerance of a step, at loose ones
+WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
+MOST_CORRECTIONS = 8
+CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
+CLOSED = 1e-9  # residual at which round-off may end that
+WORN = 1e-2  # smallest over largest pivot below which other coordinates go on as they are
+SINGULAR = 1e-12  # smallest over largest singular value at which the loops have lost rank
+
+
+class Projected:
+    """The right-hand side for the unknowns y: chart coordinates x, their rates u, work done.
+
+    Args:
+        problem: what acts; nothing is prescribed.
+        state: where the chart begins.
+
+    Raises:
+        SpatialPinError: drivers are prescribed, which this formulation does not know.
+        SingularError: the loops have lost rank at the state.
+    """
+
+    rows_at_once = 1
+
+    def __init__(self, problem: Problem, state: State) -> None:
+        if problem.drives:
+            raise SpatialPinError(
+                f"mechanism {problem.mechanism.name!r}: the projected formulation prescribes no "
+                "drivers; use the independent one")
+        self.problem, self.model, self.scale = problem, problem.model, problem.scale
+        self.n = problem.model.nv
+        self.free = list(range(self.n))
+        self.evaluation = Evaluation(constraints_of(problem.mechanism))
+        self.evaluation.turns[:] = state.angles
+        self.curved = any(not PAIRS[pair].is_linear for pair in problem.mechanism.pairs)
+        self.n_rows = self.evaluation.constraints.n_rows
+        self.q0 = np.array(state.q)
+        self.evaluation.update(self.q0)
+        self.selected = independent_rows(self.evaluation.jacobian[: self.n_rows])
+        if rank_loss(self.evaluation, self.q0, len(self.selected)):
+            raise SingularError(
+                f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
+                "loops lose rank there", state=state)
+        self.evaluations, self.pivot = 0, 1.0
+        self.is_fresh_the_same, self.patience = not self.curved, 0.0
+        self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
+        self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
+        self._make_saddle(self.q0)
+        none = np.zeros((2, max(self.n, self.n_rows)))
+        self.saddle.solve(problem.mass(self.q0), self.evaluation.jacobian[: self.n_rows],
+                          none[0, : self.n], none[1, : self.n_rows])
+        self._uneven = self.saddle.error > DOUBTFUL  # at the last place where the loops were closed
+        # coordinates whose motions without inertia go on as they are, the same all along a step
+        self._kept: tuple[int, ...] | None = None
+        self._worn = False
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y at the chart's origin, at joint velocities v (nv,)."""
+        return self.problem.unknowns(v / self.scale, work)
+
+    def choice(self, state: State) -> list[int]:
+        """Return all velocity entries: none are chosen."""
+        return self.free
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return dy/dt; NaN where the loops lose rank."""
+        self.evaluations += 1
+        q, v = self._place(y)
+        try:
+            a, given = self._accelerate(t, q, v)
+        except Lost:
+            return np.full(len(y), np.nan)
+        rates = v / self.scale
+        if self.curved:
+            rates = pin.dDifference(self.model, self.q0, q, pin.ARG1) @ v / self.scale
+        power = []
+        if self.problem.works:
+            power = [float(given @ v) + self.problem.forces.storing(self.evaluation, q, v)]
+        return np.concatenate([rates, a / self.scale, power])
+
+    def _place(self, y: Array) -> tuple[Array, Array]:
+        """Return q and v of unknowns."""
+        n = self.n
+        return (pin.integrate(self.model, self.q0, self.scale * y[:n]),
+                self.scale * y[n : 2 * n])
+
+    def _accelerate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return joint accelerations and given joint forces (nv,).
+
+        Raises:
+            Lost: the loops lose rank or cannot be closed.
+        """
+        problem = self.problem
+        gamma = self._bias(q, v)
+        given = problem.given(t, q, v, self.evaluation)
+        force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
+        jacobian = self.evaluation.jacobian[: self.n_rows]
+        a, _ = self.saddle.solve(problem.mass(q), jacobian, force, gamma)
+        if self._uneven or self.saddle.error > DOUBTFUL:
+            a = self._least(t, q, v)
+        return a, given
+
+    def _least(self, t: float, q: Array, v: Array) -> Array:
+        """Return joint accelerations (nv,) where masses differ much, or there are none.
+
+        Those of the nearest place with closed loops: where they are open, even a little, what has
+        no inertia seems to have some, and forces on it.
+
+        Raises:
+            Lost: the loops lose rank or cannot be closed.
+        """
+        problem, evaluation = self.problem, self.evaluation
+        q, v = self._closed(q, v)
+        gamma = self._bias(q, v)[self.selected]
+        motions = self._motions()
+        found = problem.least(q, v, motions.carried(gamma, v), motions.columns,
+                              problem.given(t, q, v, evaluation))
+        self._kept = tuple(motions.free) if len(found.still) else None
+        return found.a
+
+    def _motions(self) -> Motions:
+        """Return how coordinates move the others where the evaluation stands.
+
+        What has no inertia goes on in them as it is, and would go on otherwise in others: then the
+        same all along a step.
+
+        Raises:
+            Lost: the loops lose rank.
+        """
+        evaluation = self.evaluation
+        rows = evaluation.jacobian[self.selected]
+        for free in dict.fromkeys((self._kept, None)):
+            motions = Motions(rows, self.scale, evaluation.closure_error, free)
+            if motions.pivot >= SINGULAR:
+                self._worn = motions.pivot < WORN
+                return motions
+        raise Lost
+
+    def _bias(self, q: Array, v: Array) -> Array:
+        """Return gamma (n_rows,), the evaluation standing at q."""
+        self._update(q)
+        gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
+        return gamma
+
+    def _update(self, q: Array) -> None:
+        """Evaluate the loops at q, screws in the turn that closes them best: steps may be long."""
+        evaluation = self.evaluation
+        evaluation.update(q)
+        screws = evaluation.constraints.screws
+        if not screws:
+            return
+        for k, (at, _, pitch) in enumerate(screws):
+            open_by = evaluation.residual[at] / pitch if pitch else 0.0
+            evaluation.turns[k] = evaluation.angles[k] + open_by
+        evaluation.update(q)
+
+    def settle(self, solver: Any) -> float:
+        """Take the solver's state back to closed loops and to velocities that they allow.
+
+        Returns how far the step had opened them, by what is allowed; above 1 nothing has been done.
+        """
+        began = time.perf_counter()
+        n, y = self.n, np.array(solver.y)
+        q, v = self._place(y)
+        self._choose(q)
+        if self._worn:
+            self._kept = None
+        allowed = min(max(OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
+        try:
+            q, v = self._closed(q, v, allowed)
+        except Lost:
+            return np.inf
+        steps, corrections, opened, seconds, share = self.projection
+        opened_now, corrections = self._opened, corrections + self._corrections
+        y[:n] = pin.difference(self.model, self.q0, q) / self.scale
+        y[n : 2 * n] = v / self.scale
+        solver.y = y
+        solver.f = self(solver.t, y)
+        self._uneven = self.saddle.error > DOUBTFUL
+        self.projection = Projection(
+            steps + 1, corrections, max(opened, opened_now),
+            seconds + time.perf_counter() - began, share)
+        return opened_now / allowed
+
+    def _choose(self, q: Array) -> None:
+        """Choose the independent rows anew, where there is a choice."""
+        if len(self.selected) < self.n_rows:
+            self.evaluation.update(q)
+            found = independent_rows(self.evaluation.jacobian[: self.n_rows])
+            if len(found) == len(self.selected) and not np.array_equal(found, self.selected):
+                self.selected = found
+                self._make_saddle(q)
+
+    def _make_saddle(self, q: Array) -> None:
+        """Make the equations for the selected rows, the evaluation standing at q."""
+        jacobian = self.evaluation.jacobian[: self.n_rows]
+        self.saddle = SaddlePoint(self.scale, self.selected, self.problem.mass(q), jacobian)
+
+    def _closed(self, q: Array, v: Array, allowed: float = WIDE) -> tuple[Array, Array]:
+        """Return the nearest configuration with closed loops, and the nearest velocity there.
+
+        Raises:
+            Lost: they are open by more than is allowed, or do not close.
+        """
+        evaluation, last = self.evaluation, allowed
+        for k in range(MOST_CORRECTIONS):
+            self._update(q)
+            worst = evaluation.closure_error
+            if k == 0:
+                self._opened = worst
+            if not worst < last:
+                if k and worst < CLOSED:
+                    break
+                raise Lost
+            self._corrections, last = k, CONTRACTION * worst
+            svd = decompose(evaluation.jacobian[self.selected])
+            if worst <= self.problem.tolerance:
+                break
+            q = pin.integrate(self.model, q,
+                              -self.scale * svd.minimum_norm(evaluation.residual[self.selected]))
+        if svd.s.size:
+            self.pivot = float(svd.s[-1] / svd.s[0])
+        opening = evaluation.jacobian[self.selected] @ (v / self.scale)
+        return q, v - self.scale * svd.minimum_norm(opening)
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y."""
+        return self._closed(*self._place(y))
+
+    def state(self, t: float, y: Array) -> State:
+        """Return the State at y, with velocities."""
+        q, v = self._closed(*self._place(y))
+        return self.problem.state(q, v, self.evaluation)
+
+    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+        """Return everything at times (N,) and unknowns (N, n), loops closed."""
+        return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
+
+    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+        """Return nothing: where branches cross the loops lose rank."""
+        return []
+
+    def _row(self, t: float, y: Array) -> Row:
+        q, v = self._closed(*self._place(y))
+        a, _ = self._accelerate(t, q, v)
+        return Row(q, v, a, self.evaluation.closure_error,
+                   self.problem.energy(q, v, self.evaluation), np.empty(0),
+                   self.evaluation.angles.copy())
+
+    def is_worn(self, t: float, y: Array) -> bool:
+        """Whether the chart should be begun anew."""
+        return self.curved and float(np.abs(y[: self.n]).max()) > FAR

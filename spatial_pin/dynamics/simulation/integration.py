@@ -1,0 +1,431 @@
+"""A simulation under way: from step to step, and from independent coordinates to others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Set
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.simulation.ending import why_it_ends
+from spatial_pin.dynamics.simulation.energy_balance import Balance
+from spatial_pin.dynamics.simulation.events import Found, Watch
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+from spatial_pin.dynamics.simulation.integrators import AUTOMATIC, FIXED, STEPPERS
+from spatial_pin.dynamics.simulation.problem import Problem, Row, System
+from spatial_pin.dynamics.simulation.result import (
+    ByDriver,
+    Energies,
+    Projection,
+    Simulation,
+    energy_drift,
+)
+from spatial_pin.dynamics.simulation.scales import natural_units
+from spatial_pin.errors import (
+    EnergyError,
+    SingularError,
+    SpatialPinError,
+    StepLimitError,
+    warn,
+)
+from spatial_pin.motion.joint_limits import Passing
+from spatial_pin.motion.motion import Event
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy
+
+NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
+LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
+SHORTEST = 1e-13  # step, by the time, that is taken anew no more
+TRIED = 1000  # steps of a motion without damping, which go on as long as they are
+HOPELESS = 10.0  # as many steps as are allowed, by these: the duration is a mistake
+CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
+
+NOWHERE = 1e-2  # of the longest step, that all steps allowed would lead to if they were as short
+STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
+
+GivenUp = Set[tuple[type, tuple[int, ...]]]  # kinds of equations, and their independent coordinates
+Formulate = Callable[[Problem, State, GivenUp], System]
+
+
+class Rows:
+    """Rows of a simulation, filled one after the other, several in one go.
+
+    Args:
+        times: (N,) when.
+    """
+
+    def __init__(self, times: Array) -> None:
+        self.times, self.asked, self.last = times, 0, -np.inf
+        self._waiting: list[tuple[Array, Array]] = []
+        self._times: list[float] = []
+        self._rows: list[Row] = []
+        self._work: list[float] = []
+
+    def until(self, end: float) -> Array:
+        """Return the times of rows not yet asked for, up to `end`."""
+        return self.times[self.asked : np.searchsorted(self.times, end, "right")]
+
+    def ask(self, system: System, times: Array, unknowns: Array) -> None:
+        """Ask for rows at times (N,) and unknowns (N, n)."""
+        if not times.size:
+            return
+        self._waiting.append((times, unknowns))
+        self.asked, self.last = self.asked + len(times), float(times[-1])
+        if self.asked - len(self._rows) >= system.rows_at_once:
+            self.fill(system)
+
+    def fill(self, system: System) -> None:
+        """Work out all rows that were asked for."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            times, unknowns = (np.concatenate(x) for x in zip(*waiting, strict=True))
+            self._rows += system.rows(times, unknowns)
+            self._times += times.tolist()
+            self._work += [system.problem.work(y) for y in unknowns]
+
+    def cut(self, n: int) -> None:
+        """Keep the first n rows only."""
+        del self._times[n:], self._rows[n:], self._work[n:]
+
+    def filled(self) -> tuple[Array, list[Row], Array]:
+        """Return the rows that are worked out: times (N,), rows, and work done until each (N,)."""
+        return np.array(self._times), self._rows, np.array(self._work)
+
+
+class Run:
+    """A simulation under way.
+
+    Args:
+        problem: what acts.
+        accuracy: integrator, tolerance or step.
+        formulate: makes the equations of motion that fit a state, others than were given up.
+        times: (N,) of the rows.
+        watch: what is looked for.
+
+    Attributes:
+        t: time reached [s].
+        y: unknowns there.
+        start: energies at the start.
+    """
+
+    def __init__(
+        self, problem: Problem, accuracy: Accuracy, formulate: Formulate, times: Array,
+        watch: Watch,
+    ) -> None:
+        self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
+        self.rows, self.watch = Rows(times), watch
+        self.start = Energies(0.0, 0.0, 0.0)
+        self.passed: list[Passing] = list(watch.at_start)
+        self.events = [passing.event for passing in watch.at_start]
+        self.events += watch.rated.at_start if watch.rated else []
+        self.t, self.end = 0.0, float(times[-1])
+        self.y: Array = np.empty(0)
+        self.steps, self.evaluations = 0, 0
+        self.used: list[str] = []
+        self.system: System | None = None
+        self._solver: Any = None
+        self._projections: list[Projection] = []  # of systems that were given up
+        self._largest, self._creeping, self._standing = np.zeros(2), 0, 0
+        self._begun_at, self._failed_at, self._warned = 0.0, -1.0, False
+        self._has_failed = False
+        self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
+        self.integrators: list[str] = []
+        self._began = time.perf_counter()
+
+    def follow(self, state: State) -> Iterator[float]:
+        """Integrate from coordinates to coordinates until the end; yields the time reached."""
+        self._first = state
+        system = self._begin(state)
+        self.y = system.unknowns(state.v, 0.0)
+        self.start = self._energies(system, 0.0, self.y)
+        self._balance = Balance(self.problem, self.accuracy, self.start)
+        start = self.rows.until(0.0)
+        self.rows.ask(system, start, self.y[None][: len(start)])
+        if not len(self.y):  # nothing is free, nor does anything work: laws alone say where it is
+            rest = self.rows.until(self.end)
+            self.rows.ask(system, rest, np.empty((len(rest), 0)))
+            self.t = self.end
+        if not self.end > self.t:  # nothing but the state it starts from
+            self.rows.fill(system)
+        while self.t < self.end:
+            before = system.evaluations
+            try:
+                for stopped in self._steps(system):
+                    yield self.t
+                    if stopped:
+                        return
+            finally:
+                self.evaluations += system.evaluations - before
+                self.rows.fill(system)
+            if self.t < self.end:
+                system = self._begin_again(system, self._has_failed)
+
+    def _integrator(self, system: System, longest: float = np.inf) -> Any:
+        """Return an integrator at the present place, its errors counted in natural units."""
+        q, _ = system.place(self.t, self.y)
+        units = natural_units(system, self.t, self.y, q, self.end - self.t)
+        return STEPPERS[self.accuracy.integrator](
+            system, self.t, self.y, self.end, self.accuracy, units, longest)
+
+    def _steps(self, system: System) -> Iterator[bool]:
+        """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
+        self._solver = solver = self._integrator(system)
+        held = self._has_failed = False
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed" or not solver.t > solver.t_old:  # LSODA goes on for ever
+                self._has_failed = True
+                break
+            opened = system.settle(solver) or 0.0
+            if opened > 1.0:
+                self._solver = solver = self._shortened(system, solver.t - self.t)
+                held = True
+                continue
+            if held and opened < LITTLE:
+                solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
+            if system.projection is not None:
+                self._refuse_to_lose_energy(solver.t, self._energies(system, solver.t, solver.y))
+            self._refuse_to_creep(system, solver)
+            self._note_integrator(system, solver)
+            self.t, self.y = solver.t, solver.y
+            yield self._take(system, solver)
+            self._refuse_to_go_on_for_ever(solver)
+            if solver.status == "running" and system.is_worn(self.t, solver.y):
+                break
+
+    def _energies(self, system: System, t: float, y: Array) -> Energies:
+        """Return the energies at unknowns y."""
+        state = system.state(t, y)
+        return self.problem.energies(state.q, state.v, system.evaluation, self.problem.work(y))
+
+    def _refuse_to_lose_energy(self, t: float, now: Energies) -> None:
+        """Refuse a step, or a row, that energy is lost or won by.
+
+        Raises:
+            EnergyError: it is.
+        """
+        if self._balance.keeps(now):
+            return
+        raise EnergyError(
+            f"mechanism {self.problem.mechanism.name!r}: at {t:.9g} s there are "
+            f"{now.total - now.work:.6g} J, the work done taken off, where {self.start.total:.6g} "
+            "J were at the start: energy came from nowhere or was lost; take a smaller "
+            "time_tolerance or step, or formulation='independent'")
+
+    def refuse_rows(self) -> None:
+        """Refuse rows of another energy than at the start, and leave them out.
+
+        Raises:
+            EnergyError: there are some.
+        """
+        for k, (t, row, work) in enumerate(zip(*self.rows.filled(), strict=True)):
+            kinetic = self.problem.kinetic(row.q, row.v)
+            try:
+                self._refuse_to_lose_energy(float(t), Energies(kinetic, row.energy, float(work)))
+            except EnergyError:
+                self.rows.cut(k)
+                raise
+
+    def _refuse_to_go_on_for_ever(self, solver: Any) -> None:
+        """Refuse more steps than are allowed, early where there would be far more.
+
+        How many fixed ones there are was known before.
+
+        Raises:
+            StepLimitError: there would be more.
+        """
+        most = self.accuracy.most_steps
+        if solver.status != "running" or self.accuracy.integrator in FIXED:
+            return
+        is_hopeless = (self.problem.is_steady and not self.problem.is_damped
+                       and self.steps % TRIED == 0
+                       and self.t * HOPELESS * most < self.end * self.steps)
+        if self.steps < most and not is_hopeless:
+            return
+        raise StepLimitError(
+            f"mechanism {self.problem.mechanism.name!r}: {self.steps} steps have led to "
+            f"{self.t:.6g} s of {self.end:.6g} s, the last of {solver.t - solver.t_old:.2g} s: "
+            "take a shorter duration, a larger time_tolerance, integrator='Radau' where strong "
+            f"springs or dampers make steps short, or Accuracy(most_steps={10 * most})")
+
+    def _note_integrator(self, system: System, solver: Any) -> None:
+        """Keep the names of integrators used; warn once of an explicit one that only creeps."""
+        chosen = self.accuracy.integrator
+        for name in getattr(solver, "used", [chosen]):
+            if name not in self.integrators:
+                self.integrators.append(name)
+        if self._warned or chosen == AUTOMATIC or not getattr(solver, "creeps", False):
+            return
+        self._warned = True
+        warn(
+            f"mechanism {self.problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
+            f"integrator {chosen!r} is no good, for steps of {solver.t - solver.t_old:.1e} s are "
+            f"as long as it is stable with: {self._stiffest(system, solver)} is stiff. Leave the "
+            "integrator out, or take Accuracy(integrator=\"Radau\")")
+
+    def _stiffest(self, system: System, solver: Any) -> str:
+        """Return what resists most where the solver stands, in words."""
+        problem = self.problem
+        resistance = problem.forces.resistance
+        if not resistance:
+            return "a spring or damper"
+        slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
+        by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
+        at = int(slopes.argmax())
+        damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
+        return f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
+
+    def _shortened(self, system: System, step: float) -> Any:
+        """Return an integrator that begins a step [s] anew, with half of it at most.
+
+        Raises:
+            SingularError: steps however short open the loops.
+            SpatialPinError: the step is fixed.
+        """
+        if self.accuracy.integrator in FIXED:
+            raise SpatialPinError(
+                f"mechanism {self.problem.mechanism.name!r}: a step of {step:.3g} s at "
+                f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")
+        if step < SHORTEST * (self.t + step):
+            raise self._singular(system.state(self.t, self.y))
+        return self._integrator(system, 0.5 * step)
+
+    def _refuse_to_creep(self, system: System, solver: Any) -> None:
+        """Refuse to creep into a singular configuration.
+
+        Raises:
+            SingularError: ever shorter steps lead to one, or to no end.
+        """
+        sizes = np.array([system.pivot, solver.t - solver.t_old])
+        self._largest = np.maximum(self._largest, sizes)
+        creeps = bool(np.all(sizes < NEAR * self._largest))
+        self._creeping = self._creeping + 1 if creeps else 0
+        stands = sizes[1] * self.accuracy.most_steps < NOWHERE * self._largest[1]
+        self._standing = self._standing + 1 if stands else 0
+        if self._creeping > CREEPING or self._standing > STANDING:
+            raise self._singular(system.state(solver.t, solver.y))
+
+    def _singular(self, state: State) -> SingularError:
+        return SingularError(
+            f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
+            f"{self.t:.9g} s: {self.why(state)}; it is at {state}", state=state)
+
+    def why(self, state: State | None = None) -> str:
+        """Return why the motion cannot be followed beyond a state, the last one by default."""
+        if state is None and self.system is not None:
+            try:
+                state = self.system.state(self.t, self.y)
+            except Lost:
+                return "the loops cannot be closed there as on the way to it"
+        return why_it_ends(self.problem, self.accuracy, self._first, self.t, state or self._first)
+
+    def _begin(self, state: State, given_up: GivenUp = frozenset()) -> System:
+        if self.system is not None and self.system.projection is not None:
+            self._projections.append(self.system.projection)
+        self.system = system = self.formulate(self.problem, state, given_up)
+        if _kind(system) in given_up:
+            raise self._singular(state)
+        by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
+        self.used += [by_v[v] for v in system.free]
+        self._begun_at = self.t
+        return system
+
+    def _begin_again(self, system: System, failed: bool) -> System:
+        """Choose new coordinates where the old ones are worn, and change the unknowns to them.
+
+        Raises:
+            SingularError: none can be followed.
+        """
+        state = system.state(self.t, self.y)
+        if not failed and system.choice(state) == system.free:
+            system.patience *= 2.0
+            if system.is_fresh_the_same:
+                return system
+        fresh = self._begin(state, self._give_up(system) if failed else frozenset())
+        self.y = fresh.unknowns(state.v, self.problem.work(self.y))
+        return fresh
+
+    def _give_up(self, system: System) -> GivenUp:
+        """Return what has failed at the present time, the system included."""
+        if not self._is_now(self._failed_at):
+            self._failed_at = self.t
+            self._given_up.clear()
+        if system.is_fresh_the_same or self._is_now(self._begun_at):
+            self._given_up.add(_kind(system))
+        return self._given_up
+
+    def _is_now(self, t: float) -> bool:
+        """Whether hardly anything has happened since then, by the longest step so far."""
+        return self.t - t <= NEAR**2 * self._largest[1]
+
+    def _take(self, system: System, solver: Any) -> bool:
+        """Keep rows and events of the last step; return whether it is to be the last."""
+        self.steps += 1
+        found = self.watch.look(system, solver)
+        times = self.rows.until(solver.t if found.stop is None else found.stop)
+        if found.stop is not None and found.stop > self.rows.last:
+            times = np.union1d(times, [found.stop])
+        unknowns = solver.dense_output()(times).T if times.size else np.empty((0, len(solver.y)))
+        self._note_crossings(system, solver.y, unknowns)
+        self._note_limits(found, times)
+        self.rows.ask(system, times, unknowns)
+        if found.stop is not None:
+            self.events.append(Event("stopped", found.stop, self.rows.asked, found.text))
+        return found.stop is not None
+
+    def _note_crossings(self, system: System, y: Array, unknowns: Array) -> None:
+        """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
+        for value, at in system.crossings_to(y):
+            row = self.rows.asked + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
+            text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the "
+                    "one that goes straight on")
+            self.events.append(Event("branch point", value, row, text))
+
+    def _note_limits(self, found: Found, times: Array) -> None:
+        """Keep the limits passed in the last step, which has rows at `times`."""
+        for t, limit in found.passed:
+            row = self.rows.asked + int(np.count_nonzero(times < t))
+            self.passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
+            self.events.append(self.passed[-1].event)
+        for t, rated in found.rated:
+            row = self.rows.asked + int(np.count_nonzero(times < t))
+            self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
+
+    def motion(self) -> Simulation:
+        """Return the rows so far."""
+        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
+        times, rows, work = self.rows.filled()
+        n = len(rows)
+        q, v, a, error, energy, efforts, angles = (
+            np.array(column) for column in (zip(*rows, strict=True) if n else [[]] * 7))
+        model = problem.model
+        q, v, a = q.reshape(n, model.nq), v.reshape(n, model.nv), a.reshape(n, model.nv)
+        return Simulation(
+            mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
+            closure_error=error, driver_speed=np.empty(0), events=self.events,
+            angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
+            energy_drift=energy_drift(
+                problem.mechanism, q, v, energy, work, self.start, problem.constant),
+            efforts=ByDriver(problem.mechanism, dict(
+                zip(names, efforts.reshape(n, len(names)).T, strict=True))),
+            coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
+            steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self.passed,
+            projection=self._projection(), integrators=self.integrators,
+        )
+
+    def _projection(self) -> Projection | None:
+        """Return what projecting has taken, if anything was projected."""
+        if self.system is None or self.system.projection is None:
+            return None
+        parts = [*self._projections, self.system.projection]
+        seconds = sum(part.seconds for part in parts)
+        return Projection(
+            sum(part.steps for part in parts), sum(part.corrections for part in parts),
+            max(part.opened for part in parts), seconds,
+            seconds / (time.perf_counter() - self._began))
+
+
+def _kind(system: System) -> tuple[type, tuple[int, ...]]:
+    return type(system), tuple(system.free)

@@ -1,0 +1,258 @@
+"""What a simulation is asked: forces, laws of drivers, and one row of its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import mapping
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+from spatial_pin.dynamics.simulation.result import Energies, Projection
+from spatial_pin.dynamics.solvers.kkt import Blurred
+from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
+from spatial_pin.errors import SingularError
+from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix, refuse_negative_inertias
+from spatial_pin.mechanism.laws import DriverLaw
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.numerics.linalg import Array
+
+ALIKE = 1e-4  # of a freedom's inertia that others leave it, below which digits would be lost
+LIGHT = 1e-8  # inertia, by that of the heaviest joint coordinate, that may be round-off
+EffortLaw = Callable[[float, State], Mapping[str, float]]
+
+
+class Row(NamedTuple):
+    """One row of a simulation.
+
+    Attributes:
+        q, v, a: the motion.
+        error: closure error [-].
+        energy: kinetic, potential and stored in springs [J].
+        efforts: of prescribed drivers [N·m, N].
+        angles: relative angles of screw closures [rad].
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    error: float
+    energy: float
+    efforts: Array
+    angles: Array
+
+
+def _law(name: str, law: Any) -> DriverLaw:
+    if not callable(law):
+        raise TypeError(f"drives: the law of {name!r} is {law!r}; it must be a function of time "
+                        "that returns (value, rate, acceleration), as those of spatial_pin.laws")
+    found: DriverLaw = law
+    return found
+
+
+class Problem:
+    """A mechanism, what acts on it and what is prescribed.
+
+    Attributes:
+        forces: its springs, and what resists at joints.
+        mass: its mass matrix at a configuration.
+        kinetic: its kinetic energy at a motion.
+        law: efforts as a function of time and state, if they are one.
+        constant: (nv,) efforts otherwise.
+        drives: prescribed coordinates with their laws.
+        by_drivers: whether efforts act at drivers only, springs and friction as the file says.
+        works: whether anything but gravity does work.
+        is_damped: whether a joint or spring takes energy away.
+        is_steady: whether no function of the user's acts, which may jump: energy is well-behaved.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, efforts: Mapping[str, float] | EffortLaw | None,
+        drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
+        slip_speed: SlipSpeed | None = None,
+    ) -> None:
+        refuse_negative_inertias(mechanism)
+        self.mechanism, self.model = mechanism, mechanism.model
+        self.scale, self.tolerance = mechanism.velocity_scale, tolerance
+        self.data = self.model.createData()
+        self.mass = MassMatrix(self.model)
+        self.kinetic = KineticEnergy(self.model)
+        self.least_constraint = LeastConstraint(mechanism)
+        self.forces = Forces(mechanism, laws, slip_speed)
+        self.law: EffortLaw | None = efforts if callable(efforts) else None
+        self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
+        self.drives = [(mechanism.driven_coordinate(n), _law(n, law))
+                       for n, law in mapping(drives, "drives").items()]
+        at_drivers = {c.v for c in (mechanism.coordinate(d.joint)
+                                    for d in mechanism.drivers.values()) if c.q >= 0}
+        acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
+        self.by_drivers = (self.law is None and not laws and slip_speed is None
+                           and acted <= at_drivers)
+        self.is_steady = self.law is None and not laws and not self.drives
+        self.is_damped = bool(self.forces.resistance
+                              or any(spring.damping for spring in mechanism.springs))
+        self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
+
+    def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:
+        """Return a State at which `evaluation` stands."""
+        return State(self.mechanism, q, v, a, closure_error=evaluation.closure_error,
+                     angles=evaluation.angles)
+
+    def efforts(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
+        """Return the efforts (nv,) at joints [N·m, N]."""
+        if self.law is None:
+            return self.constant
+        return joint_efforts(self.mechanism, self.law(t, self.state(q, v, evaluation)))
+
+    def given(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
+        """Return the joint forces (nv,) of efforts, springs and what resists."""
+        total = self.efforts(t, q, v, evaluation)
+        if self.forces.exist:
+            total = total + self.forces.generalised(evaluation, q, v)
+        return total
+
+    def energy(self, q: Array, v: Array, evaluation: Evaluation) -> float:
+        """Return kinetic, potential and spring energy [J]."""
+        return self.energies(q, v, evaluation, 0.0).total
+
+    def energies(self, q: Array, v: Array, evaluation: Evaluation, work: float) -> Energies:
+        """Return the energies at a place, the evaluation standing at q, after so much work [J]."""
+        kinetic = self.kinetic(q, v)
+        total = kinetic + float(pin.computePotentialEnergy(self.model, self.data, q))
+        return Energies(kinetic, total + self.forces.energy(evaluation, q), work)
+
+    def free_accelerations(self, inertia: Array, force: Array, heaviest: float) -> Array | None:
+        """Return the accelerations (n,) that forces give to freedoms.
+
+        None where masses differ much, or there are none: there they are those of `least`.
+
+        Args:
+            inertia: (n, n) of the freedoms.
+            force: (n,) on them.
+            heaviest: of the inertias of joint coordinates.
+        """
+        own = inertia.diagonal()
+        if not own.min() > LIGHT * heaviest:
+            return None
+        if len(own) == 1:
+            return force / own
+        unit = 1.0 / np.sqrt(own)
+        factor, found, singular = lapack.dposv(unit[:, None] * inertia * unit, unit * force)
+        if singular or not factor.diagonal().min() ** 2 > ALIKE:
+            return None
+        answer: Array = unit * found
+        return answer
+
+    def least(self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array) -> Least:
+        """Return the accelerations by `LeastConstraint`, for any masses.
+
+        What has no inertia stays as it is, if no force works on it.
+
+        Args:
+            q: (nq,) configuration, the loops closed.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations at which the freedoms have none.
+            columns: (nv, n) joint velocities of unit freedoms.
+            given: (nv,) joint forces.
+
+        Raises:
+            Lost: masses differ too much for any digit.
+            SingularError: a force works on a freedom without inertia.
+        """
+        found = self.least_constraint.solve(q, v, a, columns, given)
+        if found.pulled:
+            moving = np.abs(found.still / self.scale).max(axis=0)
+            raise self.no_inertia(np.flatnonzero(moving > 1e-6 * moving.max()).tolist())
+        if found.lost:
+            raise Lost("masses differ too much there")
+        return found
+
+    def no_inertia(self, names: Sequence[int]) -> SingularError:
+        """Return the error for forces on freedoms, by velocity entries, that have no inertia."""
+        by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
+        return SingularError(
+            f"mechanism {self.mechanism.name!r}: a motion of {', '.join(by_v[v] for v in names)} "
+            "has no inertia but a force works on it: give its links a mass or a moment of inertia")
+
+    def unknowns(self, u: Array, work: float) -> Array:
+        """Return the unknowns: chart coordinates 0, their rates u, and the work if any is done."""
+        return np.concatenate([np.zeros(len(u)), u, [work] * self.works])
+
+    def work(self, y: Array) -> float:
+        """Return the work done, of unknowns."""
+        return float(y[-1]) if self.works else 0.0
+
+
+class System(Protocol):
+    """Equations of motion in independent coordinates: `Freedoms` or `OneFreedom`.
+
+    Called with (t, y) it returns dy/dt, NaN where the loops cannot be closed. y holds the chart
+    coordinates, their rates, and the work done if any is.
+
+    Attributes:
+        problem: what acts.
+        free: velocity entries that are independent.
+        evaluations: how often it was called.
+        patience: how many times faster than they another joint may move before they are worn.
+        rows_at_once: how many rows are worth being worked out in one go.
+    """
+
+    problem: Problem
+    free: list[int]
+    evaluations: int
+    patience: float
+    rows_at_once: int
+
+    @property
+    def pivot(self) -> float:
+        """Smallest over largest pivot of the equations at the present place."""
+
+    @property
+    def is_fresh_the_same(self) -> bool:
+        """Whether the same coordinates, taken anew, would be no better."""
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return dy/dt."""
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y at the chart's origin, at joint velocities v (nv,)."""
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """Evaluation of the loops; where the last `state` is."""
+
+    @property
+    def projection(self) -> Projection | None:
+        """What projecting has taken so far, where steps are projected (`share` is not known)."""
+
+    def choice(self, state: State) -> list[int]:
+        """Return the velocity entries that would be the best independent ones at a state."""
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y."""
+
+    def state(self, t: float, y: Array) -> State:
+        """Return the State at y."""
+
+    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+        """Return everything at times (N,) and unknowns (N, n)."""
+
+    def settle(self, solver: Any) -> float | None:
+        """Take the loops back that a step of the solver has opened, if it can open any.
+
+        Returns how far it had opened them, by what is allowed; above 1 nothing has been done.
+        """
+
+    def is_worn(self, t: float, y: Array) -> bool:
+        """Whether other coordinates, or a chart begun anew, would be better."""
+
+    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+        """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
+

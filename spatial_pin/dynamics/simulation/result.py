@@ -1,0 +1,181 @@
+"""A Simulation: a Motion in time, with its energies and what it took."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin.errors import UnknownNameError
+from spatial_pin.mechanism.inertia import KineticEnergy
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.joint_limits import Passing
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.summary import effort_lines, first_of
+from spatial_pin.numerics.linalg import Array
+
+SMALL = 1e-2  # of the energy there is, or of falling by its size, that counts as exchanged
+EPS = float(np.finfo(float).eps)
+
+
+class Projection(NamedTuple):
+    """What it took to take the steps of a "projected" simulation back to closed loops.
+
+    Attributes:
+        steps: how many steps were projected.
+        corrections: Newton corrections of the configuration in all; velocities take one
+            solution of the same equations a step.
+        opened: the largest closure error that a step had left [-].
+        seconds: time that it took [s].
+        share: of the time of the whole simulation [-].
+    """
+
+    steps: int
+    corrections: int
+    opened: float
+    seconds: float
+    share: float
+
+
+class ByDriver(dict[str, Array]):
+    """Rows (N,) by driver; a driver's joint or coordinate finds its rows too.
+
+    Args:
+        mechanism: the mechanism.
+        rows: by coordinate.
+    """
+
+    def __init__(self, mechanism: Mechanism, rows: Mapping[str, Array]) -> None:
+        names = driver_names(mechanism)
+        self._names = {name: names.get(name, name) for name in rows}
+        super().__init__({self._names[name]: x for name, x in rows.items()})
+
+    def __missing__(self, name: str) -> Array:
+        if name in self._names:
+            return self[self._names[name]]
+        raise UnknownNameError("prescribed driver", name, self, "efforts: ")
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or name in self._names
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the rows of a driver, joint or coordinate, or a default."""
+        return super().get(self._names.get(name, name), default)
+
+
+def driver_names(mechanism: Mechanism) -> dict[str, str]:
+    """Return the names of drivers by the coordinates that they drive."""
+    return {mechanism.coordinate(d.joint).name: d.name for d in mechanism.drivers.values()}
+
+
+@dataclass(eq=False, repr=False)
+class Simulation(Motion):
+    """A Motion in time, with its energies.
+
+    Attributes:
+        energy: (N,) kinetic, potential and spring energy [J].
+        work: (N,) of efforts, dampers, damping and friction of joints, prescribed drivers and
+            spring laws since the start [J].
+        energy_drift: largest difference of energy and work to the energy at the start, by what is
+            exchanged: the largest kinetic energy or change of the rest, and a hundredth of the
+            energy there is, or of falling by the mechanism's size, at least [-].
+        efforts: (N,) of every prescribed driver [N·m, N], by its name; one that is no driver of
+            the mechanism by its coordinate. A driver's joint finds them too.
+        coordinates: independent coordinates that were used, in their order.
+        evaluations: how often the equations of motion were evaluated.
+        steps: how many steps were taken.
+        by_drivers: whether, besides gravity and springs as the file has them, only drivers acted;
+            False where efforts were a function.
+        joint_limits: the joint limits of the URDF that were passed, and when.
+        projection: what projecting took, with the formulation "projected"; else None.
+        integrators: names of those that were used, in their order.
+    """
+
+    energy: Array = field(default_factory=lambda: np.empty(0))
+    work: Array = field(default_factory=lambda: np.empty(0))
+    energy_drift: float = 0.0
+    efforts: dict[str, Array] = field(default_factory=dict)
+    coordinates: list[str] = field(default_factory=list)
+    evaluations: int = 0
+    steps: int = 0
+    by_drivers: bool = True
+    joint_limits: list[Passing] = field(default_factory=list)
+    projection: Projection | None = None
+    integrators: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
+        stiff = f" ({self.integrators[-1]} where stiff)" if len(self.integrators) > 1 else ""
+        lines = [super().__str__(),
+                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps "
+                 f"of the integrator{stiff}{used}"]
+        efforts = effort_lines(self, self.efforts)
+        return "\n".join([*lines, *(["efforts:"] if efforts else []),
+                          *first_of(efforts, "efforts")])
+
+
+class Energies(NamedTuple):
+    """Energies at a moment.
+
+    Attributes:
+        kinetic: of that [J].
+        total: kinetic, potential and of springs [J].
+        work: done since the start [J].
+    """
+
+    kinetic: float
+    total: float
+    work: float
+
+
+class LeastExchange:
+    """What counts as exchanged at least: what stands still exchanges round-off.
+
+    It is a part of the energy there is, or of falling by the mechanism's size, for heights are
+    known to round-off of that. The energy of a spring near its free length is a square of
+    round-off, and so is the work of efforts that balance: round-off of the energy of stretching it
+    by the mechanism's size is well above that.
+
+    Args:
+        mechanism: what moves.
+        efforts: (nv,) that act all the time [N·m, N].
+    """
+
+    def __init__(self, mechanism: Mechanism, efforts: Array) -> None:
+        size, scale = mechanism.characteristic_length, mechanism.velocity_scale
+        gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
+        self._falling = gravity * sum(body.mass for body in mechanism.model.inertias) * size
+        units = {c.name: scale[c.v] for c in mechanism.coordinate_table.values()}
+        stretching = sum(s.stiffness * (abs(s.free) + units.get(s.joint or "", size)) ** 2
+                         for s in mechanism.springs)
+        self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
+
+    def __call__(self, *energies: float) -> float:
+        """Return it [J], by energies that there are [J]."""
+        return max(SMALL * max(self._falling, *map(abs, energies)), self._pulling)
+
+
+def energy_drift(
+    mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array,
+    start: Energies, efforts: Array,
+) -> float:
+    """Return the largest energy that came from nowhere, by what the motion exchanges.
+
+    Args:
+        mechanism: what moves.
+        q: (N, nq) configurations.
+        v: (N, nv) joint velocities.
+        energy: (N,) kinetic, potential and of springs [J].
+        work: (N,) done since the start [J].
+        start: the energies it started with.
+        efforts: (nv,) that act all the time [N·m, N].
+    """
+    kinetic = np.array(list(map(KineticEnergy(mechanism.model), q, v)))
+    kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
+        kinetic, energy, work), strict=True))
+    size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)),
+               LeastExchange(mechanism, efforts)(float(np.abs(energy).max())))
+    drift = float(np.abs(energy - work - energy[0]).max())
+    return drift / size if size > 0.0 else 0.0

@@ -1,0 +1,240 @@
+"""Motion in time under forces, the loops closed exactly in every evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from spatial_pin.assembly.rounding import check_gaps
+from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.checks import as_array, checked, positive_number
+from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.simulation.energy_balance import LOST
+from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
+from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
+from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
+from spatial_pin.dynamics.simulation.formulations.independent import Freedoms
+from spatial_pin.dynamics.simulation.formulations.one_freedom import OneFreedom
+from spatial_pin.dynamics.simulation.formulations.projected import Projected
+from spatial_pin.dynamics.simulation.independent_coordinates import (
+    Lost,
+    best_coordinates,
+    plain_coordinates,
+)
+from spatial_pin.dynamics.simulation.integration import Formulate, GivenUp, Run
+from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem, System
+from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
+from spatial_pin.errors import EnergyError, SingularError, SpatialPinError, StepLimitError
+from spatial_pin.mechanism.coordinates import finite_array
+from spatial_pin.mechanism.laws import DriverLaw
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy, accuracy_of
+
+__all__ = ["Projection", "Simulation", "simulate"]
+
+DURATIONS = 1e-100, 1e100  # whose squares, by a tolerance, are numbers [s]
+ROWS = 1000  # rows of a simulation whose times are not given, less one
+
+
+@checked
+def simulate(
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
+    efforts: Mapping[str, float] | EffortLaw | None = None,
+    times: Any = None,
+    accuracy: Accuracy | None = None,
+    *,
+    drives: Mapping[str, DriverLaw] | None = None,
+    laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+    stop_when: Callable[[float, State], float] | None = None,
+    on_joint_limit: str = "report",
+    progress: bool = False,
+) -> Simulation:
+    """Simulate a mechanism in time.
+
+    The equations of motion are solved in independent coordinates, chosen anew when others move
+    faster; every evaluation closes the loops to `accuracy.tolerance`, so that nothing drifts. With
+    one freedom, links that spin freely about a line of symmetry not counted, change points
+    (branches that cross) are passed straight on, with an event. What nothing holds, all its bodies
+    hanging on floating joints, is seen from its falling centre of mass: far from the origin, and
+    at any speed, it moves as it does at the origin.
+
+    Args:
+        mechanism: the mechanism.
+        state: configuration and velocity at time 0, from `solve_rates`.
+        duration: how long [s].
+        efforts: by driver, joint or coordinate, constant, or a function (t, State) -> such a
+            mapping [N·m about it, N along it]. Drivers are free unless they have a law in `drives`.
+        times: (N,) rising times of the rows, default 0 to duration in 1000 steps [s].
+        accuracy: integrator, its tolerance or step, and closure; default "engineering".
+        drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
+        laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
+        slip_speed: speed at which dry friction is nearly whole, see `forward_dynamics`: joints
+            that friction should hold creep at a part of it.
+        stop_when: ends the simulation where this function (t, State) crosses zero, with an event
+            and a last row there.
+        on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
+            of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
+            last row; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of
+            prescribed drivers, and those given) that pass their limits are events too, of kind
+            "velocity limit" and "effort limit", unless limits are ignored.
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The Simulation, a Motion with energy, work and efforts.
+
+    Raises:
+        SingularError: the motion is not determined at some configuration; `.motion` holds what
+            came before.
+        EnergyError: a step would go on with energy that came from nowhere; so does it.
+        StepLimitError: it would take more steps than `accuracy.most_steps`; so does it.
+        SpatialPinError: the state does not fit the laws, or is beyond a joint limit at which the
+            simulation is to stop, or the integrator gives up.
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite, or times do not rise.
+    """
+    accuracy = accuracy_of(accuracy)
+    state = moving_in_time(mechanism, state)
+    mechanism = state.mechanism
+    times = _times(duration, times)
+    _check_formulation(accuracy)
+    _check_step(accuracy, float(times[-1]))
+    if on_joint_limit not in AT_LIMITS:
+        raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
+                         f"{', '.join(map(repr, AT_LIMITS))}")
+    warn_of_no_inertia(mechanism, efforts)
+    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
+    _check_start(problem, state)
+    fall = FreeFall(state, accuracy.tolerance) if floats(problem) else None
+    if fall is not None:
+        state, stop_when = fall.state, fall.watched(stop_when)
+        problem = Problem(fall.mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
+    watch = Watch(problem, state, stop_when, on_joint_limit)
+    run = Run(problem, accuracy, FORMULATIONS[accuracy.formulation], times, watch)
+
+    def motion() -> Simulation:
+        return run.motion() if fall is None else fall.motion(
+            run.motion(), run.start, problem.constant)
+
+    bar = tqdm(total=float(times[-1]), desc=f"{mechanism.name}: seconds", delay=1.0, leave=False,
+               disable=None if progress else True)
+    try:
+        for t in run.follow(state):
+            bar.update(t - bar.n)
+        moved = motion()
+        if moved.energy_drift > LOST:
+            run.refuse_rows()
+        check_gaps(moved, accuracy.gap)
+    except Lost as lost:
+        why = str(lost) or run.why()
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
+            f"{why}", motion=motion(),
+        ) from None
+    except (EnergyError, SingularError, StepLimitError) as error:
+        error.motion = motion()
+        if fall is not None and isinstance(error, SingularError) and error.state is not None:
+            error.state = fall.back(run.t, error.state)
+        raise
+    finally:
+        bar.close()
+    return moved
+
+
+def _check_formulation(accuracy: Accuracy) -> None:
+    if accuracy.formulation == "projected" and accuracy.integrator not in SETTLING:
+        raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
+                         f"for the projected formulation there are {', '.join(SETTLING)}")
+
+
+def _check_step(accuracy: Accuracy, duration: float) -> None:
+    most = max(accuracy.most_steps, Accuracy.most_steps)
+    if accuracy.step is not None and duration > most * accuracy.step:
+        with np.errstate(over="ignore"):
+            number = np.float64(duration) / accuracy.step
+        raise ValueError(
+            f"step is {accuracy.step:.3g} s: {duration:.6g} s would take {number:.2g} steps of it, "
+            f"where {most} are allowed; take a longer step, a shorter duration, or "
+            "Accuracy(most_steps=...)")
+
+
+def _times(duration: float, times: Any) -> Array:
+    duration = positive_number(duration, "duration")
+    if not DURATIONS[0] <= duration <= DURATIONS[1]:
+        raise ValueError(f"duration is {duration:.3g} s; from {DURATIONS[0]:g} s to "
+                         f"{DURATIONS[1]:g} s can be simulated")
+    if times is None:
+        return np.linspace(0.0, duration, ROWS + 1)
+    array = np.atleast_1d(as_array(times, "times"))
+    array = finite_array(array, (array.size,), "times")
+    if not array.size or array[0] < 0.0 or np.any(np.diff(array) <= 0.0) or array[-1] > duration:
+        raise ValueError("times must rise from 0 at least to the duration at most")
+    if 0.0 < array[-1] < DURATIONS[0]:
+        raise ValueError(f"times end at {array[-1]:.3g} s; {DURATIONS[0]:g} s is the least but 0")
+    return array
+
+
+def _check_start(problem: Problem, state: State) -> None:
+    """Refuse a state that does not start as the laws of its prescribed drivers do."""
+    name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
+    for c, law in problem.drives:
+        value, rate, _ = law(0.0)
+        scale, driver = problem.scale[c.v], drivers.get(c.name, c.name)
+        at, pace = (0.0 if abs(x) < 1e-12 * scale else x for x in (state.q[c.q], state.v[c.v]))
+        if abs(value - state.q[c.q]) > 1e-9 * scale:
+            raise SpatialPinError(
+                f"mechanism {name!r}: the law of {driver} starts at {value:.9g} {c.unit}, the "
+                f"state is at {at:.9g}: assemble it there")
+        if abs(rate - state.v[c.v]) > 1e-9 * scale * (1.0 + abs(rate)):
+            raise SpatialPinError(
+                f"mechanism {name!r}: the law of {driver} starts with {rate:.9g} {c.unit}/s, the "
+                f"state moves with {pace:.9g}: solve its rates")
+
+
+def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
+    """Return the equations of motion in the independent coordinates that fit a state best.
+
+    Those of one freedom are tables of a joint that moves. Where no table can be made, near
+    where such joints turn back, and where masses differ so much that its functions are round-off,
+    the loops are closed in every evaluation.
+
+    Args:
+        problem: what acts.
+        state: where they begin.
+        given_up: what could not be followed from there.
+
+    Raises:
+        SingularError: the motion is not determined there.
+    """
+    free = best_coordinates(state, [c.v for c, _ in problem.drives])
+    if not problem.drives:
+        spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
+        if len(free) - len(spins) == 1:
+            coordinates = {c.v: c for c in problem.mechanism.coordinate_table.values()}
+            for v in plain_coordinates(state, spins.rows):
+                if (OneFreedom, (v,)) not in given_up:
+                    system = OneFreedom(problem, state, coordinates[v], spins)
+                    if not system.is_light:
+                        return system
+                    break
+    return Freedoms(problem, state, free)
+
+
+def _projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
+    """Return the equations of motion in all joint coordinates, whatever was given up."""
+    return Projected(problem, state)
+
+
+FORMULATIONS: dict[str, Formulate] = {
+    "independent": _independent,
+    "projected": _projected,
+}
+# integrators that a projection can correct
+SETTLING = ("automatic", "DOP853", "RK45", "Radau", "RK4", "Gauss")

@@ -1,0 +1,1 @@
+"""Accelerations and reactions: the equations of motion at one State, and their solvers."""

@@ -1,0 +1,379 @@
+"""Accelerations by Gauss's principle of least constraint, for masses of any ratio.
+
+Of all accelerations a = a0 + G z that the loops allow, those happen for which
+
+    1/2 sum_b ( m |c''_b - g|^2 + |I^(1/2) (w'_b + I^-1 (w x I w))|^2 ) - f . G z
+
+is least [Gauss1829; UdwadiaKalaba1996], c'' and w' a body's accelerations, f the joint forces
+given; an armature A of a joint coordinate x adds 1/2 A x''^2. Solved by QR of the bodies' own
+rows, the heaviest first, no mass matrix is ever formed: in that a light body's part is rounded away
+beside a heavy one's [GolubVanLoan, 6.2.5]. Every row keeps its own relative accuracy
+[CoxHigham1998], so it is bounded row by row how far entries may be off: a motion has no inertia if
+no row of it is larger than that, however small its inertia is, and what the same bounds leave
+uncertain of the accelerations is told with them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from spatial_pin.dynamics.solvers.kkt import HOLDS, ROUNDING, Blurred
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import (
+    EPS,
+    Array,
+    decompose,
+    null_space,
+    row_space,
+    upper_inverse,
+    upper_solved,
+)
+
+
+class Least(NamedTuple):
+    """Where the constraint is least.
+
+    Attributes:
+        a: (nv,) joint accelerations.
+        z: (n,) those of freedoms.
+        still: (k, nv) motions without inertia; they go on as they are.
+        pulled: whether forces work on one of them.
+        off: (nv,) bounds on the round-off of a.
+        error: the largest of them, by the size of a.
+        lost: whether that is more than all that moves or pulls.
+    """
+
+    a: Array
+    z: Array
+    still: Array
+    pulled: bool
+    off: Array
+    error: float
+    lost: bool
+
+
+class LeastConstraint:
+    """The bodies of a mechanism, at whose accelerations the constraint is least.
+
+    Args:
+        mechanism: the mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._model = model = mechanism.model
+        self._data, self._scale = model.createData(), mechanism.velocity_scale
+        gravity = float(np.linalg.norm(model.gravity.linear))
+        size = mechanism.characteristic_length
+        self._falling, self._per_size = gravity / size, np.repeat([1.0 / size, 1.0], 3)
+        heavy = [j for j, body in enumerate(model.inertias)
+                 if j and (body.mass > 0.0 or np.any(body.inertia))]
+        bodies = [model.inertias[j] for j in heavy]
+        moments, axes = np.linalg.eigh(np.reshape([b.inertia for b in bodies], (-1, 3, 3)))
+        axes[:, :, 0] *= np.linalg.det(axes)[:, None]  # right-handed: products of rates are to come
+        self._heavy, self._back = np.array(heavy, dtype=np.intp), axes.transpose(0, 2, 1)
+        self._levers = np.reshape([b.lever for b in bodies], (-1, 3))
+        self._across = skew(self._levers)
+        masses = np.repeat([b.mass for b in bodies], 3).reshape(-1, 3)
+        self._roots = np.sqrt(np.hstack([masses, np.maximum(moments, 0.0)]))  # (bodies, 6)
+        self._parents = [int(x) for x in model.parents]
+        self._starts = np.array(model.idx_vs[1:], dtype=np.intp)
+        self._rotors = np.flatnonzero(model.armature)
+        self._weights = np.sqrt(model.armature[self._rotors])
+
+    def solve(
+        self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array
+    ) -> Least:
+        """Return the accelerations of freedoms; motions without inertia go on as they are.
+
+        Args:
+            q: (nq,) configuration, the loops closed.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations at which the freedoms have none.
+            columns: (nv, n) joint velocities of unit freedoms. What may be none in them is none.
+            given: (nv,) joint forces.
+        """
+        columns = columns.plain()
+        rows, known, rest, rest_known, unit = self._rows(q, v, a, columns)
+        rows *= unit
+        known *= unit
+        moved = columns.value * unit
+        blur = columns.blur * unit
+        load = moved.T @ given
+        order = np.argsort(-np.abs(rows).max(axis=1, initial=0.0))
+        fit = _Fit(rows[order], known[order])
+        z = fit.solve(-rest[order], load)
+        still = fit.still
+        allowed = np.abs(still) @ ((HOLDS * np.abs(moved) + blur).T @ np.abs(given))
+        pulled = bool(np.any(np.abs(still @ load) > allowed))
+        wide = fit.error(z, rest_known[order], blur.T @ np.abs(given)
+                         + ROUNDING * np.abs(moved).T @ np.abs(given))
+        off = a.blur + np.abs(moved) @ wide + blur @ np.abs(z)
+        motions, found = moved @ still.T, a.value + moved @ z
+        if len(still):
+            y = self._spinning_on(q, v, found, motions)
+            z, found = z + y @ still, found + motions @ y
+        worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, found))
+        speed = v / self._scale
+        natural = max(size, self._falling, speed.dot(speed))
+        return Least(found, unit * z, motions.T, pulled, off,
+                     worst / (size or natural or 1.0), worst > natural)
+
+    def _spinning_on(self, q: Array, v: Array, a: Array, motions: Array) -> Array:
+        """Return the accelerations (k,) of motions (nv, k) without inertia, on top of a (nv,).
+
+        None; but a body that only spins on a ball joint keeps its spin about its line, as it would
+        if it were a light ball. A component of its angular velocity, kept instead, would have it
+        spin without bound where the line turns away from that.
+        """
+        model, data = self._model, self._data
+        lines = []
+        for joint, nv in enumerate(model.nvs):
+            entries = slice(model.idx_vs[joint], model.idx_vs[joint] + nv)
+            if nv == 3 and np.abs(motions[entries]).any():
+                spins = null_space(np.delete(motions, entries, 0) / np.abs(motions).max())
+                lines += [(joint, entries, motions[entries] @ spin) for spin in spins]
+        if not lines:
+            return np.zeros(motions.shape[1])
+        pin.forwardKinematics(model, data, q, v, a)
+        rows = np.array([line @ motions[entries] for _, entries, line in lines])
+        rest = np.array([line @ data.a[joint].angular for joint, _, line in lines])
+        largest = np.abs(rows).max()
+        return decompose(rows / largest).minimum_norm(-rest / largest)
+
+    def _rows(
+        self, q: Array, v: Array, a: Blurred, columns: Blurred
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return weighted accelerations per unit freedom (m, n), and without (m,).
+
+        Each with bounds on how far its entries may be off, and units of the freedoms (n,) at which
+        some body moves by one: so scaled, no row is good for one freedom and too coarse for
+        another. What may be round-off is no such move.
+        """
+        pin.forwardKinematics(self._model, self._data, q, v, a.value)
+        rotors = self._of_rotors(columns, a)
+        bodies = self._of_bodies(columns, a, v)
+        rows, known, rest, rest_known = (
+            np.concatenate(pair) for pair in zip(bodies[:4], rotors[:4], strict=True))
+        pace = np.maximum(bodies[4], rotors[4])
+        return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
+
+    def _of_rotors(self, columns: Blurred, a: Blurred) -> tuple[Array, ...]:
+        """Return as `_rows`, of joints with an armature, and how fast they turn (n,)."""
+        at, weights = self._rotors, self._weights
+        turned, turning = columns.value[at], a.value[at]
+        known = columns.blur[at] + ROUNDING * np.abs(turned)
+        rest_known = a.blur[at] + ROUNDING * np.abs(turning)
+        pace = np.abs(turned / self._scale[at, None]).max(axis=0, initial=0.0)
+        return (weights[:, None] * turned, weights[:, None] * known, weights * turning,
+                weights * rest_known, pace)
+
+    def _of_bodies(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, ...]:
+        """Return as `_rows`, of bodies with mass, and how fast they move (n,)."""
+        data, n, roots = self._data, columns.value.shape[1], self._roots
+        twists, sizes = (x[self._heavy] for x in self._twists(columns, a, v))
+        twists[:, :3] -= self._across @ twists[:, 3:]
+        twists[:, 3:] = self._back @ twists[:, 3:]
+        sizes[:, :3] += np.abs(self._across) @ sizes[:, 3:]
+        sizes[:, 3:] = np.abs(self._back) @ sizes[:, 3:]
+        sure = np.where(np.abs(twists) > sizes[:, :, :n], np.abs(twists), 0.0)
+        moves = sure * np.where(roots > 0.0, self._per_size, 0.0)[:, :, None]
+        heavy = self._heavy.tolist()
+        motion = np.reshape([data.v[j].vector for j in heavy], (-1, 6))
+        change = np.reshape([data.a[j].vector for j in heavy], (-1, 6))
+        down = np.reshape([data.oMi[j].rotation for j in heavy], (-1, 3, 3)).transpose(0, 2, 1)
+        fastest, rest_known = sizes[:, :, n + 1], sizes[:, :, n]
+        moving, turning = fastest[:, :3].max(axis=1), fastest[:, 3:].max(axis=1)
+        gravity = self._model.gravity.linear
+        rest_known[:, :3] += (moving * turning)[:, None] / ROUNDING + ROUNDING * (
+            np.abs(down) @ np.abs(gravity))
+        rest_known[:, 3:] += (turning * turning)[:, None] / ROUNDING
+        rest = roots * self._rest(motion, change, down @ gravity)
+        rest[:, 3:] += _gyroscopic(roots[:, 3:], (self._back @ motion[:, 3:, None])[:, :, 0])
+        flat = (6 * len(heavy), n)  # either may be 0
+        return ((roots[:, :, None] * twists).reshape(flat),
+                (roots[:, :, None] * sizes[:, :, :n]).reshape(flat), rest.ravel(),
+                (roots * rest_known).ravel(), moves.max(axis=(0, 1), initial=0.0))
+
+    def _twists(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, Array]:
+        """Return what joints' bodies move like (njoints, 6, n) in unit freedoms, own axes.
+
+        From body to body, which keeps what is nothing nothing, as a way by the world's axes does
+        not. And bounds on how far that is off (njoints, 6, n + 2): of these, of accelerations and
+        velocity.
+        """
+        data, n, count = self._data, columns.value.shape[1], self._model.njoints
+        off = np.column_stack([columns.blur + ROUNDING * np.abs(columns.value),
+                               a.blur + ROUNDING * np.abs(a.value), ROUNDING * np.abs(v)])
+        axes = np.hstack([np.reshape(data.joints[j].S, (6, -1)) for j in range(1, count)]).T
+        twists, sizes = np.zeros((count, 6, n)), np.zeros((count, 6, n + 2))
+        for all_of, own, given in ((twists, axes, columns.value), (sizes, np.abs(axes), off)):
+            np.add.reduceat(own[:, :, None] * given[:, None], self._starts, out=all_of[1:])
+        placed = np.array([data.liMi[j].homogeneous[:3] for j in range(count)])
+        back, across = placed[:, :, :3].transpose(0, 2, 1), skew(placed[:, :, 3])
+        grown, blurred = _bounds(back, across)
+        for joint in range(1, count):
+            parent = self._parents[joint]
+            if parent:
+                before = twists[parent]
+                twists[joint, :3] += back[joint] @ (before[:3] - across[joint] @ before[3:])
+                twists[joint, 3:] += back[joint] @ before[3:]
+                sizes[joint] += grown[joint] @ sizes[parent]
+                sizes[joint, :, :n] += blurred[joint] @ np.abs(before)
+        return twists, sizes
+
+    def _rest(self, motion: Array, change: Array, gravity: Array) -> Array:
+        """Return the accelerations (bodies, 6) of centres less gravity, and angular, own axes.
+
+        Args:
+            motion: (bodies, 6) spatial velocities.
+            change: (bodies, 6) spatial accelerations.
+            gravity: (bodies, 3).
+        """
+        w, lever = motion[:, 3:], self._levers
+        found = np.empty_like(motion)
+        found[:, :3] = (change[:, :3] + cross(w, motion[:, :3]) + cross(change[:, 3:], lever)
+                        + cross(w, cross(w, lever)) - gravity)
+        found[:, 3:] = (self._back @ change[:, 3:, None])[:, :, 0]
+        return found
+
+
+def _bounds(back: Array, across: Array) -> tuple[Array, Array]:
+    """Return (m, 6, 6) how bounds on twists are carried on to the next body, and what that adds.
+
+    Args:
+        back: (m, 3, 3) rotations.
+        across: (m, 3, 3) cross product matrices of the arms.
+    """
+    turned, none, reach = np.abs(back), _round_off(back), _round_off(across)
+    grown, blurred = np.zeros((2, len(back), 6, 6))
+    grown[:, :3, :3] = grown[:, 3:, 3:] = turned
+    grown[:, :3, 3:] = turned @ np.abs(across)
+    blurred[:, :3, :3] = blurred[:, 3:, 3:] = none
+    blurred[:, :3, 3:] = none @ np.abs(across) + turned @ reach
+    return grown, blurred
+
+
+def _round_off(placed: Array) -> Array:
+    """Return the sizes of those entries of rotations, or of arms, that may be none.
+
+    A quarter turn in a file leaves a cosine of 6e-17 where there should be a zero.
+    """
+    sizes = np.abs(placed)
+    return np.where(sizes < EPS * sizes.max(axis=(1, 2), keepdims=True), sizes, 0.0)
+
+
+def skew(arms: Array) -> Array:
+    """Return the matrices (m, 3, 3) of cross products with vectors (m, 3)."""
+    across = np.zeros((len(arms), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        across[:, j, i], across[:, i, j] = arms[:, k], -arms[:, k]
+    return across
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b of vectors (..., 3); `np.cross` takes ten times as long."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+
+
+def _gyroscopic(roots: Array, w: Array) -> Array:
+    """Return I^(-1/2) (w x I w) (m, 3), from the roots of the principal moments; 0 for none."""
+    squares = roots * roots
+    i, j = [2, 0, 1], [1, 2, 0]
+    moved = (squares[:, i] - squares[:, j]) * w[:, j] * w[:, i]
+    held = roots > ROUNDING * roots.max(axis=1, keepdims=True, initial=0.0)
+    return np.divide(moved, roots, out=np.zeros_like(moved), where=held)
+
+
+class _Fit:
+    """Least squares with rows of very different sizes, and unknowns that no row knows of.
+
+    Args:
+        rows: (m, n) the largest first.
+        known: (m, n) how far their entries may be off.
+
+    Attributes:
+        still: (k, n) orthonormal changes of the unknowns that no row knows of.
+    """
+
+    def __init__(self, rows: Array, known: Array) -> None:
+        m, n = rows.shape
+        if m < n:
+            rows, known = (np.vstack([x, np.zeros((n - m, n))]) for x in (rows, known))
+        known = known + ROUNDING * np.abs(rows).max(axis=1, initial=0.0)[:, None]
+        self._rows, self._known = rows, known
+        qr, pivots, self._tau, _, _ = lapack.dgeqp3(np.asfortranarray(rows))
+        self._qr, self._order, self._upper = qr, pivots - 1, np.triu(qr[:n])
+        self._basis = lapack.dorgqr(qr[:, :n], self._tau)[0]
+        rank, motions = n, self._following(n)
+        while rank:  # the last unknowns are left out while they move nothing for certain
+            found = self._following(rank - 1)
+            off = known @ np.abs(found)
+            off += np.abs(rows[:, self._order[: rank - 1]]) @ (self._pseudo(rank - 1) @ off)
+            if np.any(np.abs(rows @ found) > off):
+                break
+            rank, motions = rank - 1, found
+        self._rank = rank
+        self.still = row_space(motions.T)
+
+    def _following(self, rank: int) -> Array:
+        """Return the motions (n, n - rank) of the last unknowns that the first ones make good."""
+        n = self._rows.shape[1]
+        found = np.zeros((n, n - rank))
+        found[self._order[rank:]] = np.eye(n - rank)
+        for k in range(rank, n):
+            found[self._order[:rank], k - rank] = -self._solve(rank, self._upper[:rank, k])
+        return found
+
+    def _solve(self, rank: int, b: Array, transposed: bool = False) -> Array:
+        """Return R^-1 b, or R^-T b, (rank,) of the first unknowns."""
+        return upper_solved(self._upper[:rank, :rank], b, transposed)
+
+    def _inverse(self, rank: int) -> Array:
+        """Return R^-1 (rank, rank) of the first unknowns."""
+        return upper_inverse(self._upper[:rank, :rank])
+
+    def _pseudo(self, rank: int) -> Array:
+        """Return the sizes (rank, m) of the pseudo-inverse of the first unknowns' columns."""
+        return np.abs(self._inverse(rank) @ self._basis.T[:rank])
+
+    def solve(self, rest: Array, load: Array) -> Array:
+        """Return z (n,) with rows^T (rows z - rest) = load, of least norm."""
+        n, r, first = len(load), self._rank, self._order[: self._rank]
+        z = np.zeros(n)
+        if r:
+            full = np.concatenate([rest, np.zeros(len(self._rows) - len(rest))])
+            turned, pull = self._turned(full, "T"), self._solve(r, load[first], transposed=True)
+            z[first] = self._solve(r, turned[:r] + pull)
+            turned[:r] = -pull
+            self._left = self._turned(turned, "N")
+        return z - self.still.T @ (self.still @ z)
+
+    def _turned(self, x: Array, way: str) -> Array:
+        """Return Q x (m,), or Q^T x."""
+        turned: Array = lapack.dormqr(
+            "L", way, self._qr, self._tau, x[:, None], 64 * len(self._order))[0][:, 0]
+        return turned
+
+    def error(self, z: Array, rest_known: Array, load_known: Array) -> Array:
+        """Return bounds (n,) on the error of the last solution, of first order [Higham2002, 20.1].
+
+        Args:
+            z: (n,) the solution.
+            rest_known: (m,) how far `rest` may be off.
+            load_known: (n,) how far the load may be off.
+        """
+        r, m, first = self._rank, len(rest_known), self._order[: self._rank]
+        wide = np.zeros(len(z))
+        if not r:
+            return wide
+        known, inverse = self._known[:m], np.abs(self._inverse(r))
+        left = np.abs(self._left[:m])
+        wide[first] = self._pseudo(r)[:, :m] @ (rest_known + known @ np.abs(z))
+        wide[first] += inverse @ (inverse.T @ ((known.T @ left)[first] + load_known[first]))
+        return wide

@@ -1,0 +1,1 @@
+"""Loops that are stated in a file beside the URDF."""

@@ -1,0 +1,315 @@
+"""Writing a mechanism as plain files: the expanded URDF, and beside it what URDF cannot say."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.errors import SpatialPinError, warn
+from spatial_pin.formats.pinocchio_model.joints import joint_axis
+from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.toml_files import toml_text
+from spatial_pin.formats.urdf.model import (
+    LIMITS,
+    PAIR_OF_URDF_TYPE,
+    joint_axes,
+    own_entries,
+    stated_limits,
+    urdf_order,
+)
+from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring, drivers_of_tree
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.resistance import Resistance
+from spatial_pin.numerics.linalg import EPS, Array
+from spatial_pin.outputs import named_folder, named_path, replacing, write_text
+
+STANDARD_GRAVITY = [0.0, 0.0, -9.81]  # m/s², of a tree whose file says nothing
+MESHES = "meshes"
+
+
+def save(mechanism: Mechanism, folder: str | Path) -> Path:
+    """Write a mechanism as a folder that can be moved: a mechanism file, a URDF and its meshes.
+
+    Args:
+        mechanism: the mechanism.
+        folder: made where there is none; files are called as the mechanism is.
+
+    Returns:
+        The mechanism file, for `load`.
+
+    Raises:
+        SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
+    """
+    folder = named_folder(folder)
+    stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
+    urdf, toml = folder / f"{stem}.urdf", folder / f"{stem}.toml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text, meshes = _gathered(mechanism)
+        _write(mechanism, {urdf: text, toml: toml_text(_beside(mechanism, urdf.name))},
+               {folder / target: source for target, source in meshes.items()})
+    except OSError as error:
+        raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
+    return toml
+
+
+def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
+    """Write the open tree as plain URDF with the dimensions it was loaded with.
+
+    A mechanism file of the same name goes beside it when there is anything that URDF cannot say,
+    so that the pair loads as the same mechanism and no loop is lost. Meshes stay where they are.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
+    """
+    path = named_path(path)
+    if path.suffix != ".urdf":
+        raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
+    files = {path: mechanism.urdf}
+    content = _beside(mechanism, path.name)
+    is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
+        "name", "tree", "gravity"}
+    if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
+        files[path.with_suffix(".toml")] = toml_text(content)
+    try:
+        _write(mechanism, files, {})
+    except OSError as error:
+        raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
+    return list(files)
+
+
+def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path]) -> None:
+    own = {path.resolve() for path in (mechanism.path, mechanism.tree) if path is not None}
+    for target in texts:
+        if target.resolve() in own:
+            raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
+    for target, source in copies.items():
+        if target.resolve() != source.resolve():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(target) as beside:
+                shutil.copyfile(source, beside)
+    for target, text in texts.items():
+        write_text(target, text)
+
+
+def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
+    """Return what a mechanism file says beside the URDF, which states couplings as <mimic>."""
+    stated = {f"mimic_{joint.get('name')}"
+              for joint in robot_of(mechanism).findall("joint")
+              if joint.find("mimic") is not None}
+    content = {**content_of(mechanism), "tree": tree}
+    closures = [table for table in content.get("closures", ())
+                if not (table["type"] == COUPLING and table["name"] in stated)]
+    return {key: closures if key == "closures" else value for key, value in content.items()
+            if key != "closures" or closures}
+
+
+# ---------------------------------------------------------------- meshes
+
+
+def _gathered(mechanism: Mechanism) -> tuple[str, dict[Path, Path]]:
+    """Return the URDF with meshes named below its own folder, and which file each is a copy of.
+
+    Meshes that were not there when the mechanism was loaded stay as they are named.
+    """
+    robot = robot_of(mechanism)
+    meshes = robot.findall("link/*/geometry/mesh")
+    if not meshes:
+        return mechanism.urdf, {}
+    folders: dict[Path, Path] = {}
+    copies: dict[Path, Path] = {}
+    gone: list[str] = []
+    for mesh in meshes:
+        source = Path(mesh.get("filename", ""))
+        if not source.is_absolute():  # it was not found
+            continue
+        if not is_file(source):
+            gone.append(source.name)
+            continue
+        if source.parent not in folders:
+            folders[source.parent] = _free_folder(source.parent.name, set(folders.values()))
+        for part in (source, *_parts(source)):
+            copies[folders[source.parent] / part.name] = part
+        mesh.set("filename", str(folders[source.parent] / source.name))
+    if gone:
+        warn(f"mechanism {mechanism.name!r}: {len(gone)} mesh files are not there and are not "
+             f"copied, {gone[0]!r} the first")
+    return (ET.tostring(robot, encoding="unicode") if copies else mechanism.urdf), copies
+
+
+def _free_folder(name: str, taken: set[Path]) -> Path:
+    wanted = Path(MESHES) if name in ("", MESHES) else Path(MESHES) / name
+    found, k = wanted, 2
+    while found in taken:
+        found, k = Path(MESHES) / f"{wanted.name}_{k}", k + 1
+    return found
+
+
+def _parts(mesh: Path) -> list[Path]:
+    """Return the files of materials beside a mesh that it names."""
+    if mesh.suffix.lower() != ".obj":
+        return []
+    text = mesh.read_text(encoding="utf-8", errors="replace")
+    named = [mesh.parent / name.strip() for name in re.findall(r"^mtllib[ \t]+(.+)$", text, re.M)]
+    return [file for file in named if file.parent == mesh.parent and is_file(file)]
+
+
+# ---------------------------------------------------------------- what a mechanism file says
+
+
+def robot_of(mechanism: Mechanism) -> ET.Element:
+    """Return the <robot> of a mechanism's tree.
+
+    Raises:
+        SpatialPinError: the mechanism was made without its text.
+    """
+    try:
+        return ET.fromstring(mechanism.urdf)
+    except ET.ParseError as error:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the URDF text of its tree is needed ({error}); "
+            "sp.load and sp.Mechanism.from_model make one") from error
+
+
+def content_of(mechanism: Mechanism) -> dict[str, Any]:
+    """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
+    robot = robot_of(mechanism)
+    moving = list(mechanism.model.names)[1:]
+    content: dict[str, Any] = {
+        "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
+        "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
+        "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
+        "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
+                   if (table := _joint(mechanism, joint))},
+        "closures": [_closure(c) for c in mechanism.closures],
+        "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
+        "springs": [_spring(s) for s in mechanism.springs],
+        "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
+        "frames": {f.name: {"link": f.link, "xyz": list(f.xyz), "rpy": list(f.rpy)}
+                   for f in mechanism.frames.values()},
+        "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
+    }
+    joints = dict(zip(moving, mechanism.pairs, strict=True))
+    unsaid = drivers_of_tree(joints, mechanism.closures)
+    is_said = list(unsaid.values()) != list(mechanism.drivers.values())
+    return {key: value for key, value in content.items()
+            if (is_said if key == "drivers" else value)}
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value, dtype=float).tolist()
+
+
+def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
+    """Return what a mechanism file says of a joint that its URDF element does not."""
+    name, kind = element.get("name", ""), element.get("type", "")
+    if not mechanism.model.existJointName(name):
+        return {} if kind == "fixed" else {"type": "fixed"}
+    i = int(mechanism.model.getJointId(name))
+    stated = PAIR_OF_URDF_TYPE.get(kind, kind)
+    refined = mechanism.pairs[i - 1] != stated or _turned(mechanism, i, element)
+    return {**(_pair(mechanism, i) if refined else {}), **_limits(mechanism, i, element),
+            **_resistances(mechanism, i, element.find("dynamics"))}
+
+
+def _turned(mechanism: Mechanism, i: int, element: ET.Element) -> bool:
+    """Whether the axis of tree joint i is not that of its URDF element."""
+    pair = PAIRS[mechanism.pairs[i - 1]]
+    stated, _ = joint_axes(pair, element, None, mechanism.name)
+    return pair.uses_axis and not np.allclose(
+        tree_axes(mechanism, i)[0], stated, rtol=0.0, atol=4.0 * EPS)
+
+
+def _pair(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    pair = PAIRS[mechanism.pairs[i - 1]]
+    axis, axis2, lead = tree_axes(mechanism, i)
+    table: dict[str, Any] = {"type": mechanism.pairs[i - 1]}
+    table.update({"axis": axis.tolist()} if pair.uses_axis else {})
+    table.update({"axis2": axis2.tolist()} if pair.uses_axis2 else {})
+    table.update({"lead": lead} if pair.uses_lead else {})
+    return table
+
+
+def _limits(mechanism: Mechanism, i: int, element: ET.Element) -> dict[str, Any]:
+    """Return the limits of tree joint i that its URDF element does not state."""
+    model, table = mechanism.model, {}
+    stated = dict(zip(("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit",
+                       "upperVelocityLimit", "lowerPositionLimit", "upperPositionLimit"),
+                      stated_limits(element, model.nqs[i], model.nvs[i]), strict=False))
+    for key, arrays in LIMITS.items():
+        own = own_entries(model, i, next(iter(arrays)))
+        values = getattr(model, next(iter(arrays)))[own]
+        for array, factor in arrays.items():
+            if not np.array_equal(getattr(model, array)[own], stated[array]):
+                table[key] = _short(values)
+            stated[array] = factor * values if key in table else stated[array]
+    return table
+
+
+def _short(values: Array) -> Any:
+    return float(values[0]) if np.all(values == values[0]) else values.tolist()
+
+
+def _resistances(
+    mechanism: Mechanism, i: int, dynamics: ET.Element | None
+) -> dict[str, list[float]]:
+    """Return what resists, or adds inertia, at tree joint i, where the URDF says otherwise."""
+    model, given = mechanism.model, {} if dynamics is None else dynamics.attrib
+    own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+    values = {"damping": model.damping, "friction": model.upperDryFrictionLimit,
+              "armature": model.armature}
+    table = {key: x[own].tolist() for key, x in values.items()
+             if np.any(x[own] != float(given.get(key, 0.0)))}
+    slip = Resistance(mechanism).slip_speed[own]
+    if mechanism.slip_speeds.size and not np.all(np.isnan(mechanism.slip_speeds[own])):
+        table["slip_speed"] = slip.tolist()
+    return table
+
+
+def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:
+    """Return axis and second axis (3,), each zero where there is none, and lead of tree joint i."""
+    joint, none = mechanism.model.joints[i].extract(), np.zeros(3)
+    kind = mechanism.pairs[i - 1]
+    if kind == "universal":
+        return joint.axis1.copy(), joint.axis2.copy(), 0.0
+    if kind in ("spherical", "floating"):
+        return none, none, 0.0
+    if kind in ("cylindrical", "planar"):  # their turn, about the pair's axis
+        joint = joint.joints[0 if kind == "cylindrical" else 2].extract()
+    return joint_axis(joint), none, 2.0 * np.pi * joint.pitch if kind == "screw" else 0.0
+
+
+def _closure(closure: Closure) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": closure.name, "type": closure.type}
+    table.update({"source": closure.source} if closure.source else {})
+    if closure.type == COUPLING:
+        return {**table, "joints": list(closure.joints), "ratio": closure.ratio,
+                "offset": closure.offset}
+    pair, geometry = closure.pair, closure.geometry
+    assert geometry is not None
+    table["frames"] = list(closure.frames)
+    table.update({"axis": geometry.axes1[:, 2].tolist()} if pair.uses_axis else {})
+    table.update({"axis2": geometry.axes2[:, 2].tolist()} if pair.uses_axis2 else {})
+    if pair.uses_length:
+        table.update({"length_between": list(closure.between)} if closure.between else
+                     {"length": geometry.length})
+    table.update({"lead": geometry.lead} if pair.uses_lead else {})
+    table.update({} if closure.equations is None else {"equations": list(closure.equations)})
+    return table
+
+
+def _spring(spring: Spring) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": spring.name, "stiffness": spring.stiffness,
+                             "damping": spring.damping}
+    if spring.joint is not None:
+        free = "free_length" if spring.free_length else "free_angle"
+        return {**table, "joint": spring.joint, free: spring.free}
+    return {**table, "frames": list(spring.frames), "free_length": spring.free_length}

@@ -1,0 +1,1 @@
+"""Meshes: read in a process of its own."""

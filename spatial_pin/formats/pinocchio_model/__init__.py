@@ -1,0 +1,1 @@
+"""Mechanisms made in code: a Pinocchio model and closures between its frames."""

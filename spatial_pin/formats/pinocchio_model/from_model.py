@@ -1,0 +1,314 @@
+"""Mechanisms made in code: a Pinocchio model and closures between its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from spatial_pin.checks import finite_array
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.pinocchio_model.joints import own_configuration, pair_tree
+from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, fresh, urdf_of
+from spatial_pin.mechanism.closures import FramePlace, of_native
+from spatial_pin.mechanism.coordinates import check_guess, joint_vector
+from spatial_pin.mechanism.inertia import remainder
+from spatial_pin.mechanism.mechanism import (
+    Closure,
+    Driver,
+    Mechanism,
+    Passive,
+    Spring,
+    check_mechanism,
+    drivers_of_tree,
+)
+from spatial_pin.mechanism.named_frames import Frame, add_frames, frames_by_name
+
+GROUND = "world"  # the link that stands for the world
+UNIVERSE = "universe"  # what Pinocchio calls it
+WHERE = "from_model"
+
+
+def mechanism_of(
+    given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str] | None,
+    springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any] | ArrayLike,
+    frames: Mapping[str, tuple[str, pin.SE3]], name: str | None,
+    visual: pin.GeometryModel | None, collision: pin.GeometryModel | None,
+) -> Mechanism:
+    """Return the mechanism of a model; see `Mechanism.from_model`."""
+    if not isinstance(given, pin.Model):
+        raise TypeError(f"a pin.Model is needed, not {type(given).__name__}")
+    title = _text(given.name if name is None else name) or "mechanism"
+    where = f"{WHERE} {title!r}"
+    tree = pair_tree(given, where)
+    bodies = _Completed(tree.model).bodies()
+    names = _Names(tree.model, bodies, where)
+    names.keep_frames()
+    for key, place in _mapping(frames, "frames").items():
+        names.add(key, place)
+    closed = names.closures([*_several(closures, "closures"), *tree.mimics])
+    sprung = [replace(s, frames=names.named(s.frames, s.name))
+              for s in _all(springs, Spring, "springs")]
+    resolved = [replace(p, axis=names.named(p.axis, p.name))
+                for p in _all(passives, Passive, "passives")]
+    names.put()
+    pairs = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
+    driven = drivers_of_tree(pairs, closed) if drivers is None else _drivers(drivers)
+    made = Mechanism(
+        name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
+        collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
+        closures=closed, drivers=driven, springs=tuple(sprung),
+        passives=tuple(resolved), inertias=_inertias(tree.model, bodies), frames=names.frames)
+    made.characteristic_length  # noqa: B018 - refused here where it is no number
+    check_mechanism(made, where)
+    made = made.with_fields(guess=_guess(given, made, guess), urdf=urdf_of(made, bodies))
+    check_guess(made, where)
+    return made
+
+
+def _guess(
+    given: pin.Model, made: Mechanism, guess: Mapping[str, Any] | ArrayLike
+) -> dict[str, Any]:
+    """Return a guess by joint; it may be a configuration of the model."""
+    if isinstance(guess, Mapping):
+        return dict(guess)
+    q = own_configuration(given, made.model, finite_array(guess, (given.nq,), "guess"))
+    vectors = {name: joint_vector(made, q, name) for name in list(made.model.names)[1:]}
+    return {name: float(x[0]) if len(x) == 1 else x.tolist() for name, x in vectors.items()}
+
+
+def _text(name: Any) -> str:
+    if not isinstance(name, str) or not name.isprintable():
+        raise TypeError(f"name is text that can be read, not {name!r}")
+    return name
+
+
+def _mapping(value: Any, what: str) -> Mapping[str, Any]:
+    if value is not None and not isinstance(value, Mapping):
+        raise TypeError(f"{what} is a dict by name, not {type(value).__name__}")
+    return value or {}
+
+
+def _several(values: Any, what: str) -> list[Any]:
+    if values is None:
+        return []
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"{what} is a list, not {str(values)[:40]!r}")
+    return list(values)
+
+
+def _all(values: Any, kind: type, what: str) -> list[Any]:
+    found = _several(values, what)
+    for value in found:
+        if not isinstance(value, kind):
+            raise TypeError(f"{what} is a list of sp.{kind.__name__}, not of "
+                            f"{type(value).__name__}")
+    return found
+
+
+def _drivers(given: Any) -> dict[str, Driver]:
+    if not isinstance(given, Mapping):
+        given = {joint: joint for joint in _several(given, "drivers")}
+    for name, joint in given.items():
+        if not (isinstance(name, str) and isinstance(joint, str)):
+            raise TypeError(f"drivers is a dict of joints by name, or a list of joints, not of "
+                            f"{name!r}: {joint!r}")
+    return {name: Driver(name, joint) for name, joint in given.items()}
+
+
+def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin.GeometryModel:
+    if given is None:
+        return pin.GeometryModel()
+    if not isinstance(given, pin.GeometryModel):
+        raise TypeError(f"{what} is a pin.GeometryModel, not {type(given).__name__}")
+    for shape in given.geometryObjects:
+        if shape.parentJoint >= model.njoints:
+            raise SpatialPinError(f"{what}: {shape.name!r} is on joint {shape.parentJoint}, which "
+                                  "the model does not have")
+    return given.copy()
+
+
+# ---------------------------------------------------------------- links
+
+
+class _Completed:
+    """A model in which every joint has its frame and a link, and every other link a fixed joint."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.names = model, list(model.names)
+        frames = list(model.frames)
+        self.taken = {f.name for f in frames} | set(self.names)
+        self.taken_by_others = {f.name for f in frames if f.type != pin.FrameType.JOINT}
+        self.joint_frames = {f.name: k for k, f in enumerate(frames)
+                             if f.type == pin.FrameType.JOINT}
+        self.links: list[list[int]] = [[] for _ in self.names]
+        for k, frame in enumerate(frames):
+            if frame.type == pin.FrameType.BODY:
+                self.links[frame.parentJoint].append(k)
+        self.mounts: dict[str, str] = {}
+        self.used: set[int] = {0}
+
+    def bodies(self) -> Bodies:
+        """Put in what is missing, and return what there is."""
+        return Bodies(tuple(self._main(i) for i in range(len(self.names))), self.mounts)
+
+    def _add(self, name: str, joint: int, above: int, placement: pin.SE3,
+             kind: pin.FrameType) -> int:
+        return int(self.model.addFrame(pin.Frame(name, joint, above, placement, kind), False))
+
+    def _main(self, i: int) -> str:
+        """Return the link whose axes are those of joint i."""
+        here = pin.SE3.Identity()
+        above = self.joint_frames.get(self.names[i]) if i else 0
+        if above is None:
+            above = self._add(self.names[i], i, 0, here, pin.FrameType.JOINT)
+        main = next((k for k in self.links[i] if _is_identity(self.model.frames[k].placement)),
+                    None)
+        if main is None:
+            main = self._add(self._link_name(i), i, above, here, pin.FrameType.BODY)
+        for k in self.links[i]:
+            if k != main:
+                mount = self._mount(k)
+                self.mounts[self.model.frames[k].name] = self.model.frames[mount].name
+        return str(self.model.frames[main].name)
+
+    def _link_name(self, i: int) -> str:
+        """Return a name for the link that a joint moves: that of the joint, if no frame has it."""
+        if i and self.names[i] not in self.taken_by_others:
+            return str(self.names[i])
+        return fresh(f"{self.names[i]}_link" if i else GROUND, self.taken)
+
+    def _mount(self, link: int) -> int:
+        """Return the frame of the fixed joint that carries a link."""
+        frame = self.model.frames[link]
+        above = self.model.frames[frame.parentFrame]
+        if frame.parentFrame in self.used or above.type != pin.FrameType.FIXED_JOINT \
+                or above.parentJoint != frame.parentJoint or above.name in self.joint_frames \
+                or above.placement != frame.placement:
+            return self._add(fresh(f"{frame.name}_mount", self.taken), frame.parentJoint, 0,
+                             frame.placement, pin.FrameType.FIXED_JOINT)
+        self.used.add(frame.parentFrame)
+        return int(frame.parentFrame)
+
+
+def _is_identity(placement: pin.SE3) -> bool:
+    return bool(np.array_equal(placement.homogeneous, np.eye(4)))
+
+
+def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:
+    """Return the own inertia of every link that has one.
+
+    Frames keep the inertia that they were added with; what a joint carries beyond that, as after
+    `appendBodyToJoint`, belongs to its first link. What a joint carries is what counts.
+    """
+    links: list[list[pin.Frame]] = [[] for _ in range(model.njoints)]
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            links[frame.parentJoint].append(frame)
+    found = {}
+    for total, own in zip(model.inertias, links, strict=True):
+        first = own[0]
+        parts = {f.name: f.inertia for f in own if f.inertia.mass or np.any(f.inertia.inertia)}
+        placed = [f.placement.act(parts[f.name]) for f in own if f.name in parts]
+        rest = remainder(total, placed)
+        if rest is None:
+            parts, rest = {}, total
+        if rest.mass or np.any(rest.inertia):
+            mine = first.placement.actInv(rest) if not _is_identity(first.placement) else rest
+            parts[first.name] = parts[first.name] + mine if first.name in parts else mine
+        found.update({k: pin.Inertia(x) for k, x in parts.items()})
+    return found
+
+
+# ---------------------------------------------------------------- frames and closures
+
+
+class _Names:
+    """Gives names to frames that are given by a placement, and to closures that have none."""
+
+    def __init__(self, model: pin.Model, bodies: Bodies, where: str) -> None:
+        self.model, self.bodies, self.where = model, bodies, where
+        self.taken = {f.name for f in model.frames} | set(model.names)
+        self.frames: dict[str, Frame] = {}
+        self.new: dict[str, Frame] = {}
+
+    def keep_frames(self) -> None:
+        """List the frames of the model that are neither links nor joints.
+
+        Raises:
+            SpatialPinError: one has the name of another that stands elsewhere.
+        """
+        known = frames_by_name(self.model)
+        own = {*self.bodies.mains, *self.bodies.mounts.values(), *self.model.names}
+        for k, frame in enumerate(self.model.frames):
+            is_part = k == 0 or frame.type == pin.FrameType.BODY or frame.name in own
+            other = self.model.frames[known[frame.name]] if k else frame
+            if (other.parentJoint, other.placement) != (frame.parentJoint, frame.placement) \
+                    and frame.type not in (pin.FrameType.BODY, pin.FrameType.JOINT):
+                raise SpatialPinError(f"{self.where}: two frames are named {frame.name!r} and "
+                                      "stand in different places; rename one")
+            if not is_part:
+                self.frames[frame.name] = _frame(
+                    frame.name, self.bodies.mains[frame.parentJoint], frame.placement)
+
+    def add(self, name: str, place: Any) -> None:
+        """Add a frame that is asked for by name."""
+        is_place = isinstance(place, tuple | list) and len(place) == 2
+        link, placement = place if is_place else (place, pin.SE3.Identity())
+        if not (isinstance(name, str) and isinstance(link, str)
+                and isinstance(placement, pin.SE3)):
+            raise TypeError(f"frames: {name!r} is given as (link or joint, pin.SE3), not "
+                            f"{str(place)[:60]!r}")
+        self.new[name] = _frame(name, self.link(link), placement)
+        self.taken.add(name)
+
+    def link(self, name: str) -> str:
+        """Return the name of a link or joint; the universe's is that of the root link."""
+        return self.bodies.mains[0] if name == UNIVERSE else name
+
+    def named(self, places: Iterable[FramePlace], owner: str) -> tuple[str, ...]:
+        """Return the names of frames; those that have none are called after their owner."""
+        names = []
+        for k, place in enumerate(places, 1):
+            on, placement = (place, None) if isinstance(place, str) else place
+            names.append(self.link(on))
+            if placement is not None and not _is_identity(placement):
+                names[-1] = fresh(f"{owner}_{k}", self.taken)
+                self.new[names[-1]] = _frame(names[-1], self.link(on), placement)
+        return tuple(names)
+
+    def closures(self, given: Iterable[Any]) -> tuple[Closure, ...]:
+        """Return closures between frames that have names, each with a name of its own.
+
+        Raises:
+            ClosureTypeError: one is a constraint that holds no two bodies together.
+        """
+        taken, found = set(self.model.names), []
+        for one in given:
+            closure = one if isinstance(one, Closure) else of_native(one, self.bodies.mains)
+            name = fresh(closure.name or closure.type, taken)
+            ends = self.named(closure.frames, name)
+            between = self.named(closure.between, f"{name}_between")
+            found.append(replace(closure, name=name, frames=ends, between=between))
+        return tuple(found)
+
+    def put(self) -> None:
+        """Put the new frames into the model.
+
+        Raises:
+            MechanismFileError: a name is taken, or not there.
+        """
+        add_frames(self.model, self.new, self.where)
+        self.frames.update(self.new)
+
+
+def _frame(name: str, link: str, placement: pin.SE3) -> Frame:
+    if not np.all(np.isfinite(placement.homogeneous)):
+        raise ValueError(f"frame {name!r}: its placement has a value that is NaN or infinite")
+    x, y, z = (placement.translation + 0.0).tolist()  # no -0.0
+    roll, pitch, yaw = (pin.rpy.matrixToRpy(placement.rotation) + 0.0).tolist()
+    return Frame(name, link, (x, y, z), (roll, pitch, yaw))

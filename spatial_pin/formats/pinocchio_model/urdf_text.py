@@ -1,0 +1,138 @@
+"""The URDF text of a mechanism that was made in code.
+
+Every joint hangs on the link of its parent joint, and every other link on the link of its joint,
+so that all numbers but angles of rotation stand in the text as they are in the model.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import warn
+from spatial_pin.formats.pinocchio_model.joints import joint_axis
+from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.urdf.elements import (
+    finite_text,
+    inertial,
+    joint_element,
+    numbers_text,
+    origin,
+)
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """The links of a tree.
+
+    Attributes:
+        mains: by joint, the link whose axes are the joint's; of the universe the root.
+        mounts: by link, the fixed joint that carries it; of all other links.
+    """
+
+    mains: tuple[str, ...]
+    mounts: Mapping[str, str]
+
+
+def fresh(wanted: str, taken: set[str]) -> str:
+    """Return a name that is not taken, and take it."""
+    name, k = wanted, 2
+    while name in taken:
+        name, k = f"{wanted}_{k}", k + 1
+    taken.add(name)
+    return name
+
+
+def urdf_of(mechanism: Mechanism, bodies: Bodies) -> str:
+    """Return the open tree as URDF text.
+
+    Shapes that URDF does not have are left out, and a warning says so.
+    """
+    model = mechanism.model
+    robot = ET.Element("robot", name=mechanism.name)
+    links = {name: ET.SubElement(robot, "link", name=name) for name in mechanism.links}
+    for name, inertia in mechanism.inertias.items():
+        links[name].append(inertial(inertia))
+    for kind, shapes in (("visual", mechanism.visual_model),
+                         ("collision", mechanism.collision_model)):
+        for shape in shapes.geometryObjects:
+            _add_shape(mechanism, bodies, links, kind, shape)
+    for i in range(1, model.njoints):
+        _add_joint(mechanism, bodies, robot, i)
+    for link, mount in bodies.mounts.items():
+        joint, placement = mechanism.frame_on_joint(link)
+        joint_element(robot, mount, "fixed", bodies.mains[joint], link, placement)
+    ET.indent(robot)
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _add_joint(mechanism: Mechanism, bodies: Bodies, robot: ET.Element, i: int) -> None:
+    model, pair = mechanism.model, mechanism.pairs[i - 1]
+    q, v = model.idx_qs[i], model.idx_vs[i]
+    low, high = float(model.lowerPositionLimit[q]), float(model.upperPositionLimit[q])
+    kind = pair if pair in ("revolute", "prismatic") else "floating"
+    if pair == "revolute" and np.isinf([low, high]).all():
+        kind = "continuous"
+    element = joint_element(robot, model.names[i], kind, bodies.mains[model.parents[i]],
+                            bodies.mains[i], model.jointPlacements[i])
+    if PAIRS[pair].freedom != 1:
+        return
+    if kind != "floating":
+        joint = model.joints[i].extract()
+        ET.SubElement(element, "axis", xyz=numbers_text(joint_axis(joint)))
+    bounds = {} if kind == "continuous" else {"lower": low, "upper": high}
+    bounds |= {"effort": model.upperEffortLimit[v], "velocity": model.upperVelocityLimit[v]}
+    if kind != "continuous" or np.isfinite(list(bounds.values())).any():
+        ET.SubElement(element, "limit", {key: finite_text(x) for key, x in bounds.items()})
+    resisting = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v]}
+    if any(resisting.values()):
+        ET.SubElement(element, "dynamics", {k: repr(float(x)) for k, x in resisting.items()})
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def _add_shape(
+    mechanism: Mechanism, bodies: Bodies, links: Mapping[str, ET.Element], kind: str, shape: Any
+) -> None:
+    solid = _solid(shape)
+    if solid is None:
+        warn(f"mechanism {mechanism.name!r}: {kind} {shape.name!r} is a "
+             f"{type(shape.geometry).__name__} without a file, which URDF does not have: "
+             "it is drawn, but `save` leaves it out")
+        return
+    model, link = mechanism.model, bodies.mains[shape.parentJoint]
+    frame = model.frames[shape.parentFrame] if shape.parentFrame < model.nframes else None
+    if frame is not None and frame.type == pin.FrameType.BODY \
+            and frame.parentJoint == shape.parentJoint:
+        link = frame.name
+    element = ET.SubElement(links[link], kind)
+    element.append(origin(mechanism.frame_on_joint(link)[1].actInv(shape.placement)))
+    ET.SubElement(element, "geometry").append(solid)
+    if kind == "visual":
+        material = ET.SubElement(element, "material", name=f"{shape.name}_colour")
+        ET.SubElement(material, "color", rgba=numbers_text(np.clip(shape.meshColor, 0.0, 1.0)))
+
+
+def _solid(shape: Any) -> ET.Element | None:
+    """Return a shape as URDF has it, None where it does not."""
+    geometry, kind = shape.geometry, type(shape.geometry).__name__
+    if kind == "Box":
+        return ET.Element("box", size=numbers_text(2.0 * geometry.halfSide))
+    if kind == "Sphere":
+        return ET.Element("sphere", radius=repr(float(geometry.radius)))
+    if kind in ("Cylinder", "Capsule"):
+        return ET.Element(kind.lower(), radius=repr(float(geometry.radius)),
+                          length=repr(2.0 * float(geometry.halfLength)))
+    if shape.meshPath and is_file(Path(shape.meshPath)):
+        return ET.Element("mesh", filename=str(Path(shape.meshPath).resolve()),
+                          scale=numbers_text(shape.meshScale))
+    return None

@@ -1,0 +1,47 @@
+"""URDF and xacro: an open tree, and the loops that dialects state inside it or beside it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.dialects import Reading, read_dialects
+from spatial_pin.formats.dialects.beside import gepetto
+from spatial_pin.formats.imported import Imported, Importer, Request
+from spatial_pin.formats.sources import read_text
+from spatial_pin.formats.xacro.expansion import ROOT, expand, parse_urdf
+
+
+def is_urdf(path: Path) -> bool:
+    """Return whether a file is one: its name says so, or the name of its root element."""
+    if path.suffix.lower() != ".xml":
+        return True
+    try:
+        root = ROOT.match(read_text(path))
+    except MechanismFileError:  # in an encoding that other formats may know
+        return False
+    return root is not None and root[0].endswith("<robot")
+
+
+def read_urdf(request: Request, beside: Path | None = None) -> Imported:
+    """Read a URDF or xacro file.
+
+    Args:
+        request: the file.
+        beside: the file that states its loops, if that is known; else it is looked for.
+
+    Raises:
+        MechanismFileError: it cannot be read, or joins links in a way that is not known.
+    """
+    text = expand(request.path, request.parameters, request.trusted, request.packages)
+    reading = Reading(parse_urdf(text, request.path), request.path)
+    before = ET.tostring(reading.robot, encoding="unicode")
+    read_dialects(reading, beside)
+    if request.alone and not reading.content.get("closures"):
+        gepetto.tell_unstated(reading)
+    after = ET.tostring(reading.robot, encoding="unicode")
+    return Imported(text if after == before else after, reading.content, tuple(reading.notices))
+
+
+IMPORTER = Importer("URDF or xacro", (".urdf", ".xacro", ".xml"), is_urdf, read_urdf)

@@ -1,0 +1,1 @@
+"""xacro, which is parametric URDF: expanded without trusting it."""

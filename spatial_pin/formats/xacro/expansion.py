@@ -1,0 +1,568 @@
+"""xacro files: parametric URDF, expanded without trusting it.
+
+The package `xacro` does the expanding, with three parts of it replaced: expressions are worked out
+by `expressions`, not by Python; files are read only from the file's own folder and from packages
+(unless the file is trusted); and what is made is paid for from one budget. It keeps its state in
+globals of its module, so every expansion has a copy of that module of its own: threads do not
+meet, nothing is left behind, and whoever else uses xacro in the process has it as it was.
+"""
+
+from __future__ import annotations
+
+import glob
+import importlib
+import importlib.util
+import math
+import os
+import re
+import threading
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NoReturn
+from xml.dom import minidom
+from xml.parsers.expat import ExpatError, errors
+
+import numpy as np
+
+from spatial_pin.errors import MechanismFileError, suggestion, warn
+from spatial_pin.formats.sources import (
+    NO_PACKAGES,
+    check_file,
+    is_file,
+    is_installed,
+    package_folders,
+    read_text,
+    shown,
+)
+from spatial_pin.formats.xacro.expressions import (
+    GLOBALS,
+    SHARE,
+    Budget,
+    Library,
+    Offered,
+    RefusedError,
+    evaluate,
+    measure,
+)
+
+EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
+MACRO = 50  # steps of calling a macro
+PLACE = 40  # steps of putting one thing in the place of another
+SIBLINGS = 500  # elements among which one is found in the time of one step
+DEEPEST = 100  # elements within one another; URDF readers take 100 or 500 and then print
+REMEDY = "sp.load(..., trusted=True) reads it all the same"
+UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
+_PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
+_DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
+ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
+_IMPORTING = threading.Lock()
+if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
+    os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
+                        after_in_child=_IMPORTING.release)
+
+
+def expand(
+    path: Path, parameters: Mapping[str, float], trusted: bool = False,
+    packages: Mapping[str, Path] = NO_PACKAGES,
+) -> str:
+    """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in.
+
+    Raises:
+        MechanismFileError: it cannot be read or expanded, or asks for what is refused.
+        TypeError: a parameter is neither a number nor a text.
+        ValueError: a parameter is NaN or infinite.
+    """
+    check_file(path)
+    if path.suffix != ".xacro":
+        if parameters:
+            raise MechanismFileError(
+                f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
+            )
+        return read_text(path)
+    mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
+    expansion = Expansion(path, trusted, packages)
+    return expansion.guarded(lambda xacro: xacro.process_file(str(path), mappings=mappings).toxml())
+
+
+def _checked_parameters(
+    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
+) -> dict[str, str]:
+    valid = xacro_arguments(path, trusted, packages)
+    for name, value in parameters.items():
+        if name not in valid:
+            raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
+        if not isinstance(value, str):
+            _check_number(name, value)
+    return {name: _xacro_text(value) for name, value in parameters.items()}
+
+
+def _check_number(name: str, value: object) -> None:
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except OverflowError:
+        raise ValueError(f"parameter {name!r} is too large; a finite number is needed") from None
+    except (TypeError, ValueError):
+        raise TypeError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, or "
+                        "a text") from None
+    if not math.isfinite(number):
+        raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
+
+
+def _xacro_text(value: object) -> str:
+    if isinstance(value, str | bool | np.bool_):
+        return str(value)
+    return repr(float(value))  # type: ignore[arg-type]
+
+
+def xacro_arguments(
+    path: Path, trusted: bool = False, packages: Mapping[str, Path] = NO_PACKAGES
+) -> dict[str, str]:
+    """Return names and defaults of the arguments that a xacro file and its includes declare."""
+    arguments: dict[str, str] = {}
+    expansion = Expansion(path, trusted, packages)
+    files, seen = [path], set()
+    while files:
+        file = files.pop()
+        if file in seen:
+            continue
+        seen.add(file)
+        for element in parse_xml(read_text(file), file).iter():
+            namespace, _, tag = str(element.tag).rpartition("}")
+            if "xacro" in namespace and tag == "arg":
+                arguments.setdefault(element.get("name", ""), element.get("default", ""))
+            elif "xacro" in namespace and tag == "include":
+                files += expansion.included(element.get("filename", ""), file)
+    return arguments
+
+
+def dimensions(
+    path: Path, parameters: Mapping[str, float], trusted: bool = False,
+    packages: Mapping[str, Path] = NO_PACKAGES,
+) -> dict[str, float]:
+    """Return the value of every xacro argument that is a number, given or by default."""
+    arguments = xacro_arguments(path, trusted, packages) if path.suffix == ".xacro" else {}
+    texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
+    if not all(_is_number(text) for text in texts.values()):
+        texts = _evaluated(texts, path, trusted, packages)
+    return {name: float(text) for name, text in texts.items() if _is_number(text)}
+
+
+def _is_number(value: str | float) -> bool:
+    try:
+        return math.isfinite(float(value))
+    except (ValueError, OverflowError):
+        return False
+
+
+def _evaluated(
+    texts: Mapping[str, str], path: Path, trusted: bool, packages: Mapping[str, Path]
+) -> dict[str, str]:
+    """Evaluate `${...}` in defaults as xacro does in a file."""
+    document = minidom.parseString(EMPTY)
+    root = document.documentElement
+    assert root is not None
+    for name, text in texts.items():
+        holder = document.createElement("dimension")
+        holder.setAttribute("name", name)
+        holder.setAttribute("value", text)
+        root.appendChild(holder)
+
+    def process(xacro: Any) -> None:
+        xacro.init_stacks(str(path))
+        xacro.process_doc(document)
+
+    Expansion(path, trusted, packages).guarded(process)
+    found = document.getElementsByTagName("dimension")
+    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
+
+
+def parse_xml(text: str, path: Path) -> ET.Element:
+    """Return the root element of XML text.
+
+    Raises:
+        MechanismFileError: it is not well-formed, or too deep; `path` is where it comes from.
+    """
+    try:
+        root = _parsed(text)
+    except (ET.ParseError, ValueError) as error:
+        raise MechanismFileError(f"{shown(path)}: not well-formed XML: {error}") from error
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > DEEPEST:
+            raise MechanismFileError(
+                f"{shown(path)}: more than {DEEPEST} elements within one another; URDF has ten")
+    return root
+
+
+def parse_urdf(text: str, path: Path) -> ET.Element:
+    """Return the root element of URDF text; a namespace of all of URDF is left out of its names.
+
+    Raises:
+        MechanismFileError: as `parse_xml`.
+    """
+    robot = parse_xml(text.lstrip(), path)
+    if robot.tag.endswith("}robot"):
+        namespace = robot.tag.removesuffix("robot")
+        for element in robot.iter():
+            element.tag = element.tag.removeprefix(namespace)
+    return robot
+
+
+def _parsed(text: str) -> ET.Element:
+    """Return the root element; prefixes that nobody declares, as in many URDFs, are their names."""
+    try:
+        return ET.fromstring(text)
+    except ET.ParseError as error:
+        root = ROOT.match(text)
+        if error.code != UNBOUND or root is None:
+            raise
+        declared = {"xml", "xmlns", *_DECLARED.findall(text)}
+        unbound = dict.fromkeys(p for p in _PREFIX.findall(text) if p not in declared)
+        names = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in unbound)
+        return ET.fromstring(text[:root.end()] + names + text[root.end():])
+
+
+# ---------------------------------------------------------------- one expansion
+
+_TOKEN = re.compile(
+    r"\$\$+(?=[{(])"          # dollars before a bracket: one less, and what follows is text
+    r"|\$\{(?P<value>[^}]*)\}"
+    r"|\$\((?P<command>[^)]*)\)"
+    r"|[^$]+|\$(?![{(])")
+
+
+@lru_cache(maxsize=4096)
+def _tokens(text: str) -> tuple[tuple[str, str], ...]:
+    """Return the parts of a text, each with what it is: "text", "value" or "command"."""
+    parts, at = [], 0
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise RefusedError(f"a bracket is not closed: {text[at:at + 60]}")
+        at, token = match.end(), match[0]
+        if token.startswith("$$") and text[at:at + 1] in ("{", "("):
+            parts.append(("text", token[1:] + text[at]))
+            at += 1
+        elif match.lastgroup:
+            parts.append((match.lastgroup, match[match.lastgroup]))
+        else:
+            parts.append(("text", token))
+    return tuple(parts)
+
+
+# xacro's own pattern of a macro's parameter, but without its exponential number of ways to match
+_PARAMETER = re.compile(
+    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
+    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
+
+
+class Expansion:
+    """One run of xacro over a file and what it includes."""
+
+    def __init__(self, path: Path, trusted: bool, packages: Mapping[str, Path]) -> None:
+        self.path, self.trusted, self.packages = path, trusted, packages
+        self.home = path.parent.resolve()
+        self.budget = Budget()
+        self.xacro: Any = None
+
+    def guarded(self, run: Callable[[Any], Any]) -> Any:
+        """Return what `run` makes of the module xacro.
+
+        Raises:
+            MechanismFileError: whatever goes wrong in it, with the file.
+        """
+        self.xacro = _own_xacro(self)
+        try:
+            return run(self.xacro)
+        except MechanismFileError:
+            raise
+        except Exception as error:  # xacro raises a family of its own, and Python's of its own
+            reason = " ".join(str(error).split())[:1000]
+            if isinstance(error, RecursionError):
+                reason = "macros, includes or elements call each other without end, or too deep"
+            raise MechanismFileError(
+                f"{shown(self.file)}: xacro cannot expand it: {reason}") from error
+
+    @property
+    def file(self) -> str:
+        """The file that is being read."""
+        stack = self.xacro.filestack if self.xacro is not None else None
+        return str(stack[-1]) if stack else str(self.path)
+
+    def fail(self, what: str, error: Exception) -> NoReturn:
+        """Raise the error of one piece of text."""
+        text = what if len(what) <= 120 else f"{what[:110]}..."
+        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        raise MechanismFileError(
+            f"{shown(self.file)}: {' '.join(text.split())}: {reason}") from error
+
+    # ------------------------------------------------------------ texts
+
+    def eval_text(self, text: str, symbols: Any) -> Any:
+        """Return a text with its `${...}` and `$(...)` put in; the value itself of one alone."""
+        if "$" not in text:
+            self.budget.spend(1)
+            return text
+        try:
+            tokens = _tokens(text)
+        except RefusedError as error:
+            self.fail(text, error)
+        parts = [part if kind == "text" else self.worked_out(kind, part, symbols)
+                 for kind, part in tokens]
+        if len(parts) == 1:
+            measure(parts[0], self.budget)
+            return parts[0]
+        joined = "".join(part if isinstance(part, str) else self.text_of(part) for part in parts)
+        self.budget.spend(1 + len(joined) // SHARE)
+        return joined
+
+    def text_of(self, value: Any) -> str:
+        """Return a value as it is written into a longer text."""
+        measure(value, self.budget)
+        return str(value)
+
+    def worked_out(self, kind: str, part: str, symbols: Any) -> Any:
+        """Return the value of the inside of one `${...}` ("value") or `$(...)` ("command")."""
+        written = f"${{{part}}}" if kind == "value" else f"$({part})"
+        if "$" in part:
+            part = str(self.eval_text(part, symbols))
+        try:
+            if kind == "value":
+                return evaluate(part, symbols, self.budget)
+            return self.command(part)
+        except (MechanismFileError, RecursionError):
+            raise
+        except Exception as error:
+            self.fail(written, error)
+
+    def command(self, text: str) -> Any:
+        """Return the value of `$(arg name)`, `$(find package)` and their like."""
+        words = text.split()
+        name, rest = (words[0], words[1:]) if words else ("", [])
+        if name == "eval":
+            names = {**GLOBALS, **{k: self.literal(v) for k, v in self.arguments.items()}}
+            return str(evaluate(text.split(None, 1)[1] if rest else "", names, self.budget))
+        if name not in COMMANDS:
+            raise RefusedError(f"there is no such command; {suggestion(name, COMMANDS)}")
+        least, most, run = COMMANDS[name]
+        if not least <= len(rest) <= most:
+            raise RefusedError(f"{name} takes {least or 'no'} word{'s' if least != 1 else ''}")
+        return run(self, *rest)
+
+    def literal(self, text: str) -> Any:
+        """Return the number or truth value that a text is, else the text."""
+        return self.xacro.Table._eval_literal(text)
+
+    @property
+    def arguments(self) -> dict[str, str]:
+        """Values of the xacro arguments."""
+        return self.xacro.substitution_args_context["arg"]
+
+    def argument(self, name: str) -> str:
+        """Return the value of an argument."""
+        if name not in self.arguments:
+            raise RefusedError(f"no argument {name!r}; {suggestion(name, self.arguments)}")
+        return self.arguments[name]
+
+    # ------------------------------------------------------------ files
+
+    def package(self, name: str) -> str:
+        """Return the folder of a package."""
+        folder = Path(self.file).parent.resolve()
+        found = next((p for p in package_folders(name, folder, self.packages)
+                      if os.path.isdir(p)), None)
+        if found is None:
+            raise RefusedError(f"no package {name!r}: neither round this file nor below the "
+                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
+                               f"lies: load(..., packages={{{name!r}: FOLDER}})")
+        return str(found.resolve())
+
+    def absolute(self, name: str, file: str | None = None) -> str:
+        """Return the path of a file that is named in the file being read."""
+        return os.path.join(os.path.dirname(file or self.file), str(name))
+
+    def confined(self, name: str) -> Path:
+        """Return the path of a file that may be read.
+
+        Raises:
+            MechanismFileError: it lies neither below the folder of the mechanism nor in a package.
+        """
+        try:
+            path = Path(name).resolve()
+        except (OSError, ValueError, RuntimeError) as error:
+            raise MechanismFileError(f"{shown(self.file)}: {shown(name)}: {error}") from error
+        if not (self.trusted or path.is_relative_to(self.home)
+                or any(is_installed(parent, self.packages) for parent in path.parents)):
+            raise MechanismFileError(
+                f"{shown(self.file)}: {shown(name)} lies neither below {shown(self.home)} nor in "
+                f"an installed package; {REMEDY}")
+        return path
+
+    def included(self, name: str, file: Path) -> list[Path]:
+        """Return the files of an include, those only that can be known without expanding."""
+        try:
+            for package in re.findall(r"\$\(find +([^ )]*) *\)", name):
+                name = re.sub(rf"\$\(find +{re.escape(package)} *\)", self.package(package), name)
+            if "$" in name:
+                return []
+            return [p for p in map(self.confined, self.matching(self.absolute(name, str(file))))
+                    if is_file(p)]
+        except (MechanismFileError, RefusedError):
+            return []  # for xacro to complain about, if it comes to it
+
+    def matching(self, name: str) -> list[str]:
+        """Return the files that a name with or without wildcards stands for, sorted."""
+        if not re.search(r"[*[?]", name):
+            return [name]
+        folder = os.path.dirname(re.split(r"[*[?]", name)[0])
+        self.confined(folder)
+        return sorted(glob.glob(name))
+
+    def include_files(self, name: str, symbols: Any) -> list[str]:
+        """Return the files of an include."""
+        files = self.matching(self.absolute(self.eval_text(name, symbols)))
+        if not files:
+            warn(f"{shown(self.file)}: no file matches {shown(name)}")
+        for file in files:
+            self.confined(file)
+        return files
+
+    def parse(self, _: None, name: str) -> Any:
+        """Return the document of a file."""
+        path = Path(name)
+        if not os.path.exists(path) and self.xacro.filestack[1:]:  # an include that may be missing
+            self.xacro.filestack.pop()
+            error = FileNotFoundError(2, "no such file", name)
+            raise self.xacro.XacroException(f"no such file: {shown(name)}", exc=error)
+        text = read_text(path)
+        self.budget.spend(len(text) // SHARE)
+        try:
+            return minidom.parseString(text)
+        except (ExpatError, ValueError) as error:
+            raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
+
+    def load_yaml(self, name: str) -> Any:
+        """Return what a YAML file says."""
+        from spatial_pin.formats.xacro.yaml_files import read_yaml
+
+        path = self.confined(self.absolute(name))
+        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
+        measure(found, self.budget)
+        return self.xacro.YamlListWrapper.wrap(found)
+
+    # ------------------------------------------------------------ elements
+
+    def macro(self, name: str, macros: Any, symbols: Any) -> Any:
+        """Return a macro with the names in its reach, paid for."""
+        self.budget.spend(MACRO)
+        return self.xacro.resolve_macro_of_xacro(name, macros, symbols)
+
+    def replace_node(self, node: Any, by: Any, content_only: bool = False) -> None:
+        """Put nodes, or what they hold, in the place of another, paid for.
+
+        In one go: minidom looks for the place among all siblings for every node anew.
+        """
+        parent, several = node.parentNode, by if isinstance(by, list) else [by] if by else []
+        new = [child for one in several for child in (one.childNodes if content_only else [one])]
+        stack = list(new)
+        while stack:
+            children = stack.pop().childNodes
+            self.budget.spend(1)
+            stack += children
+        siblings = parent.childNodes
+        self.budget.spend(PLACE + len(siblings) // SIBLINGS)
+        place = siblings.index(node)
+        for one in several if content_only else ():
+            one.childNodes = type(siblings)()
+        siblings[place:place + 1] = new
+        chain = [node.previousSibling, *new, node.nextSibling]
+        for before, after in pairwise(chain):
+            if before is not None:
+                before.nextSibling = after
+            if after is not None:
+                after.previousSibling = before
+        for one in new:
+            one.parentNode = parent
+        node.parentNode = node.previousSibling = node.nextSibling = None
+
+
+COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
+    "arg": (1, 1, Expansion.argument),
+    "find": (1, 1, Expansion.package),
+    "env": (1, 1, lambda expansion, name: _environment(name)),
+    "optenv": (1, 100, lambda expansion, name, *rest: os.environ.get(name, " ".join(rest))),
+    "cwd": (0, 0, lambda expansion: os.getcwd()),
+    "dirname": (0, 0, lambda expansion: os.path.abspath(os.path.dirname(expansion.file))),
+}
+
+
+def _environment(name: str) -> str:
+    if name not in os.environ:
+        raise RefusedError(f"no environment variable {name!r}; $(optenv {name} default) allows for "
+                           "that")
+    return os.environ[name]
+
+
+# ---------------------------------------------------------------- the module
+
+
+def _own_xacro(expansion: Expansion) -> ModuleType:
+    """Return a new copy of the module xacro, whose dangerous parts are those of `expansion`."""
+    with _IMPORTING:
+        importlib.import_module("xml.dom.expatbuilder")  # minidom would, outside of the lock
+        spec = importlib.util.find_spec("xacro")
+        if spec is None or spec.loader is None:
+            raise MechanismFileError(f"{expansion.path}: the package xacro is not installed")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    parts = {
+        "eval_text": expansion.eval_text, "parse": expansion.parse,
+        "get_include_files": expansion.include_files, "replace_node": expansion.replace_node,
+        "resolve_macro": expansion.macro, "load_yaml": expansion.load_yaml,
+        "re_macro_arg": _PARAMETER, "eval_extension": None, "safe_eval": None,
+        "_global_symbols": {**GLOBALS, **_functions(expansion, module)},
+    }
+    missing = [name for name in parts if not hasattr(module, name)]
+    if missing:
+        raise MechanismFileError(f"{expansion.path}: this version of xacro has no {missing[0]}, "
+                                 "without which it cannot be confined; install xacro 2.1")
+    own: Any = module
+    own.resolve_macro_of_xacro = own.resolve_macro
+    for name, part in parts.items():
+        setattr(module, name, part)
+    return module
+
+
+def _functions(expansion: Expansion, module: Any) -> dict[str, Any]:
+    """Return the functions of the namespace `xacro`, some also by themselves, as of old."""
+
+    def told(budget: Budget, *words: Any, **_: Any) -> str:
+        text = " ".join(expansion.text_of(word) for word in words)
+        warn(f"{shown(expansion.file)}: {text}")
+        return ""
+
+    def fatal(budget: Budget, *words: Any) -> None:
+        raise RefusedError(" ".join(expansion.text_of(word) for word in words))
+
+    def tokenize(budget: Budget, text: str, sep: str = ",; ", skip_empty: bool = True) -> Any:
+        measure(text, budget)
+        if re.search(r"[\\\[\]^]", sep):
+            raise RefusedError("tokenize takes plain letters to part at")
+        return module.tokenize(text, sep, skip_empty)
+
+    runs: dict[str, Callable[..., Any]] = {
+        "load_yaml": lambda budget, name: expansion.load_yaml(name),
+        "abs_filename": lambda budget, name: expansion.absolute(name),
+        "dotify": lambda budget, entries: module.YamlDictWrapper(entries),
+        "arg": lambda budget, name: expansion.argument(name),
+        "message": told, "warning": told, "error": told, "fatal": fatal, "tokenize": tokenize,
+        "print_location": lambda budget: "",
+    }
+    offered = {name: Offered(f"xacro.{name}", run) for name, run in runs.items()}
+    old = {name: offered[name] for name in ("load_yaml", "abs_filename", "dotify")}
+    return {**old, "xacro": Library(offered)}

@@ -1,0 +1,67 @@
+"""YAML files that xacro files read: plain data, of a size that can be worked with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.sources import read_text, shown
+
+UNITS = {  # tag -> its unit in radians or metres, as xacro has them
+    "!radians": 1.0, "!degrees": math.pi / 180.0,
+    "!meters": 1.0, "!millimeters": 0.001, "!foot": 0.3048, "!inches": 0.0254,
+}
+MOST = 100_000  # entries of one table after all that is merged into it
+DIGITS = 400  # letters of a whole number, beyond which it is beyond the range of numbers
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML's safe types, with bounds on what a short text can grow to."""
+
+    def flatten_mapping(self, node: Any) -> None:
+        super().flatten_mapping(node)
+        if len(node.value) > MOST:
+            raise MechanismFileError(f"a table of more than {MOST:,} entries")
+
+    def construct_yaml_int(self, node: Any) -> int:
+        if len(str(node.value)) > DIGITS:
+            raise MechanismFileError("a whole number leaves the range of numbers")
+        return super().construct_yaml_int(node)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+
+
+def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
+    """Return what a YAML file says.
+
+    Args:
+        path: the file.
+        evaluate: gives the value of an expression behind a unit, as in `!degrees 90/2`.
+
+    Raises:
+        MechanismFileError: it cannot be read.
+    """
+
+    def with_unit(loader: Any, tag: str, node: Any) -> float:
+        return float(evaluate(loader.construct_scalar(node))) * UNITS[tag]
+
+    class Loader(_Loader):
+        """The units of this file."""
+
+    for tag in UNITS:
+        Loader.add_constructor(
+            tag, lambda loader, node, tag=tag: with_unit(loader, tag, node))  # type: ignore[misc]
+    text = read_text(path)
+    try:
+        return yaml.load(text, Loader)
+    except RecursionError:
+        reason = "nested too deeply"
+    except Exception as error:  # YAML's own, and those of the expressions
+        reason = " ".join(str(error).split())[:300]
+    raise MechanismFileError(f"{shown(path)}: not valid YAML: {reason}")

@@ -1,1 +1,0 @@
-"""Closing mechanisms and moving them."""

@@ -1,0 +1,268 @@
+"""Coordinates of joints against Pinocchio's configuration and velocity vectors.
+
+Joints whose velocity is the derivative of their coordinates are read straight from q, v, a. The
+orientation of spherical and floating joints is a rotation vector phi from the URDF zero pose, with
+body angular velocity omega = Jr(phi) phi' and Jr(phi) = 1 - B [phi] + C [phi]^2,
+B = (1 - cos t)/t^2, C = (t - sin t)/t^3, t = |phi| [Chirikjian2011, 10.86].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.numerics.linalg import EPS, Array
+
+
+def needed(mechanism: object) -> None:
+    """Refuse what is no Mechanism.
+
+    Raises:
+        TypeError: says how to get one.
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"a Mechanism is needed, not {str(mechanism)[:40]!r} of type "
+                        f"{type(mechanism).__name__}: sp.load(...) makes one")
+
+
+class CoordinateRates(NamedTuple):
+    """Value, rate and acceleration of one coordinate: floats of a State, (N,) of a Motion."""
+
+    value: Any
+    rate: Any
+    acceleration: Any
+
+
+def blur(mechanism: Mechanism, q: Array) -> float:
+    """Return the closure error that round-off of the coordinates themselves may leave [-].
+
+    An angle that counts a million turns is known to 1e-9 rad.
+    """
+    if "blur" not in mechanism.memo:
+        at = [(place, c.v) for c in mechanism.coordinate_table.values()
+              if (place := mechanism.place_of(c)) >= 0]
+        q_at, v_at = (np.array(x, dtype=np.intp) for x in zip(*at, strict=True)) if at else (
+            np.empty(0, dtype=np.intp),) * 2
+        mechanism.memo["blur"] = q_at, 4.0 * EPS / mechanism.velocity_scale[v_at]
+    places, each = mechanism.memo["blur"]
+    return float(np.abs(q[places] * each).max(initial=0.0))
+
+
+def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:
+    """Return the named coordinate values of a guess keyed by joint, coordinate or driver.
+
+    Raises:
+        UnknownNameError: a key names nothing of the mechanism.
+        ValueError: a value is no finite number, or a joint has another number of coordinates.
+    """
+    values: dict[str, float] = {}
+    by_joint: dict[str, list[Coordinate]] = {}
+    for c in mechanism.coordinate_table.values():
+        by_joint.setdefault(c.joint, []).append(c)
+    for key, value in guess.items():
+        if key in by_joint:
+            coordinates = by_joint[key]
+            shape = () if len(coordinates) == 1 else (len(coordinates),)
+            if isinstance(value, str | bool) or (
+                isinstance(value, list | tuple) and any(isinstance(x, str | bool) for x in value)
+            ):
+                raise ValueError(f"{key!r} must be a number, not {value!r}")
+            numbers = np.atleast_1d(finite_array(value, shape, f"{key!r}"))
+            values.update({c.name: float(x) for c, x in zip(coordinates, numbers, strict=True)})
+        elif key in mechanism.coordinate_table or key in mechanism.drivers:
+            name = mechanism.prescribed_coordinate(key).name
+            values[name] = finite_number(value, f"{key!r}")
+        else:
+            raise UnknownNameError("joint, coordinate or driver", key,
+                                   [*by_joint, *mechanism.coordinate_table, *mechanism.drivers])
+    return values
+
+
+def check_guess(mechanism: Mechanism, where: str) -> None:
+    """Refuse a guess that names what is not there, or gives no numbers.
+
+    Raises:
+        MechanismFileError: with `where`, the file.
+    """
+    try:
+        joint_values(mechanism, mechanism.guess)
+    except (SpatialPinError, ValueError) as error:
+        raise MechanismFileError(f"{where}: guess: {error}") from error
+
+
+def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> Array:
+    """Return a copy of `q` (nq,) with the named coordinates set."""
+    q = np.array(q, dtype=np.float64)
+    vectors: dict[str, Array] = {}
+    for name, value in values.items():
+        c = mechanism.coordinate_table[name]
+        if c.q >= 0:
+            q[c.q] = value
+        else:
+            vector = vectors.setdefault(c.joint, joint_vector(mechanism, q, c.joint))
+            vector[c.place] = value
+    for joint, vector in vectors.items():
+        i = mechanism.joint_id(joint)
+        at = mechanism.model.idx_qs[i]
+        if vector.size == 6:
+            q[at : at + 3], at = vector[:3], at + 3
+        q[at : at + 4] = pin.Quaternion(pin.exp3(vector[-3:])).coeffs()
+    return q
+
+
+def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
+    """Return the coordinates of one joint as a vector (rotation vector of length up to pi)."""
+    i = mechanism.joint_id(joint)
+    at, n = mechanism.model.idx_qs[i], mechanism.model.nqs[i]
+    if PAIRS[mechanism.pairs[i - 1]].is_linear:
+        return q[at : at + n].copy()
+    return np.concatenate([q[at : at + n - 4], rotation_vector(q[at + n - 4 : at + n])])
+
+
+def coordinate_rates(
+    mechanism: Mechanism, name: str, q: Array, v: Array, a: Array, *, continued: bool = True
+) -> CoordinateRates:
+    """Return value, rate and acceleration of a coordinate over rows q (N, nq), v, a (N, nv).
+
+    Rotation vectors are continued from row to row, past pi and past whole turns; rows that have
+    nothing to do with each other (not `continued`) get vectors of length up to pi.
+    """
+    c = mechanism.coordinate(name)
+    if c.q >= 0:
+        return CoordinateRates(q[:, c.q].copy(), v[:, c.v].copy(), a[:, c.v].copy())
+    i = mechanism.joint_id(c.joint)
+    at, n, iv = mechanism.model.idx_qs[i], mechanism.model.nqs[i], mechanism.model.idx_vs[i]
+    quaternions = q[:, at + n - 4 : at + n]
+    if n == 7 and c.place < 3:
+        return _floating_translation(c.place, q[:, at : at + 3], quaternions,
+                                     v[:, iv : iv + 6], a[:, iv : iv + 6])
+    k = c.place % 3
+    w = slice(iv + 3, iv + 6) if n == 7 else slice(iv, iv + 3)
+    phi = (continued_rotation_vectors if continued else rotation_vectors)(quaternions)
+    rate, acceleration = rotation_vector_rates(phi, v[:, w], a[:, w])
+    return CoordinateRates(phi[:, k], rate[:, k], acceleration[:, k])
+
+
+def coordinate_value(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> float:
+    """Return a coordinate at q (nq,) [rad or m]; of a rotation vector of length up to pi."""
+    place = mechanism.place_of(coordinate)
+    if place >= 0:
+        return float(q[place])
+    return float(joint_vector(mechanism, q, coordinate.joint)[coordinate.place])
+
+
+def coordinate_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
+    """Return the derivative (nv,) of a coordinate's value with respect to joint velocities."""
+    row = np.zeros(mechanism.model.nv)
+    if coordinate.q >= 0:
+        row[coordinate.v] = 1.0
+        return row
+    i = mechanism.joint_id(coordinate.joint)
+    at = slice(mechanism.model.idx_vs[i], mechanism.model.idx_vs[i] + mechanism.model.nvs[i])
+    units = np.eye(mechanism.model.nv)[at]
+    here = np.repeat(q[None], len(units), axis=0)
+    row[at] = coordinate_rates(mechanism, coordinate.name, here, units, 0.0 * units,
+                               continued=False).rate
+    return row
+
+
+def coordinate_bias(mechanism: Mechanism, coordinate: Coordinate, q: Array, v: Array) -> float:
+    """Return the second derivative of a coordinate's value at zero joint accelerations."""
+    if coordinate.q >= 0:
+        return 0.0
+    return float(coordinate_rates(mechanism, coordinate.name, q[None], v[None],
+                                  np.zeros((1, len(v)))).acceleration[0])
+
+
+def _floating_translation(
+    k: int, x: Array, quaternions: Array, v: Array, a: Array
+) -> CoordinateRates:
+    from scipy.spatial.transform import Rotation
+
+    rotation = Rotation.from_quat(quaternions.copy())  # SciPy refuses read-only arrays
+    rate = rotation.apply(v[:, :3].copy())
+    acceleration = rotation.apply(a[:, :3] + np.cross(v[:, 3:], v[:, :3]))
+    return CoordinateRates(x[:, k].copy(), rate[:, k], acceleration[:, k])
+
+
+def rotation_vector(quaternion: Array) -> Array:
+    """Return the rotation vector (3,), of length up to pi, of a quaternion (4,).
+
+    To the last digits near half a turn too, where `pin.log3` of the matrix loses three.
+    """
+    v, w = quaternion[:3], float(quaternion[3])
+    sine = float(np.linalg.norm(v))
+    factor = 2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0
+    return math.copysign(factor, w) * v
+
+
+def rotation_vectors(quaternions: Array) -> Array:
+    """Return rotation vectors (N, 3), of length up to pi, of quaternions (N, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    phi: Array = Rotation.from_quat(quaternions.copy()).as_rotvec()
+    return phi
+
+
+def continued_rotation_vectors(quaternions: Array) -> Array:
+    """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
+    phi = rotation_vectors(quaternions)
+    for i in range(1, len(phi)):
+        angle = float(np.linalg.norm(phi[i]))
+        before = phi[i - 1]
+        if angle > 1e-12:
+            axis = phi[i] / angle
+            phi[i] += 2.0 * np.pi * np.round((axis @ before - angle) / (2.0 * np.pi)) * axis
+        elif before.any():  # a whole number of turns: the axis is that of the row before
+            length = float(np.linalg.norm(before))
+            phi[i] = 2.0 * np.pi * np.round(length / (2.0 * np.pi)) * before / length
+    return phi
+
+
+def rotation_vector_rates(phi: Array, omega: Array, alpha: Array) -> tuple[Array, Array]:
+    """Return phi', phi'' (N, 3) from body angular velocity and acceleration (N, 3)."""
+    t2 = np.sum(phi * phi, axis=1)
+    b, c, db, dc = _jacobian_functions(t2)
+    eye = np.eye(3)
+    skew = np.cross(eye[None], phi[:, None])  # skew @ x = phi × x
+    jacobian = eye - b[:, None, None] * skew + c[:, None, None] * (skew @ skew)
+    # at whole turns the vector only tells the spin about its axis: least norm
+    inverse = np.linalg.pinv(jacobian, rcond=1e-10)
+    rate = (inverse @ omega[..., None])[..., 0]
+    dt = 2.0 * np.sum(phi * rate, axis=1)
+    u = np.cross(phi, rate)
+    uu = np.cross(phi, u)
+    bias = (
+        -(db * dt)[:, None] * u + (dc * dt)[:, None] * uu + c[:, None] * np.cross(rate, u)
+    )
+    acceleration = (inverse @ (alpha - bias)[..., None])[..., 0]
+    return rate, acceleration
+
+
+def _jacobian_functions(t2: Array) -> tuple[Array, Array, Array, Array]:
+    """Return B, C and their derivatives with respect to t^2, by series where t is small."""
+    small = t2 < 1e-2
+    s = np.where(small, 1.0, t2)
+    t = np.sqrt(s)
+    sin, cos = np.sin(t), np.cos(t)
+    b, c = (1.0 - cos) / s, (t - sin) / (s * t)
+    db = (t * sin - 2.0 * (1.0 - cos)) / (2.0 * s * s)
+    dc = (3.0 * sin - t * (2.0 + cos)) / (2.0 * s * s * t)
+    k = np.arange(8)
+    sign = (-1.0) ** k
+    powers = np.where(small, t2, 0.0)[:, None] ** k
+    fb = sign / np.array([2, 24, 720, 40320, 3628800, 479001600, 87178291200, 20922789888000.0])
+    fc = fb / (2 * k + 3)
+    slopes = lambda f: powers[:, :-1] @ (f[1:] * k[1:])  # noqa: E731
+    return (
+        np.where(small, powers @ fb, b), np.where(small, powers @ fc, c),
+        np.where(small, slopes(fb), db), np.where(small, slopes(fc), dc),
+    )

@@ -1,0 +1,101 @@
+"""The Grashof type of a plane four-bar."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+GRASHOF_TOLERANCE = 1e-9  # of the perimeter
+
+
+class Grashof(NamedTuple):
+    """Type of a plane four-bar.
+
+    Attributes:
+        lengths: link lengths by name of the link [m], the fixed link first, then round the loop.
+        type: "crank-rocker", "rocker-crank", "double crank", "double rocker", "triple rocker" or
+            "change point".
+    """
+
+    lengths: dict[str, float]
+    type: str
+
+    def __str__(self) -> str:
+        lengths = ", ".join(f"{name} {x:.6g} m" for name, x in self.lengths.items())
+        return f"Grashof type: {self.type} ({lengths})"
+
+
+@checked
+def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
+    """Classify a mechanism that is one plane loop of four revolute pairs [Grashof1883].
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration; default the assembled guess.
+
+    Raises:
+        SpatialPinError: it is not a plane four-bar.
+    """
+    state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
+    names, centres = _four_bar(mechanism, state)
+    lengths = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
+    # centres[k] to centres[k + 1] is link k; the last one is the fixed link
+    order = [3, 0, 1, 2]
+    fixed, first, coupler, last = (float(lengths[k]) for k in order)
+    ranked = sorted((fixed, first, coupler, last))
+    excess = ranked[0] + ranked[3] - ranked[1] - ranked[2]
+    if abs(excess) < GRASHOF_TOLERANCE * sum(ranked):
+        kind = "change point"
+    elif excess > 0.0:
+        kind = "triple rocker"
+    else:
+        kind = {fixed: "double crank", coupler: "double rocker", first: "crank-rocker",
+                last: "rocker-crank"}[ranked[0]]
+    return Grashof({names[k]: float(lengths[k]) for k in order}, kind)
+
+
+def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
+    """Return the link after each of the four pins round the loop, and the pins' places."""
+    model = mechanism.model
+    wrong = SpatialPinError(
+        f"mechanism {mechanism.name!r} is not one plane loop of four revolute pairs; "
+        "it has no Grashof type"
+    )
+    if len(mechanism.closures) != 1 or set(mechanism.pairs) != {"revolute"} \
+            or len(mechanism.pairs) != 3 or mechanism.closures[0].type != "revolute":
+        raise wrong
+    frames = mechanism.closures[0].frames
+    ends = [mechanism.frame_on_joint(f)[0] for f in frames]
+    chains = [list(model.supports[end])[1:] for end in ends]
+    chains.sort(key=lambda chain: not any(
+        mechanism.driven_coordinate(d.joint).joint == model.names[chain[0]]
+        for d in mechanism.drivers.values()) if chain else True)
+    first, second = chains
+    if len(first) + len(second) != 3 or set(first) & set(second):
+        raise wrong
+    places = [state.data.oMi[i] for i in first] + [state.placement(frames[0])]
+    places += [state.data.oMi[i] for i in reversed(second)]
+    centres = np.array([place.translation for place in places])
+    pin.computeJointJacobians(model, state.data, state.q)
+    columns = joint_jacobian(state.data, model.nv)
+    axes = [columns[3:, model.idx_vs[i]] for i in (*first, *second)]
+    if any(np.linalg.norm(np.cross(axes[0], axis)) > 1e-9 for axis in axes):
+        raise wrong
+    centres -= np.outer(centres @ axes[0], axes[0])
+    bodies = [*first, *reversed(second)]
+    return [_link(mechanism, i) for i in bodies] + [mechanism.links[0]], centres
+
+
+def _link(mechanism: Mechanism, joint: int) -> str:
+    return next(name for name in mechanism.links
+                if mechanism.frame_on_joint(name)[0] == joint)

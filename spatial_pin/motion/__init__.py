@@ -1,0 +1,1 @@
+"""Motions, and the verbs that make one of a mechanism."""

@@ -1,0 +1,99 @@
+"""Where outputs turn back while the driver goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spatial_pin.checks import checked
+from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.errors import SingularError
+from spatial_pin.motion.motion import Event, Motion, motion_needed
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy
+
+STILL = 1e-9  # rate of an output, by the fastest joint's, that is none
+ROUND_OFF = 1e-12  # rate in one row, by the largest, that is none
+
+
+@checked
+def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
+    """Return the dead centres of outputs over a sweep, located to about 1e-12 of the driver.
+
+    An output stands still there at its limit position: its speed ratio is 0 and its mechanical
+    advantage infinite. Limit positions of the driver itself are `motion.events`.
+
+    Args:
+        motion: from `sweep`, the driver moving in every row.
+        output: a coordinate; default every one-freedom joint on the fixed link but the driver.
+
+    Returns:
+        Events of kind "dead centre" with the driver's values, in the order of the rows; `row` is
+        the first row that is there or beyond; the text says where the output is.
+
+    Raises:
+        UnknownNameError: there is no such coordinate.
+        SingularError: branches cross, or the rates are not determined, right at one.
+    """
+    motion_needed(motion)
+    found = []
+    for name in grounded_outputs(motion) if output is None else [output]:
+        rates = _rates(motion, name)
+        moving = np.flatnonzero(rates)
+        if not moving.size:
+            continue
+        turning = np.flatnonzero(np.diff(np.sign(rates[moving])))
+        found += [_located(motion, int(moving[k]), int(moving[k + 1]), name) for k in turning]
+        ends = {0, len(motion) - 1} - set(moving.tolist())
+        found += [_event(motion, name, row, float(motion.swept[row]),
+                         float(motion.coordinate(name).value[row])) for row in ends]
+    return sorted(found, key=lambda event: event.row)
+
+
+def _rates(motion: Motion, name: str) -> Array:
+    """Return the rate of an output per unit speed of the driver's, round-off taken for zero."""
+    coordinate = motion.mechanism.coordinate(name)
+    size = motion.mechanism.velocity_scale
+    rates = motion.v[:, coordinate.v] * np.sign(motion.driver_speed)
+    largest = np.abs(rates).max(initial=0.0)
+    if largest < STILL * size[coordinate.v] * np.abs(motion.v / size).max(initial=0.0):
+        return np.zeros(len(motion))
+    return np.where(np.abs(rates) < ROUND_OFF * largest, 0.0, rates)
+
+
+def grounded_outputs(motion: Motion) -> list[str]:
+    """Return the plain coordinates of joints on the fixed link, without the driver's."""
+    mechanism = motion.mechanism
+    own = mechanism.coordinate(motion.driver_name)
+    return [c.name for c in mechanism.coordinate_table.values()
+            if c.q >= 0 and c != own
+            and mechanism.model.parents[mechanism.joint_id(c.joint)] == 0]
+
+
+def _located(motion: Motion, first: int, last: int, name: str) -> Event:
+    """Return the dead centre of an output between two rows in which it moves opposite ways."""
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
+    mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
+    output = mechanism.coordinate(name)
+    branch = Branch.along(motion.state(first), driver, Accuracy.named("reference"), motion.held)
+
+    def rate(value: float) -> float:
+        branch.reach(value)
+        return float(branch.t[output.v])
+
+    ends = motion.swept[first], motion.swept[last]
+    try:
+        value = float(brentq(rate, *ends, xtol=1e-14, rtol=1e-14))
+        branch.reach(value)
+    except Stopped as stopped:
+        raise SingularError(
+            f"mechanism {mechanism.name!r}: {stopped.arrival.kind} between {driver} = "
+            f"{ends[0]:.9g} and {ends[1]:.9g} {unit}, where {name} turns back", motion=motion,
+        ) from None
+    return _event(motion, name, first + 1, value, float(branch.q[output.q]))
+
+
+def _event(motion: Motion, name: str, row: int, value: float, turned: float) -> Event:
+    text = (f"dead centre of {name} at {turned:.12g} {motion.mechanism.coordinate(name).unit}, "
+            f"{motion.driver_name} = {value:.12g} {motion.driver_unit}")
+    return Event("dead centre", value, row, text)

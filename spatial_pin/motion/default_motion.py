@@ -1,0 +1,67 @@
+"""The motion of a mechanism of which nothing is said: a move of its first driver."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.holding import BASE, SPRINGS
+from spatial_pin.assembly.state import State
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array
+
+TURN = 2 * math.pi  # how far a driver turns [rad]
+SLIDE = 0.15  # how far it slides, by the characteristic length
+ROWS = 361
+
+
+def _reach(state: State, driver: str, way: Array) -> Motion | None:
+    """Return the motion of a driver by `way` from a state on, as far as it goes, or None."""
+    values, found = state.coordinate(driver).value + way, None
+    for hold in (BASE, [BASE, SPRINGS])[: 1 + bool(state.mechanism.springs)]:
+        try:
+            return sweep(state.mechanism, driver, values, guess=state, hold=hold, on_limit="stop")
+        except SpatialPinError as error:
+            found = getattr(error, "motion", None) or found
+    return found
+
+
+def usual_motion(
+    mechanism: Mechanism, driver: str | None = None, rows: int = ROWS
+) -> Motion | State:
+    """Return a motion that shows what a mechanism does.
+
+    A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess
+    on; where a limit or a singular position is in the way, to there, in the direction in which it
+    comes further. The other drivers are held, a free base too, and joints with springs where the
+    drivers do not determine the motion. The motion has no speed, nor time.
+
+    Args:
+        mechanism: the mechanism.
+        driver: driver or coordinate that moves; the first driver if not given.
+        rows: number of rows of the whole way.
+
+    Returns:
+        The motion; the assembled state of a mechanism without drivers, or that cannot move.
+
+    Raises:
+        AssemblyError: the guess does not close.
+    """
+    state = assembled(mechanism)
+    driver = driver or next(iter(mechanism.drivers), None)
+    if driver is None:
+        return state
+    turns = mechanism.coordinate(driver).unit == "rad"
+    travel = TURN if turns else SLIDE * mechanism.characteristic_length
+    way = np.linspace(0.0, travel, rows)
+    forward = _reach(state, driver, way)
+    if forward is not None and len(forward) == rows:
+        return forward
+    both = (forward, _reach(state, driver, -way))
+    best = max((m for m in both if m is not None), key=len, default=None)
+    return best if best is not None and len(best) > 1 else state

@@ -1,0 +1,269 @@
+"""Where a motion passes joint limits of the URDF."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy
+
+KIND = "joint limit"  # of events
+NOISE = 1e-11  # rate of a joint that stands still, by that of the fastest
+DOUBT = 4.0  # room left, by how far a joint swings between rows, that polynomials are trusted with
+ELSEWHERE = 1e-6  # difference of joints that tells another way [rad, characteristic lengths]
+
+_Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
+_Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends
+
+
+class Passing(NamedTuple):
+    """A joint limit passed outwards.
+
+    Attributes:
+        limit: which one.
+        value: where [s], or the driver's value there [rad or m].
+        row: number of rows of the motion before it.
+        where: the same in words; empty where the motion begins beyond the limit.
+    """
+
+    limit: JointLimit
+    value: float
+    row: int
+    where: str
+
+    @property
+    def event(self) -> Event:
+        """The event of a motion that says so."""
+        return Event(KIND, self.value, self.row, f"{self.limit.words} passed {self.where}"
+                     if self.where else f"beyond the {self.limit.words} from the start")
+
+
+def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passing]:
+    """Return the joint limits beyond which q (nq,) is, as passings at a value (driver or time)."""
+    return [Passing(limit, value, 0, "") for limit in joint_limits(mechanism)
+            if limit.room(q) < -SLACK * limit.size]
+
+
+def falls(function: Callable[[float], float], first: float, last: float) -> float:
+    """Return where a function falls through zero that is positive before and negative after.
+
+    An end that is zero but for round-off may have either sign: then it is the place.
+    """
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
+    if not function(first) > 0.0:
+        return first
+    if not function(last) < 0.0:
+        return last
+    return float(brentq(function, first, last, xtol=1e-14, rtol=1e-14))
+
+
+def first_passing(
+    limit: JointLimit, at: _Way, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
+) -> float | None:
+    """Return when a limit is first passed outwards in a span of time, if it is.
+
+    A joint that turns back is looked at where it stands still; one that does so twice in the span
+    may pass unnoticed in between.
+
+    Args:
+        limit: the limit.
+        at: function of the time to (q, v).
+        span: first and last time.
+        ends: (q, v) at these; `at` may differ from them by round-off.
+        noise: rate of a joint that stands still [rad/s, characteristic lengths per second].
+    """
+    (q0, v0), (q1, v1) = ends
+    slack, still, last = SLACK * limit.size, noise * limit.size, span[1]
+    if limit.room(q0) < -slack:
+        return None
+    if not limit.room(q1) < -slack:
+        if not limit.closing(v0) > still >= -still > limit.closing(v1):
+            return None
+        last = falls(lambda t: float(limit.closing(at(t)[1])), *span)
+        if not limit.room(at(last)[0]) < -slack:
+            return None
+    return falls(lambda t: float(limit.room(at(t)[0])), span[0], last)
+
+
+def joint_limits_passed(motion: Motion) -> list[Passing]:
+    """Return where a motion passes joint limits outwards, in the order of its rows.
+
+    Where the motion of a swept driver passes one between two rows, the branch is followed again
+    from the first of them, to where the joint is at its limit: however far rows are apart, the
+    driver's value is as exact as the limit allows, 1e-12 where the joint moves as fast as the
+    driver. Where that is impossible (coordinates held that are no drivers, branches that cross in
+    between), and in simulations, whose `joint_limits` are exact, a coordinate is taken for the
+    polynomial of fifth degree through values, rates and accelerations of the two rows, or for a
+    straight line without rates; then sentences have six digits. A joint that turns back between
+    two rows is looked at where it does; one that goes out and back between two rows while its
+    rates at both have the same sign is missed: give rows nearer to each other.
+
+    Args:
+        motion: from `sweep`, `trace` or `simulate`.
+
+    Returns:
+        The passings; their values are driver values, or times where none was swept.
+    """
+    if not len(motion):
+        return []
+    values = motion.driver if motion.driver is not None else motion.time
+    start = float(values[0]) if values is not None else 0.0
+    found = passed_at_start(motion.mechanism, motion.q[0], start)
+    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
+    sense = _sense(motion)
+    for limit in joint_limits(motion.mechanism):
+        closing = limit.closing(motion.v)
+        before, after = sense * closing[:-1], sense * closing[1:]
+        outside = limit.room(motion.q) < -SLACK * limit.size
+        turning = (before > noise * limit.size) & (after < -noise * limit.size)
+        for k in np.flatnonzero(~outside[:-1] & (outside[1:] | turning)).tolist():
+            passing = _between(motion, limit, k)
+            found += [passing] if passing is not None else []
+    return sorted(found, key=lambda passing: passing.row)
+
+
+def joint_limit_events(motion: Motion) -> list[Event]:
+    """Return the events, of kind "joint limit", of `joint_limits_passed`."""
+    return [passing.event for passing in joint_limits_passed(motion)]
+
+
+def _sense(motion: Motion) -> Array:
+    """Return, for every step (N - 1,), whether rows go with their rates (1) or against them."""
+    if motion.driver is None or motion.time is not None:
+        return np.ones(len(motion) - 1)
+    v = motion.coordinate(motion.driver_name).rate
+    with_it = np.diff(motion.driver) * (v[:-1] + v[1:]) >= 0.0
+    return np.where(with_it, 1.0, -1.0)
+
+
+def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
+    """Return where a limit is passed between rows k and k + 1, if it is."""
+    h, rates, seconds = _step(motion, k)
+    q, v = _hermite(motion.q[k : k + 2, limit.q], rates[:, limit.v], seconds[:, limit.v], h)
+    row, moving = np.zeros(motion.q.shape[1]), np.zeros(motion.v.shape[1])
+
+    def at(x: float) -> tuple[Array, Array]:
+        row[limit.q], moving[limit.v] = q(x), v(x)
+        return row, moving
+
+    ends = (motion.q[k], rates[0]), (motion.q[k + 1], rates[1])
+    if motion.driver is not None:
+        if not _may_pass(limit, at, ends):
+            return None
+        with contextlib.suppress(Stopped, SpatialPinError):
+            value = _followed(motion, limit, k, ends)
+            return None if value is None else _at_driver(motion, limit, k, value, 12)
+    x = first_passing(limit, at, (0.0, 1.0), ends)
+    if x is None:
+        return None
+    if motion.driver is None:
+        time = float(motion.time[k] + x * h) if motion.time is not None else float(k + x)
+        return Passing(limit, time, k + 1, f"at {time:.6g} s")
+    c = motion.mechanism.coordinate(motion.driver_name)
+    if c.q < 0:
+        return _at_driver(motion, limit, k, float(np.interp(x, (0.0, 1.0),
+                                                            motion.driver[k : k + 2])), 6)
+    driver, _ = _hermite(motion.q[k : k + 2, c.q], rates[:, c.v], seconds[:, c.v], h)
+    return _at_driver(motion, limit, k, float(driver(x)), 6)
+
+
+def _at_driver(motion: Motion, limit: JointLimit, k: int, value: float, digits: int) -> Passing:
+    return Passing(limit, value, k + 1,
+                   f"at {motion.driver_name} = {value:.{digits}g} {motion.driver_unit}")
+
+
+def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
+    """Whether a limit may be passed between two rows, by polynomials good to a part of the way."""
+    (q0, v0), (q1, v1) = ends
+    if limit.room(q1) < -SLACK * limit.size:
+        return True
+    if not limit.closing(v0) > 0.0 > limit.closing(v1):
+        return False
+    turn = falls(lambda x: float(limit.closing(at(x)[1])), 0.0, 1.0)
+    left = limit.room(at(turn)[0])
+    swing = min(limit.room(q0), limit.room(q1)) - left
+    return bool(left < DOUBT * swing)
+
+
+def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float | None:
+    """Return the driver's value at which a limit is passed between rows k and k + 1, if it is.
+
+    Raises:
+        Stopped: the branch of row k does not lead to row k + 1.
+        SpatialPinError: the driver does not determine it.
+    """
+    branch = Branch.along(motion.state(k), motion.driver_name, Accuracy.named("reference"),
+                          motion.held)
+    first, last = motion.swept[k : k + 2].tolist()
+    branch.reach(last)
+    moved = (branch.q - motion.q[k + 1])[branch.linear[0]] / branch.scale[branch.linear[1]]
+    if np.abs(moved).max(initial=0.0) > ELSEWHERE:
+        raise SpatialPinError("the rows were taken with other coordinates held")
+    sense = float(np.sign(last - first))
+
+    def at(value: float) -> tuple[Array, Array]:
+        branch.reach(value)
+        return branch.q, sense * branch.t
+
+    return first_passing(limit, at, (first, last), ends)
+
+
+def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
+    """Return the step from row k, and first and second derivatives (2, nv) at its ends.
+
+    They are taken by the time, or by the driver where v and a are; where rows are no history in
+    either by the arc length, whose step h is the one that fits best
+    q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
+    """
+    v, a = motion.v[k : k + 2], motion.a[k : k + 2]
+    if motion.time is not None:
+        return float(motion.time[k + 1] - motion.time[k]), v, a
+    if motion.driver is not None and motion.per == motion.driver_unit:
+        way = float(motion.driver[k + 1] - motion.driver[k])
+        return abs(way), np.copysign(1.0, way) * v, a
+    size = motion.mechanism.velocity_scale
+    pace = np.sqrt(((v / size) ** 2).sum(axis=1))[:, None]
+    if not np.all(pace > 0.0):
+        return 0.0, v, a
+    t, c = v / size / pace, a / size / pace**2
+    c = c - t * np.vecdot(t, c)[:, None]
+    moved = pin.difference(motion.mechanism.model, motion.q[k], motion.q[k + 1]) / size
+    t = np.where((t @ moved)[:, None] < 0.0, -t, t)  # rows may go backwards
+    first, second = 0.5 * (t[0] + t[1]), (c[0] - c[1]) / 12.0
+    h = float(np.sqrt(moved @ moved))
+    for _ in range(4):
+        slope = first + 2.0 * h * second
+        if not np.any(slope):  # rows at one place, but for round-off
+            return 0.0, v, a
+        h -= float((h * first + h * h * second - moved) @ slope / (slope @ slope))
+    return h, size * t, size * c
+
+
+def _hermite(
+    q: Array, v: Array, a: Array, h: float
+) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    """Return value and slope of the quintic through two rows, as functions of the part of the way.
+
+    Values q, rates v and accelerations a, each (2,), hold at the ends of a step of length h; 0
+    makes a straight line.
+    """
+    if h == 0.0:
+        line = np.polynomial.Polynomial([q[0], q[1] - q[0]])
+        return line, line.deriv()
+    first, second = h * v[0], 0.5 * h * h * a[0]
+    d, e, f = q[1] - q[0] - first - second, h * (v[1] - v[0]) - 2.0 * second, h * h * (a[1] - a[0])
+    quintic = np.polynomial.Polynomial([
+        q[0], first, second, 10.0 * d - 4.0 * e + 0.5 * f, 7.0 * e - 15.0 * d - f,
+        6.0 * d - 3.0 * e + 0.5 * f])
+    return quintic, quintic.deriv()

@@ -1,0 +1,442 @@
+"""A Motion: a mechanism's configurations, rates and events, one row per step."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.holding import BASE
+from spatial_pin.assembly.state import State, center_of_mass
+from spatial_pin.checks import checked
+from spatial_pin.constraints.pinocchio_views import accelerations, placements, twists
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.summary import summary
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.outputs import is_special, named_path, replacing, write_bytes
+from spatial_pin.rates.jerks import Jerks, solve_jerks
+from spatial_pin.rates.rates import rate_error
+from spatial_pin.rates.transmission import transmission_angle
+
+
+class Event(NamedTuple):
+    """Something met on the way.
+
+    Attributes:
+        kind: "limit", "near limit" (digits are lost), "singular", "branch point", "dead centre",
+            "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed),
+            "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
+            "not closed" (a traced curve, within its rows), "released" (a driver that nobody named
+            and that the loops do not let stand), or "stopped" (a simulation).
+        value: driver value of it [rad or m]; in a simulation the time of "stopped" and
+            of limits of the URDF [s].
+        row: number of rows of the motion before it.
+        text: the same as a sentence.
+    """
+
+    kind: str
+    value: float
+    row: int
+    text: str
+
+
+class FrameMotion(NamedTuple):
+    """Motion of a frame or of a link's centre of mass, world axes, N rows.
+
+    Attributes:
+        position: (N, 3) [m].
+        rotation: (N, 3, 3).
+        velocity: (N, 3) [m/s].
+        acceleration: (N, 3) second derivative of the position [m/s²].
+        angular_velocity: (N, 3) [rad/s].
+        angular_acceleration: (N, 3) [rad/s²].
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+
+
+class Output(NamedTuple):
+    """A quantity of a motion, ready to plot.
+
+    Attributes:
+        values: (N,) or (N, 3).
+        label: what it is.
+        unit: its SI unit, "1" when it has none.
+    """
+
+    values: Array
+    label: str
+    unit: str
+
+
+ACROSS = 0.12  # distance from a crossing [rad, characteristic lengths] up to which it is continued
+SAVED = frozenset((  # arrays of a file
+    "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
+    "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))
+COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
+FRAME_UNITS = {  # unit and order of the derivative
+    "position": ("m", 0), "velocity": ("m", 1), "acceleration": ("m", 2),
+    "angular_velocity": ("rad", 1), "angular_acceleration": ("rad", 2), "jerk": ("m", 3),
+}
+
+
+class _Bodies(NamedTuple):
+    """Joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
+
+    placements: Array
+    twists: Array
+    accelerations: Array
+
+
+@dataclass(eq=False)
+class Motion:
+    """A motion of a mechanism, one row per step.
+
+    Attributes:
+        mechanism: the mechanism.
+        driver: (N,) driver values [rad or m]; None where none was swept (a simulation).
+        driver_name: the driver, or coordinate, that was swept; empty where none was.
+        time: (N,) [s], or None where rows are no history in time.
+        q: (N, nq) configurations; v, a: (N, nv) joint velocities and accelerations.
+        closure_error: (N,) largest closure row of each row [-].
+        driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
+        events: limits and singular configurations met.
+        angles: (N, n) relative angle of every screw closure [rad], counting turns.
+        per: unit of what v and a are derivatives by: "s"; "rad" or "m" of the driver where it has
+            no speed; "length" of the arc of a traced curve [rad, characteristic lengths]. Where
+            it is not "s", forces are those at rest.
+        held: what was held by name as the driver was swept, see `sweep`.
+    """
+
+    mechanism: Mechanism
+    driver: Array | None
+    driver_name: str
+    time: Array | None
+    q: Array
+    v: Array
+    a: Array
+    closure_error: Array
+    driver_speed: Array
+    events: list[Event] = field(default_factory=list)
+    angles: Array = field(default_factory=lambda: np.empty((0, 0)))
+    per: str = "s"
+    held: tuple[str, ...] = (BASE,)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        return {k: x for k, x in self.__dict__.items() if k != "_bodies"}
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def driver_unit(self) -> str:
+        """Unit of the driver, "rad" or "m"."""
+        return self.mechanism.coordinate(self.driver_name).unit
+
+    def rate_unit(self, unit: str, order: int = 1) -> str:
+        """Return the unit of the derivative of that order, as those in v and a, of a quantity."""
+        return f"{unit}/{self.per}{('', '', '²', '³')[order]}"
+
+    @property
+    def swept(self) -> Array:
+        """(N,) driver values.
+
+        Raises:
+            SpatialPinError: no driver was swept.
+        """
+        if self.driver is None:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r}: no driver was swept in this motion")
+        return self.driver
+
+    @checked
+    def coordinate(self, name: str) -> CoordinateRates:
+        """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
+
+        Raises:
+            UnknownNameError: there is no such coordinate, one-freedom joint or driver.
+        """
+        return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
+
+    @checked
+    def state(self, row: int) -> State:
+        """Return one row as a State; its `rate_error` is known where a driver was swept.
+
+        Args:
+            row: negative from the end.
+
+        Raises:
+            SpatialPinError: there is no such row.
+        """
+        row, n = int(row), len(self)
+        if not -n <= row < n:
+            raise SpatialPinError(
+                f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1" if n else
+                f"there is no row {row}: the motion has none")
+        lost = (partial(rate_error, self.driver_name, not self._is_continued(row), held=self.held)
+                if self.driver is not None else np.nan)
+        return State(self.mechanism, self.q[row], self.v[row], self.a[row],
+                     closure_error=self.closure_error[row],
+                     angles=self.angles[row] if self.angles.size else None, rate_error=lost,
+                     in_time=self.per == "s")
+
+    def _is_continued(self, row: int) -> bool:
+        """Whether a row may lie where the branch was continued across a crossing."""
+        size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
+        return any(e.kind == "branch point" and e.row < len(self)
+                   and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)
+
+    @cached_property
+    def _bodies(self) -> _Bodies:
+        model = self.mechanism.model
+        data = model.createData()
+        views = placements(data), twists(data), accelerations(data)
+        bodies = _Bodies(*(np.empty((len(self), *view.shape)) for view in views))
+        for k in range(len(self)):
+            pin.forwardKinematics(model, data, self.q[k], self.v[k], self.a[k])
+            for rows, view in zip(bodies, views, strict=True):
+                rows[k] = view
+        return bodies
+
+    def _at(self, joint: int, offset: pin.SE3) -> FrameMotion:
+        """Motion of the frame at `offset` from a joint frame."""
+        b = self._bodies
+        r = b.placements[:, joint, :3].transpose(0, 2, 1)
+        v, w = b.twists[:, joint, :3], b.twists[:, joint, 3:]
+        a, e = b.accelerations[:, joint, :3], b.accelerations[:, joint, 3:]
+        p = offset.translation
+        turning = np.cross(w, p)
+        local = np.stack([
+            np.broadcast_to(p, v.shape),
+            v + turning,
+            a + np.cross(w, v) + np.cross(e, p) + np.cross(w, turning),
+            w,
+            e,
+        ], axis=-1)
+        x, dx, ddx, omega, epsilon = np.moveaxis(r @ local, -1, 0)
+        x = x + b.placements[:, joint, 3]
+        return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)
+
+    @checked
+    def frame(self, name: str) -> FrameMotion:
+        """Return the motion of the origin of a link, frame or joint.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        return self._at(*self.mechanism.frame_on_joint(self.mechanism.placed(name)))
+
+    @checked
+    def com(self, name: str) -> FrameMotion:
+        """Return the motion of a link's own centre of mass.
+
+        Raises:
+            UnknownNameError: there is no such link.
+            SpatialPinError: it has no mass.
+        """
+        offset = pin.SE3(np.eye(3), center_of_mass(self.mechanism, name))
+        joint, placement = self.mechanism.frame_on_joint(self.mechanism.placed(name))
+        return self._at(joint, placement * offset)
+
+    @checked
+    def output(self, spec: str) -> Output:
+        """Return a quantity by its name.
+
+        `NAME` or `NAME.rate`, `.acceleration`, `.jerk`, `.ratio` (to the driver's speed),
+        `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
+        `.velocity`, `.acceleration`, `.jerk`, `.angular_velocity`, `.angular_acceleration` of a
+        link, frame or joint; `NAME.com.position`, `.velocity`, `.acceleration`, `.jerk` of a
+        link's centre of mass. Jerks are those of a driver whose own jerk is zero.
+
+        Raises:
+            UnknownNameError: it names nothing of this motion.
+        """
+        mechanism = self.mechanism
+        if spec in mechanism.coordinate_table or spec in mechanism.drivers:
+            return Output(self.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
+        name, _, kind = spec.rpartition(".")
+        if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
+                                           or name in mechanism.drivers):
+            return self._coordinate_output(name, kind)
+        if kind in FRAME_UNITS and name:
+            body = name.removesuffix(".com")
+            label = f"{name} {kind.replace('_', ' ')}"
+            unit = self.frame_unit(kind)
+            if kind == "jerk":
+                rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
+                        for j in self._jerks()]
+                return Output(np.array(rows).reshape(-1, 3), label, unit)
+            moving = self.com(body) if name.endswith(".com") else self.frame(name)
+            return Output(getattr(moving, kind), label, unit)
+        valid = [*mechanism.coordinate_table, *mechanism.drivers,
+                 *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
+                 *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
+        raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+    def frame_unit(self, kind: str) -> str:
+        """Return the unit of a quantity of a frame, by its name."""
+        unit, order = FRAME_UNITS[kind]
+        return self.rate_unit(unit, order) if order else unit
+
+    def _jerks(self) -> Iterator[Jerks]:
+        driver = {self.driver_name: 0.0} if len(self.swept) else {}
+        return (solve_jerks(self.mechanism, self.state(k), driver)
+                for k in range(len(self)))
+
+    def _coordinate_output(self, name: str, kind: str) -> Output:
+        _, rate, acceleration = self.coordinate(name)
+        unit = self.mechanism.coordinate(name).unit
+        if kind == "rate":
+            return Output(rate, f"{name} rate", self.rate_unit(unit))
+        if kind == "acceleration":
+            return Output(acceleration, f"{name} acceleration", self.rate_unit(unit, 2))
+        if kind == "jerk":
+            jerks = np.array([j.coordinate(name) for j in self._jerks()])
+            return Output(jerks, f"{name} jerk", self.rate_unit(unit, 3))
+        if kind == "transmission_angle":
+            angles = [transmission_angle(self.mechanism, self.state(k), name, self.driver_name)[0]
+                      for k in range(len(self.swept))]
+            return Output(np.array(angles), f"{name} transmission angle", "rad")
+        return self._ratio(name, rate, kind == "advantage")
+
+    def _ratio(self, name: str, rate: Array, inverse: bool) -> Output:
+        if len(self.swept) and np.any(self.driver_speed == 0.0):
+            raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
+        units = self.mechanism.coordinate(name).unit, self.driver_unit
+        if inverse:
+            with np.errstate(divide="ignore"):
+                values = self.driver_speed / rate
+            unit = "1" if units[0] == units[1] else f"{units[1]}/{units[0]}"
+            return Output(values, f"{name} mechanical advantage", unit)
+        unit = "1" if units[0] == units[1] else f"{units[0]}/{units[1]}"
+        return Output(rate / self.driver_speed, f"{name} / {self.driver_name} speed ratio", unit)
+
+    def columns(self) -> dict[str, Array]:
+        """Return the motion as named columns: time, driver, all coordinates, closure error."""
+        table: dict[str, Array] = {}
+        if self.time is not None:
+            table["time [s]"] = self.time
+        if self.driver is not None:
+            table[f"{self.driver_name} [{self.driver_unit}]"] = self.driver
+        for name in self.mechanism.coordinates:
+            unit = self.mechanism.coordinate(name).unit
+            value, rate, acceleration = self.coordinate(name)
+            table[f"{name} [{unit}]"] = value
+            table[f"{name} rate [{self.rate_unit(unit)}]"] = rate
+            table[f"{name} acceleration [{self.rate_unit(unit, 2)}]"] = acceleration
+        table["closure error [-]"] = self.closure_error
+        return table
+
+    @checked
+    def to_csv(self, path: str | Path) -> Path:
+        """Write `columns` with all digits; returns the path.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+        """
+        table, path = self.columns(), named_path(path)
+        with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(table)
+            writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
+        return path
+
+    @checked
+    def save(self, path: str | Path) -> Path:
+        """Write all arrays to an .npz file that `Motion.load` reads; returns the path.
+
+        The suffix is added where it is missing, but not to the name of a pipe or device.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+        """
+        path = named_path(path)
+        if path.suffix != ".npz" and not is_special(path):
+            path = path.with_name(path.name + ".npz")
+        content = io.BytesIO()  # pipes cannot be written out of order
+        np.savez_compressed(
+            content, driver=self.driver if self.driver is not None else np.empty(0),
+            driver_name=self.driver_name,
+            time=self.time if self.time is not None else np.empty(0),
+            q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
+            driver_speed=self.driver_speed, angles=self.angles, mechanism=self.mechanism.name,
+            per=self.per,
+            coordinates=np.array(self.mechanism.coordinates),
+            event_kind=np.array([e.kind for e in self.events], dtype=str),
+            event_value=np.array([e.value for e in self.events], dtype=float),
+            event_row=np.array([e.row for e in self.events], dtype=int),
+            event_text=np.array([e.text for e in self.events], dtype=str),
+        )
+        return write_bytes(path, content.getbuffer())
+
+    @classmethod
+    @checked
+    def load(cls, path: str | Path, mechanism: Mechanism) -> Motion:
+        """Read a motion of `mechanism` that `save` wrote.
+
+        Raises:
+            SpatialPinError: `save` did not write it, or it is the motion of a mechanism with other
+                coordinates.
+            OSError: it cannot be read.
+        """
+        path = named_path(path)
+        try:
+            with path.open("rb") as opened, np.load(opened) as file:
+                content = {key: file[key] for key in file.files}
+            missing = SAVED - set(content)
+        except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error):
+            missing = SAVED
+        if missing:
+            raise SpatialPinError(f"{path}: not a motion that Motion.save wrote")
+        if content["coordinates"].tolist() != list(mechanism.coordinates):
+            raise SpatialPinError(
+                f"{path}: a motion of mechanism {str(content['mechanism'])!r} with coordinates "
+                f"{', '.join(content['coordinates'].tolist())}; {mechanism.name!r} has others"
+            )
+        events = zip(content["event_kind"].tolist(), content["event_value"].tolist(),
+                     content["event_row"].tolist(), content["event_text"].tolist(), strict=True)
+        return cls(
+            mechanism, content["driver"] if content["driver_name"] else None,
+            str(content["driver_name"]),
+            content["time"] if content["time"].size else None,
+            content["q"], content["v"], content["a"], content["closure_error"],
+            content["driver_speed"], [Event(*e) for e in events], content["angles"],
+            str(content.get("per", "s")),
+        )
+
+    def __repr__(self) -> str:
+        worst = float(self.closure_error.max(initial=0.0))
+        over = self.driver_name or "time"
+        return (f"{type(self).__name__}({self.mechanism.name!r}: {len(self)} rows over {over}, "
+                f"closure error at most {worst:.1e}, {len(self.events)} events)")
+
+    def __str__(self) -> str:
+        return summary(self)
+
+
+def motion_needed(motion: object) -> None:
+    """Refuse what is no Motion.
+
+    Raises:
+        TypeError: says how to get one.
+    """
+    if not isinstance(motion, Motion):
+        raise TypeError(f"a Motion is needed, not {type(motion).__name__}: sp.sweep(mechanism, "
+                        "driver, values) or sp.simulate(mechanism, state, duration) makes one")

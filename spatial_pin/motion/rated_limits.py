@@ -1,0 +1,117 @@
+"""Effort and velocity limits of the URDF, and where a motion is beyond them.
+
+A limit of 0 is none: URDF wants the attributes even where nothing is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.motion.joint_limits import SLACK
+from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.summary import EFFORTS, where
+from spatial_pin.numerics.linalg import Array
+
+VELOCITY, EFFORT = "velocity limit", "effort limit"  # kinds of events
+UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
+
+
+class RatedLimit(NamedTuple):
+    """The largest velocity, or effort, of a joint coordinate.
+
+    Attributes:
+        kind: "velocity limit" or "effort limit".
+        name: of the coordinate.
+        v: its place in the velocity.
+        value: the limit [rad/s, m/s, N·m or N].
+        unit: of that.
+    """
+
+    kind: str
+    name: str
+    v: int
+    value: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """What it is, for a sentence."""
+        return f"{self.kind} {self.value:.9g} {self.unit} of {self.name}"
+
+    def excess(self, values: Array) -> Array:
+        """Return by how much values (...) are beyond it, negative where they are not."""
+        return np.abs(values) - self.value * (1.0 + SLACK)
+
+
+class BeyondLimit(NamedTuple):
+    """A velocity or effort that is beyond its limit in some samples of a motion.
+
+    Attributes:
+        limit: which one.
+        samples: of the motion, rising.
+        worst: the sample with the most.
+        most: the velocity or effort there.
+    """
+
+    limit: RatedLimit
+    samples: NDArray[np.intp]
+    worst: int
+    most: float
+
+    @property
+    def by(self) -> float:
+        """How far it is beyond the limit, at most [rad/s, m/s, N·m or N]."""
+        return abs(self.most) - self.limit.value
+
+    def text(self, motion: Motion) -> str:
+        """Return the same as a sentence."""
+        return (f"beyond the {self.limit.words} in {len(self.samples)} of {len(motion)} samples, "
+                f"first {where(motion, int(self.samples[0]))}, by {self.by:.6g} {self.limit.unit} "
+                f"at most, {where(motion, self.worst)}")
+
+
+def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
+    """Return the velocity limits that the URDF states, in the order of the coordinates."""
+    return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
+            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
+
+
+def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:
+    """Return the effort limits that the URDF states, in the order of the coordinates."""
+    return [RatedLimit(EFFORT, c.name, c.v, float(x), EFFORTS[c.unit])
+            for c, x in _stated(mechanism, mechanism.model.upperEffortLimit)]
+
+
+def _stated(mechanism: Mechanism, values: Array) -> list[tuple[Coordinate, float]]:
+    return [(c, float(values[c.v])) for c in mechanism.coordinate_table.values()
+            if 0.0 < values[c.v] < UNSET]
+
+
+def beyond(pairs: Iterable[tuple[RatedLimit, Array]]) -> list[BeyondLimit]:
+    """Return which limits velocities or efforts (N,) are beyond, and where."""
+    found = []
+    for limit, values in pairs:
+        excess = limit.excess(values)
+        samples = np.flatnonzero(excess > 0.0)
+        if samples.size:
+            worst = int(np.argmax(excess))
+            found.append(BeyondLimit(limit, samples, worst, float(values[worst])))
+    return found
+
+
+def velocities_beyond(motion: Motion) -> list[BeyondLimit]:
+    """Return which velocity limits a motion is beyond; none where its rates are not in time."""
+    if motion.per != "s":
+        return []
+    return beyond((limit, motion.v[:, limit.v]) for limit in velocity_limits(motion.mechanism))
+
+
+def velocity_limit_events(motion: Motion) -> list[Event]:
+    """Return an event for every velocity limit that a sweep is beyond, at its first sample."""
+    return [Event(VELOCITY, float(motion.swept[b.samples[0]]), int(b.samples[0]), b.text(motion))
+            for b in velocities_beyond(motion)]

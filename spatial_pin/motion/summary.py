@@ -1,0 +1,84 @@
+"""What a motion is in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spatial_pin.numerics.linalg import Array
+
+if TYPE_CHECKING:
+    from spatial_pin.motion.motion import Motion
+
+MOST = 12  # lines of a kind
+ROUND_OFF = 1e-14  # of the largest number of a kind
+EFFORTS = {"rad": "N·m", "m": "N"}  # units, by that of what they move
+
+
+def heading(motion: Motion) -> str:
+    """Return what moves, how many steps over what, and how well the loops are closed."""
+    name, unit = _over(motion)
+    values = motion.driver if motion.driver is not None else motion.time
+    span = ""
+    if values is not None and len(values):
+        span = f", {name} {tidy(values[0], values)} to {tidy(values[-1], values)} {unit}"
+    return (f"{motion.mechanism.name}: {len(motion)} steps{span}, closure error at most "
+            f"{motion.closure_error.max(initial=0.0):.1e}")
+
+
+def ranges(motion: Motion) -> list[str]:
+    """Return a line for every coordinate: how far it goes, and how fast."""
+    if not len(motion):
+        return []
+    table = motion.mechanism.coordinate_table
+    width, lines = max(map(len, table), default=0), []
+    for name, c in table.items():
+        value, rate, _ = motion.coordinate(name)
+        low, high = (round(float(x), 6) + 0.0 for x in (value.min(), value.max()))  # no -0
+        lines.append(f"  {name:{width}}  {low:+.6f} to {high:+.6f} {c.unit}, rate "
+                     f"{tidy(rate.min(), rate, '+')} to {tidy(rate.max(), rate, '+')} "
+                     f"{motion.rate_unit(c.unit)}")
+    return lines
+
+
+def first_of(lines: Sequence[str], what: str) -> list[str]:
+    """Return lines, the last of too many replaced by their number."""
+    if len(lines) <= MOST:
+        return list(lines)
+    return [*lines[: MOST - 1], f"  ... and {len(lines) - MOST + 1} more {what}"]
+
+
+def summary(motion: Motion) -> str:
+    """Return a motion's heading, the ranges of its first coordinates, and its first events."""
+    events = [f"  {event.text}" for event in motion.events]
+    return "\n".join([heading(motion), *first_of(ranges(motion), "coordinates"),
+                      *first_of(events, "events")])
+
+
+def effort_lines(motion: Motion, efforts: dict[str, Array]) -> list[str]:
+    """Return a line for every effort (N,) over a motion: its range, and where it is largest."""
+    width, lines = max(map(len, efforts), default=0), []
+    for name, x in efforts.items():
+        if len(x):
+            unit = EFFORTS[motion.mechanism.coordinate(name).unit]
+            lines.append(f"  {name:{width}}  {tidy(x.min(), x)} to {tidy(x.max(), x)} {unit}, "
+                         f"largest {where(motion, int(np.abs(x).argmax()))}")
+    return lines
+
+
+def where(motion: Motion, row: int) -> str:
+    """Return at what driver value, or time, a row is, in words."""
+    name, unit = _over(motion)
+    values = motion.driver if motion.driver is not None else motion.time
+    return f"at {name} = {values[row]:.6g} {unit}" if values is not None else f"in row {row}"
+
+
+def tidy(x: float, among: Array, sign: str = "") -> str:
+    """Return a number with six digits, 0 where it is round-off of the largest among others."""
+    return f"{0.0 if abs(x) < ROUND_OFF * np.abs(among).max() else x:{sign}.6g}"
+
+
+def _over(motion: Motion) -> tuple[str, str]:
+    return (motion.driver_name, motion.driver_unit) if motion.driver is not None else ("time", "s")

@@ -1,0 +1,306 @@
+"""Following one branch of a closed mechanism through a list of driver values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.holding import BASE, Hold, divided
+from spatial_pin.assembly.rounding import check_gaps
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
+from spatial_pin.continuation.follow import Record, follow, followed_in_order
+from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.errors import LimitError, SingularError, SpatialPinError
+from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.motion.joint_limits import joint_limit_events
+from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.rated_limits import velocity_limit_events
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held, prescribed_at
+from spatial_pin.settings import Accuracy, accuracy_of
+
+FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
+FAR = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
+DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
+
+
+@checked
+def sweep(
+    mechanism: Mechanism,
+    driver: str,
+    values: Any,
+    speed: Any = None,
+    acceleration: Any = 0.0,
+    *,
+    guess: Mapping[str, Any] | State | Array | None = None,
+    hold: Mapping[str, float] | Hold = BASE,
+    on_limit: str = "raise",
+    on_crossing: str = "straight",
+    accuracy: Accuracy | None = None,
+    progress: bool = False,
+) -> Motion:
+    """Follow one branch of a mechanism through a list of driver values.
+
+    The first value is assembled, the rest are followed with a Taylor predictor and a Newton
+    corrector; steps are halved where the branch bends, so that it is never left unnoticed.
+
+    Args:
+        mechanism: the mechanism.
+        driver: a driver, or any coordinate of a joint.
+        values: (N,) driver values in any order [rad or m].
+        speed: the driver's speed at every row, one number or (N,) [rad/s or m/s]. Without one
+            the motion has no time: v and a are derivatives by the driver's value, and forces of
+            it (`kinetostatics`, `report`) are statics.
+        acceleration: likewise [rad/s² or m/s²]; it needs a speed.
+        guess: where to assemble, as for `assemble`.
+        hold: values of other drivers or coordinates, a free base then stands still too; or names
+            of what stands still where it is assembled: joints, coordinates, "base" for a free base
+            (a floating joint that carries alone all that hangs together with its link), "springs"
+            for the joints that springs act about, "NAME.rotation" and "NAME.translation" for parts
+            of a floating joint; None: nothing.
+            Drivers not named stand still where the guess has them; those that the loops do not let
+            stand are told by "released" events.
+        on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
+            with an event.
+        on_crossing: where branches cross (a change point): "straight" to follow the one that goes
+            straight on, "stop" to end the motion before it, both with an event, or "raise".
+            Crossings nearer to each other than about 2e-5 rad are one event.
+        accuracy: predictor order, corrections and tolerance; default "engineering".
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The Motion, one row per value. Joint limits passed are events, exact however far rows are
+        apart; a joint that goes out and back between two rows, with rates of the same sign at
+        both, is missed.
+
+    Raises:
+        AssemblyError: the first value cannot be assembled.
+        LimitError: a later value cannot be reached; has the limit and the motion so far.
+        SingularError: the branch is not determined at a configuration, or crosses another one
+            where that is not allowed, or where none goes straight on.
+        SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
+            that moves most, away from the row before.
+        UnknownNameError: a name does not exist.
+        ValueError: values or speeds are not finite, or make rates that are not, or there is an
+            acceleration without a speed.
+    """
+    accuracy = accuracy_of(accuracy)
+    needed(mechanism)
+    _check_choice("on_limit", on_limit, ("raise", "stop"))
+    _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
+    values = np.atleast_1d(as_array(values, "values"))
+    if not values.size:
+        raise ValueError("values is empty; a sweep needs at least one driver value")
+    values = finite_array(values, (max(values.size, 1),), "values")
+    speeds = _rows(1.0 if speed is None else speed, values, "speed")
+    accels = _rows(acceleration, values, "acceleration")
+    if speed is None and np.any(accels):
+        raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
+    coordinate = mechanism.prescribed_coordinate(driver)
+    given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
+    held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
+        hold, Mapping) else tuple(names_of(hold, "hold"))
+    check_not_held(mechanism, [coordinate], held)
+    tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
+    state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess, accuracy=tight)
+    mechanism = state.mechanism
+    driven = prescribed_at(state, [driver, *given], held)
+    still = divided(mechanism, driven, held)[1]
+    stop, n, crossed = None, len(values), list[tuple[float, int]]()
+    bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
+               disable=None if progress else True)
+    with bar, evaluation_of(mechanism) as evaluation:
+        def start() -> Branch:
+            return Branch(state, driven, accuracy, evaluation, still)
+
+        record = followed_in_order(start, values, bar) if accuracy.corrections is None else None
+        if record is None:
+            branch = start()
+            record = Record.empty(n, branch)
+            passed = crossed if on_crossing == "straight" else None
+            try:
+                for done in follow(branch, values, record, passed):
+                    bar.update(done - bar.n)
+            except Stopped as caught:
+                stop, n = caught.arrival, caught.row
+    motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
+    motion.held = held
+    if speed is None:
+        motion.time, motion.per = None, coordinate.unit
+    check_gaps(motion, accuracy.gap)
+    motion.events += _released(state, driven, still, float(values[0]))
+    motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
+    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
+                      *joint_limit_events(motion), *velocity_limit_events(motion)]
+    if stop is not None:
+        motion.events.append(_event(stop, n, driver, coordinate))
+        ends = on_limit if stop.kind == "limit" else on_crossing
+        if ends != "stop" or stop.kind == "lost":
+            raise _error(motion, stop, driver, coordinate, float(values[n]), on_crossing)
+    return motion
+
+
+def _released(
+    state: State, driven: Sequence[Coordinate], still: Sequence[int], value: float
+) -> list[Event]:
+    """Tell of the drivers that do not stand where the guess has them, nor at rest.
+
+    A coordinate that moves the only freedoms there are moves the drivers: that is no event.
+    """
+    mechanism, texts = state.mechanism, []
+    drivers = {d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
+    moving = {name for name, c in drivers.items() if c not in driven and c.v not in still}
+    if len(moving) == len(drivers):
+        return []
+    for name, by in state.released.items():
+        if name not in moving:
+            texts.append(f"driver {name} is released: it stands {by:+.9g} {drivers[name].unit} "
+                         "from where the guess has it, as the loops would not close otherwise")
+    texts += [f"driver {name} is released: it moves, as the loops do not let it stand"
+              for name in sorted(moving)]
+    return [Event("released", value, 0, text) for text in texts]
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
+
+
+def _rows(value: Any, values: Array, what: str) -> Array:
+    """Return one number, or one for every row, as (N,)."""
+    numbers = as_array(value, what)
+    return finite_array(np.full(values.shape, numbers) if numbers.ndim == 0 else numbers,
+                        values.shape, what)
+
+
+def _motion(
+    mechanism: Mechanism, driver: str, record: Record, values: Array, speeds: Array, accels: Array
+) -> Motion:
+    n = len(values)
+    t, c = record.t[:n], record.c[:n]
+    residual = record.residual[:n]
+    error = np.abs(residual).max(axis=1) if residual.shape[1] else np.zeros(n)
+    with np.errstate(over="ignore", invalid="ignore"):
+        v = t * speeds[:, None]
+        a = c * (speeds * speeds)[:, None] + t * accels[:, None]
+    check_finite(v, a, "the speeds and accelerations of the sweep")
+    return Motion(
+        mechanism=mechanism,
+        driver=values.copy(),
+        driver_name=driver,
+        time=_time(values, speeds, accels),
+        q=record.q[:n],
+        v=v,
+        a=a,
+        closure_error=error,
+        driver_speed=speeds.copy(),
+        angles=record.angles[:n],
+    )
+
+
+def _near_limit(motion: Motion, t: Array) -> list[Event]:
+    """Report rows near a limit position, where joints move so fast that digits are lost."""
+    if not len(t):
+        return []
+    size = motion.mechanism.velocity_scale
+    paces = np.abs(t / size) * size[motion.mechanism.coordinate(motion.driver_name).v]
+    if paces.max() <= FAST:
+        return []
+    pace = paces.max(axis=1)
+    fast = np.flatnonzero(pace > FAST * max(1.0, pace.min()))
+    if not fast.size:
+        return []
+    row, unit = int(fast[np.argmax(pace[fast])]), motion.driver_unit
+    worst, value = float(pace[row]), float(motion.swept[row])
+    text = (f"near a limit position at {motion.driver_name} = {value:.12g} {unit}: joints move up "
+            f"to {worst:.1e} times as fast as the driver; positions are good to about "
+            f"{ROUND_OFF * worst:.0e}, rates to {ROUND_OFF * worst**2:.0e} of their size")
+    return [Event("near limit", value, row, text)]
+
+
+def _drift(motion: Motion) -> list[Event]:
+    """Report where a motion that is not corrected to tolerance has left its closed loops."""
+    open_rows = np.flatnonzero(motion.closure_error > DRIFTED)
+    if not open_rows.size:
+        return []
+    row = int(open_rows[0])
+    value, unit = float(motion.swept[row]), motion.driver_unit
+    text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
+            "on: too few corrections")
+    return [Event("open", value, row, text)]
+
+
+def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
+    """(value - first)/speed where that rises from row to row at constant speed, else None."""
+    if np.any(accels != 0.0) or np.any(speeds != speeds[0]) or speeds[0] == 0.0:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        time = (values - values[0]) / speeds[0]
+        return time if np.isfinite(time).all() and np.all(np.diff(time) > 0.0) else None
+
+
+def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:
+    text = (f"branch point at {driver} = {value:.12g} {coordinate.unit}: branches cross; "
+            "followed the one that goes straight on")
+    return Event("branch point", value, row, text)
+
+
+def _event(stop: Arrival, row: int, driver: str, coordinate: Coordinate) -> Event:
+    words = {"limit": "limit position (dead centre)", "singular": "singular configuration",
+             "branch point": "branch point", "lost": "end of the followed path"}
+    text = f"{words[stop.kind]} at {driver} = {stop.value:.12g} {coordinate.unit}"
+    return Event(stop.kind, stop.value, row, text)
+
+
+def _error(
+    motion: Motion, stop: Arrival, driver: str, coordinate: Coordinate, value: float,
+    on_crossing: str,
+) -> SpatialPinError:
+    name, unit = motion.mechanism.name, coordinate.unit
+    where = f"mechanism {name!r}: {driver} = {value:.9g} {unit}"
+    last = f"last closed at {motion.swept[-1]:.9g} {unit}"
+    if stop.kind == "limit":
+        return LimitError(
+            f"{where} is out of reach: limit position at {stop.value:.12g} {unit} ({last})",
+            limit=stop.value, motion=motion,
+        )
+    if stop.kind == "branch point":
+        why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
+               if on_crossing == "raise" else
+               "none that goes straight on can be told from the others there; start")
+        remedy = " the sweep beyond it with a guess on the wanted branch" * why.endswith("start")
+        return SingularError(
+            f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); "
+            f"{why}{remedy}", motion=motion)
+    if stop.kind == "singular":
+        return SingularError(
+            f"{where}: singular configuration at {driver} = {stop.value:.12g} {unit} ({last}); "
+            "the rates are not determined there", motion=motion,
+        )
+    if stop.is_far:
+        return SpatialPinError(
+            f"{where} is too far from the row before to be followed to ({last}): joints move by "
+            f"more than {STRETCH * MOST_STRETCHES:g} rad or characteristic lengths between them; "
+            "ask for values between")
+    lost = f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "
+    why = _run_away(motion.mechanism, stop.q) or "ask for values nearer to each other"
+    return SingularError(lost + why, motion=motion)
+
+
+def _run_away(mechanism: Mechanism, q: Array) -> str:
+    """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
+    slides = [c for c in mechanism.coordinate_table.values() if c.q >= 0 and c.unit == "m"]
+    far = max(slides, key=lambda c: abs(q[c.q]), default=None)
+    if far is None or abs(q[far.q]) < FAR * mechanism.characteristic_length:
+        return ""
+    return (f"{far.name} has run away to {q[far.q]:.3g} m there, and may have no end: a slide that "
+            "is parallel to what it should reach")

@@ -1,0 +1,1 @@
+"""Mathematics without mechanisms: factorisations, interpolation, Chebyshev polynomials."""

@@ -1,0 +1,1 @@
+"""First to third derivatives at a State."""

@@ -1,0 +1,272 @@
+"""Jacobians of closed mechanisms, and their second order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
+from spatial_pin.checks import checked, names_of
+from spatial_pin.constraints.closure_equations import Constraints, Evaluation, evaluation_of
+from spatial_pin.constraints.pinocchio_views import frame_jacobian, own_jacobian
+from spatial_pin.mechanism.coordinates import finite_array, needed
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, drivers_of_tree
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.prescribed import rate_coordinates
+from spatial_pin.rates.rates import driven_coordinates, system_of
+
+
+@checked
+def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
+    """Return the derivative (rows, nv) of all closure rows with respect to joint velocities.
+
+    Rows come closure by closure, couplings last, lengths divided by the characteristic length.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) configuration, closed or not, or a State.
+
+    Raises:
+        ValueError: q has another shape, or is not finite.
+    """
+    needed(mechanism)
+    x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.update(x)
+        rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+        return rows / mechanism.velocity_scale
+
+
+@checked
+def jacobian(
+    mechanism: Mechanism, state: State, name: str, drivers: Iterable[str] | None = None, *,
+    hold: Hold = BASE,
+) -> Array:
+    """Return the closed-loop Jacobian (6, n) of a link, frame or joint.
+
+    Column k is the frame's twist at its origin, world axes, linear above angular, per unit speed
+    of driver k [m/s and rad/s per rad/s or m/s]. A joint of several freedoms has a column for each
+    entry of its velocity, as Pinocchio has it.
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration.
+        name: link, frame or joint.
+        drivers: the drivers, joints or coordinates that move it, in the order of the columns; the
+            rest follows. By default `mechanism.drivers`; in an open tree that names none, all
+            joints but free bases. Where there are more drivers than freedoms some must be chosen.
+        hold: what stands still, as for `solve_rates`; it has no column. A free base that is not
+            held has six more, the last: per unit of its velocity, as Pinocchio has it.
+
+    Raises:
+        SingularError: the drivers do not determine the velocities there; says which depend on
+            others, or which freedoms are left.
+        UnknownNameError: a name does not exist.
+        ValueError: a driver is named twice.
+    """
+    frame = mechanism.frame_id(mechanism.placed(name))
+    state = of_mechanism(mechanism, state)
+    driven = moving_coordinates(mechanism, drivers, hold)
+    mechanism = state.mechanism
+    with system_of(state, driven, hold) as system:
+        data = system.evaluation.data  # where the joints' Jacobians are known
+        pin.updateFramePlacement(mechanism.model, data, frame)
+        own = frame_jacobian(mechanism.model, data, frame)
+        found: Array = own @ _columns(system, hold)
+        return found
+
+
+def _columns(system: SquareSystem, hold: Hold) -> Array:
+    """Return the joint velocities (nv, n) per unit speed of what moves, without what is held."""
+    held = held_by(system.evaluation.mechanism, hold, system.driven).coordinates
+    return system.driver_rates()[:, : len(system.driven) - len(held)]
+
+
+def moving_coordinates(
+    mechanism: Mechanism, drivers: Iterable[str] | None, hold: Hold
+) -> list[Coordinate]:
+    """Return what the columns of a Jacobian belong to, those of free bases last.
+
+    Args:
+        mechanism: the mechanism.
+        drivers: as for `jacobian`.
+        hold: likewise.
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: a driver is named twice.
+    """
+    if drivers is None:
+        chosen = _usual_coordinates(mechanism)
+    else:
+        chosen = [c for name in names_of(drivers, "drivers")
+                  for c in rate_coordinates(mechanism, name)]
+    for c in chosen:
+        if chosen.count(c) > 1:
+            raise ValueError(f"drivers: {c.name!r} is named twice")
+    moved = {c.joint for c in chosen}
+    names = () if hold is None else names_of(hold, "hold")
+    bases = [] if BASE in names else [x for x in free_bases(mechanism) if x not in moved]
+    return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
+
+
+def _usual_coordinates(mechanism: Mechanism) -> list[Coordinate]:
+    """Return the drivers; of an open tree that names none, all velocity entries but of bases."""
+    drivers = driven_coordinates(mechanism, ())
+    joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
+    whole = [mechanism.coordinate(name) for name in drivers_of_tree(joints, mechanism.closures)]
+    if drivers != whole:
+        return drivers
+    loose = [c for joint, pair in joints.items()
+             if not PAIRS[pair].is_linear and joint not in free_bases(mechanism)
+             for c in rate_coordinates(mechanism, joint)]
+    return sorted([*drivers, *loose], key=lambda c: c.v)
+
+
+@checked
+def jacobian_rate(
+    mechanism: Mechanism, state: State, name: str, drivers: Iterable[str] | None = None, *,
+    hold: Hold = BASE,
+) -> Array:
+    """Return the time derivative (6, n) of `jacobian` as the state moves with its v.
+
+    With s the driver speeds, the frame's acceleration is jacobian @ s' + jacobian_rate @ s.
+
+    Derivatives D_u of a Jacobian A along joint velocities u come from accelerations, which are
+    quadratic in them: D_u A w + D_w A u is their polar form, and D_u A w - D_w A u follows from
+    the bracket of the joints' velocities and that of angular velocities [MurrayLiSastry1994, A].
+
+    Args:
+        mechanism: the mechanism.
+        state: from `solve_rates`.
+        name: link, frame or joint.
+        drivers: as for `jacobian`.
+        hold: as for `jacobian`.
+
+    Raises:
+        SingularError: the drivers do not determine the velocities there.
+        UnknownNameError: there is no such frame.
+    """
+    frame = mechanism.frame_id(mechanism.placed(name))
+    state = of_mechanism(mechanism, state)
+    driven = moving_coordinates(mechanism, drivers, hold)
+    mechanism = state.mechanism
+    with system_of(state, driven, hold) as system:
+        moving = _Moving(mechanism, state, frame)
+        still = np.zeros(len(system.driven))
+        columns = []
+        for w in _columns(system, hold).T:
+            turned = _bracket(mechanism, state.v, w)
+            polar = [system.acceleration(state.q, v, still) for v in (state.v + w, state.v - w)]
+            system.evaluation.update(state.q)
+            skew = _row_brackets(system.evaluation, turned, state.v, w)
+            spread = system.rates_of(skew, still)
+            rate = 0.25 * (polar[0] - polar[1]) + 0.5 * spread
+            columns.append(moving.rate(w, turned) + moving.jacobian @ rate)
+    return np.array(columns).reshape(-1, 6).T
+
+
+class _Moving:
+    """The tree's Jacobian of a frame, and how it changes as a state moves."""
+
+    def __init__(self, mechanism: Mechanism, state: State, frame: int) -> None:
+        self.model, self.q, self.v, self.frame = mechanism.model, state.q, state.v, frame
+        self.data = self.model.createData()
+        pin.computeJointJacobians(self.model, self.data, self.q)
+        pin.updateFramePlacements(self.model, self.data)
+        self.jacobian = frame_jacobian(self.model, self.data, frame)
+
+    def rate(self, w: Array, turned: Array) -> Array:
+        """Return (6,) the derivative of jacobian @ w at fixed w; `turned` is the bracket [v, w]."""
+        plus, minus = self._bias(self.v + w), self._bias(self.v - w)
+        skew = self.jacobian @ turned
+        skew[3:] += np.cross(self.jacobian[3:] @ self.v, self.jacobian[3:] @ w)
+        return 0.25 * (plus - minus) + 0.5 * skew
+
+    def _bias(self, v: Array) -> Array:
+        """Return (6,) the frame's classical acceleration at zero joint acceleration."""
+        pin.forwardKinematics(self.model, self.data, self.q, v, np.zeros_like(v))
+        accel = pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, WORLD_AXES)
+        return accel.vector
+
+
+def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
+    """Return the bracket (nv,) of two joint velocities: zero but where joints turn in space."""
+    out = np.zeros_like(u)
+    for i, pair in enumerate(mechanism.pairs, start=1):
+        if not PAIRS[pair].is_linear:
+            at, n = mechanism.model.idx_vs[i], mechanism.model.nvs[i]
+            first, second = (pin.Motion(np.concatenate([np.zeros(6 - n), x[at : at + n]]))
+                             for x in (u, w))
+            out[at : at + n] = first.cross(second).vector[6 - n :]
+    return out
+
+
+def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> Array:
+    """Return what the rows' Jacobians at u differ by from symmetry, (n_rows + n_passive,).
+
+    The spin about a line fixed in a body is no function of the configuration: the body's angular
+    velocities have a bracket of their own.
+    """
+    c: Constraints = evaluation.constraints
+    out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
+    for k, (joint, axis) in enumerate(c.spins):
+        columns = own_jacobian(evaluation.model, evaluation.data, joint)[3:]
+        out[c.n_rows + k] -= axis @ np.cross(columns @ u, columns @ w)
+    return out
+
+
+class Influence(NamedTuple):
+    """First and second-order influence coefficients of the joints.
+
+    With driver speeds s and accelerations s', v = first @ s and
+    a = first @ s' + s @ second @ s (z' and z'' where there is one driver).
+
+    Attributes:
+        first: (nv, n) joint velocities per unit driver speed.
+        second: (nv, n, n) symmetric in the drivers.
+    """
+
+    first: Array
+    second: Array
+
+
+@checked
+def influence(
+    mechanism: Mechanism, state: State, drivers: Iterable[str] | None = None, *,
+    hold: Hold = BASE,
+) -> Influence:
+    """Return the influence coefficients of a closed state with respect to its drivers.
+
+    The second order is the closure's acceleration bias, a quadratic form in the joint velocities,
+    polarised: B(u, w) = (b(u + w) - b(u - w))/4 [BenedictTesar1978].
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration.
+        drivers: as for `jacobian`.
+        hold: as for `jacobian`.
+
+    Raises:
+        SingularError: the drivers do not determine the velocities there.
+    """
+    state = of_mechanism(mechanism, state)
+    driven = moving_coordinates(mechanism, drivers, hold)
+    mechanism = state.mechanism
+    with system_of(state, driven, hold) as system:
+        first = _columns(system, hold)
+        n = first.shape[1]
+        still = np.zeros(len(system.driven))
+        second = np.empty((len(first), n, n))
+        for i in range(n):
+            for j in range(i + 1):
+                plus, minus = (system.acceleration(state.q, first[:, i] + sign * first[:, j], still)
+                               for sign in (1.0, -1.0))
+                second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
+    return Influence(first, second)

@@ -1,0 +1,179 @@
+"""Third derivatives of closed motions.
+
+With the twist nu of a body in its own axes and H its 4 x 4 matrix, the stacked placements of
+`spatial_pin.constraints.closure_equations` have G' = H^T G, G'' = H^T G' + H'^T G and
+G''' = H^T G'' + 2 H'^T G' + H''^T G. nu'' follows from Pinocchio's derivatives of nu'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.state import State, center_of_mass, of_mechanism
+from spatial_pin.checks import checked, finite_number
+from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation
+from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import square_system
+
+
+class Jerks:
+    """Third derivatives of a closed motion at one State.
+
+    Attributes:
+        state: position, velocity and acceleration.
+        j: (nv,) derivative of `state.a`.
+    """
+
+    def __init__(self, state: State, j: Array, bodies: Array) -> None:
+        self.state, self.j = state, j
+        self._bodies = bodies  # (njoints, 6) second derivatives of the twists, joint axes
+
+    @checked
+    def coordinate(self, name: str) -> float:
+        """Return the third derivative of a joint coordinate [rad/s³ or m/s³].
+
+        Raises:
+            UnknownNameError: there is no such coordinate, one-freedom joint or driver.
+            SpatialPinError: it is a component of a rotation vector.
+        """
+        c = self.state.mechanism.coordinate(name)
+        if c.q < 0:
+            raise SpatialPinError(
+                f"mechanism {self.state.mechanism.name!r}: {c.name!r} is a component of a joint "
+                f"that can turn about any axis; ask for the jerk of a frame it carries"
+            )
+        return float(self.j[c.v])
+
+    @checked
+    def frame(self, name: str) -> pin.Motion:
+        """Return the jerk of a link, frame or joint, world axes.
+
+        Linear: third derivative of the position of its origin [m/s³]. Angular: second derivative
+        of its angular velocity [rad/s³].
+        """
+        mechanism = self.state.mechanism
+        joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
+        return self._at(joint, placement.translation)
+
+    @checked
+    def com(self, name: str) -> Array:
+        """Return the jerk of a link's own centre of mass, world axes (3,) [m/s³].
+
+        Raises:
+            SpatialPinError: the link has no mass.
+        """
+        mechanism = self.state.mechanism
+        joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
+        return self._at(joint, placement.act(center_of_mass(mechanism, name))).linear
+
+    def _at(self, joint: int, point: Array) -> pin.Motion:
+        data = self.state.data
+        twist, accel = data.v[joint].vector, data.a[joint].vector
+        jerk = self._bodies[joint]
+        rows = placement_rates(data.oMi[joint].homogeneous[:3].T, twist, accel, jerk)[3]
+        angular = jerk[3:] + np.cross(twist[3:], accel[3:])
+        return pin.Motion(np.append(point, 1.0) @ rows, data.oMi[joint].rotation @ angular)
+
+
+@checked
+def solve_jerks(
+    mechanism: Mechanism, state: State, jerks: Mapping[str, float] | None = None, *,
+    hold: Hold = BASE,
+) -> Jerks:
+    """Solve the third derivatives of all joints of a closed, moving state.
+
+    Args:
+        mechanism: the mechanism.
+        state: from `solve_rates`; its v and a are taken as they are.
+        jerks: third derivative of each driver or coordinate [rad/s³, m/s³]; default zero.
+        hold: what stands still, as for `solve_rates`.
+
+    Returns:
+        The Jerks, for any coordinate, frame or centre of mass.
+
+    Raises:
+        SingularError: the drivers do not determine the motion there.
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite.
+    """
+    state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
+    jerks = jerks or {}
+    j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
+            for name, x in jerks.items()}
+    bodies, columns = _body_jerks(mechanism, state)
+    with square_system(state, jerks, hold) as system:
+        drive = np.array([j_of.get(c.name, 0.0) for c in system.driven])
+        j = system.rates_of(_row_jerks(system.evaluation, state, bodies), drive)
+    return Jerks(state, j, bodies + columns @ j)
+
+
+def _body_jerks(mechanism: Mechanism, state: State) -> tuple[Array, Array]:
+    """Return the second derivatives of all twists at zero joint jerk (njoints, 6), joint axes.
+
+    And what a joint jerk adds to them, (njoints, 6, nv).
+    """
+    model, joints = split_of(mechanism)
+    data = model.createData()
+    pin.computeForwardKinematicsDerivatives(model, data, state.q, state.v, state.a)
+    bodies, columns = np.zeros((len(joints), 6)), np.zeros((len(joints), 6, model.nv))
+    for i, joint in enumerate(joints[1:].tolist(), start=1):
+        _, by_q, by_v, by_a = acceleration_derivatives(model, data, joint)
+        bodies[i], columns[i] = by_q @ state.v + by_v @ state.a, by_a
+    return bodies, columns
+
+
+def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[Array]:
+    """Return stacked placements (..., 4, 3) and their first three derivatives.
+
+    Args:
+        g: columns of the rotation, then the position, shape (..., 4, 3).
+        twist: of the body in its own axes, linear first, shape (..., 6).
+        accel: derivative of `twist`, the spatial acceleration.
+        jerk: derivative of `accel`.
+    """
+    h, dh, ddh = ((x @ TWIST_MATRIX).reshape(*x.shape[:-1], 4, 4) for x in (twist, accel, jerk))
+    g1 = h @ g
+    g2 = h @ g1 + dh @ g
+    return [g, g1, g2, h @ g2 + 2.0 * dh @ g1 + ddh @ g]
+
+
+def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
+    """Return the third derivatives (n_rows + n_passive,) of the rows at zero joint jerk."""
+    c = evaluation.constraints
+    pin.forwardKinematics(evaluation.model, evaluation.data, state.q, state.v, state.a)
+    twists, accels = evaluation.rates()
+    rates = placement_rates(evaluation.placements, twists, accels, bodies)
+    flat = [g.reshape(-1, 3) for g in rates]
+    n = len(c.constants)
+    a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
+    products = [_product_rate(a, b, order) for order in range(4)]
+    out = np.zeros(c.n_rows + c.n_passive)
+    out[: c.n_products] = products[3][: c.n_products]
+    for at, sine, pitch in c.screws:
+        out[at] -= pitch * _angle_jerk(*(p[sine + 1] + 1j * p[sine] for p in products))
+    for at, other in c.differences:
+        out[at] -= products[3][other]
+    out[c.n_rows :] = c.spin_bias @ bodies.reshape(-1)
+    return out
+
+
+def _product_rate(a: list[Array], b: list[Array], order: int) -> Array:
+    """Return a derivative (n,) of the rows' products a . b [Leibniz]."""
+    binomial = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))[order]
+    return sum(f * np.vecdot(a[order - k], b[k]) for k, f in enumerate(binomial))  # type: ignore[return-value]
+
+
+def _angle_jerk(z: complex, dz: complex, ddz: complex, dddz: complex) -> float:
+    """Return the third derivative of the argument of z, from those of its logarithm."""
+    first = dz / z
+    second = ddz / z - first**2
+    return float((dddz / z - 3.0 * first * second - first**3).imag)

@@ -1,0 +1,368 @@
+"""Velocities and accelerations of a closed mechanism at given driver rates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
+from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem, scaled_row
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked, mapping
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.errors import SingularError
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.mechanism.workspaces import lent
+from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
+from spatial_pin.rates.prescribed import (
+    check_one_meaning,
+    rate_coordinates,
+    rates_given,
+    siblings,
+)
+
+ROUND_OFF = 8.0 * EPS  # of a closure row
+WELL = 1e-3  # smallest over largest pivot above which round-off is not looked at closely
+
+
+def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+    """Return the coordinates that are prescribed when `names` are.
+
+    The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
+    """
+    wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
+    drivers = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
+    chosen = drivers if all(c in drivers for c in wanted) else wanted
+    return list(dict.fromkeys(chosen))
+
+
+def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list[Coordinate]:
+    """Return the coordinates that are prescribed when `names` move, in that order, from a state on.
+
+    The named ones, and the drivers that can stand still beside them: of redundant drivers those
+    that the loops would move most are let go, as they have to move the least. Beside a coordinate
+    that is no driver all drivers stand or none does, for nobody says which. Of a free base that is
+    driven by some components the others are prescribed too. What is held comes last; what of it
+    is an entry of the velocity is told by `holding.divided`.
+    """
+    mechanism, names = state.mechanism, list(names)
+    wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
+    wanted += [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
+    usual = driven_coordinates(mechanism, [c.name for c in wanted])
+    usual = [*wanted, *(c for c in usual if c not in wanted)]
+    usual, still = divided(mechanism, usual, hold)
+    try:
+        with _system(state, usual, still):
+            return usual
+    except SingularError:
+        return _with_standing(state, wanted, hold) or usual
+
+
+def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
+    """Return coordinates and the drivers that can stand still beside them; none if they cannot."""
+    mechanism = state.mechanism
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
+    wanted, still = divided(mechanism, wanted, hold)
+    others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.turns[:] = state.angles
+    evaluation.update(state.q)
+    n = evaluation.constraints.n_rows
+    rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
+                      evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])
+    own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
+    held = np.vstack([rows, *own])
+    svd = decompose(held)
+    if svd.rank < len(held):
+        return []
+    first = np.zeros(len(held))
+    first[len(rows)] = 1.0
+    moved, spare = np.array(more).reshape(-1, mechanism.model.nv), svd.null_space
+    v = svd.minimum_norm(first)
+    v = v - spare.T @ decompose((spare @ moved.T).T).minimum_norm(moved @ v)
+    paces = np.abs(moved @ v).round(9)  # equal ones in the order of the file
+    chosen = list(wanted)
+    for k in np.argsort(paces, kind="stable"):
+        wider = np.vstack([held, more[k]])
+        if rank(wider) == len(wider):
+            held, chosen = wider, [*chosen, others[k]]
+    whole = set(wanted) <= set(drivers) or len(chosen) == len(wanted) + len(others)
+    return chosen if whole else []
+
+
+@contextmanager
+def square_system(
+    state: State, names: Iterable[str], hold: Hold = BASE
+) -> Iterator[SquareSystem]:
+    """Lend the factored square system of a closed state with `names` prescribed.
+
+    Raises:
+        SingularError: the rates are not determined there.
+    """
+    mechanism = state.mechanism
+    with _system(state, *divided(mechanism, driven_coordinates(mechanism, names), hold)) as system:
+        yield system
+
+
+@contextmanager
+def system_of(state: State, driven: list[Coordinate], hold: Hold = BASE) -> Iterator[SquareSystem]:
+    """Lend the factored square system of a closed state with just these coordinates prescribed.
+
+    Raises:
+        SingularError: the rates are not determined there.
+    """
+    with _system(state, *divided(state.mechanism, driven, hold)) as system:
+        yield system
+
+
+@contextmanager
+def _system(
+    state: State, driven: list[Coordinate], still: tuple[int, ...]
+) -> Iterator[SquareSystem]:
+    """Lend the factored square system of a closed state with coordinates prescribed."""
+    mechanism = state.mechanism
+
+    def made() -> SquareSystem:
+        return SquareSystem(Evaluation(constraints_of(mechanism)), driven, still=still)
+
+    key = "system", tuple((c.v, isinstance(c, VelocityEntry)) for c in driven), still
+    with lent(mechanism, key, made) as system:
+        system.evaluation.turns[:] = state.angles
+        try:
+            system.move(state.q)
+            system.check_regular(state.q)
+        except SingularError as error:
+            raise SingularError(str(error), state=state) from None
+        _, pivot = system.pivots()
+        if pivot < SINGULAR_PIVOT:
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: singular configuration, {state}: smallest pivot "
+                f"{pivot:.1e} of the largest; the rates have no reliable digit there", state=state,
+            )
+        yield system
+
+
+def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
+    """Yield what may be prescribed when some coordinates are named, the best first.
+
+    The mechanism's drivers when all are drivers; if there are more of them than freedoms, those
+    named. Otherwise, beside the named ones, the other coordinates of their joints and the drivers
+    stand still: all of them if they can, or all of a kind, for nobody says which do not.
+    """
+    mechanism = state.mechanism
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
+    if all(c in drivers for c in named):
+        yield drivers
+        others, still = divided(mechanism, drivers, hold)
+        with evaluation_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            closed = _closed(evaluation, still)
+            freedoms = mechanism.model.nv - rank(closed)
+        if len(others) > freedoms:
+            yield named
+        return
+    beside = siblings(mechanism, named)
+    still_drivers = [c for c in drivers if c not in named and c not in beside]
+    for more in ([*beside, *still_drivers], beside, still_drivers):
+        if more and _are_independent(state, [*named, *more], hold):
+            yield [*named, *more]
+    yield named
+
+
+def _closed(evaluation: Evaluation, still: tuple[int, ...]) -> Array:
+    """Return the closure rows, and a row for each velocity entry that stands still."""
+    rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+    return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
+
+
+def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool:
+    """Whether coordinates can move independently of each other at a state."""
+    driven, still = divided(state.mechanism, driven, hold)
+    with evaluation_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        closed = _closed(evaluation, still)
+        rows = [scaled_row(state.mechanism, c, state.q) for c in driven]
+        return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
+
+
+@contextmanager
+def _determining(state: State, named: list[Coordinate], hold: Hold) -> Iterator[SquareSystem]:
+    """Lend the square system that determines the rates when some coordinates are named.
+
+    Raises:
+        SingularError: none does.
+    """
+    errors: list[SingularError] = []
+    for driven in _choices(state, list(dict.fromkeys(named)), hold):
+        with ExitStack() as stack:
+            try:
+                system = stack.enter_context(system_of(state, driven, hold))
+            except SingularError as error:
+                errors.append(error)
+                continue
+            yield system
+            return
+    raise errors[-1]
+
+
+def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
+    """Refuse rates of what is held.
+
+    Raises:
+        ValueError: names it.
+    """
+    moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
+    for c in named:
+        if c not in moving or c in held:
+            raise ValueError(f"mechanism {mechanism.name!r}: {c.name!r} is held, and given a rate "
+                             "too: choose one")
+
+
+@checked
+def solve_rates(
+    mechanism: Mechanism,
+    state: State,
+    speeds: Mapping[str, Any] | None = None,
+    accelerations: Mapping[str, Any] | None = None,
+    *,
+    hold: Hold = BASE,
+) -> State:
+    """Solve velocities and accelerations of all joints of a closed state.
+
+    Passive freedoms follow the mechanism file (no spin about the named line); those that it does
+    not resolve take the joint rates of least norm, velocities and accelerations each for itself: in
+    these freedoms an acceleration is not the derivative of the velocity. Resolve them to know more.
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration, from `assemble`.
+        speeds: speed of each driver, coordinate or joint [rad/s, m/s]; drivers left out stand
+            still. A coordinate's is its derivative (`ball.x`: of the rotation vector), and the
+            other coordinates of its joint stand still where the loops leave that open. A joint of
+            several freedoms takes them all as Pinocchio has its velocity: a spherical joint
+            [x, y, z] the angular velocity of the child in the child's axes, a floating one the
+            linear velocity in these axes before that, the others the rates of their coordinates.
+        accelerations: likewise [rad/s², m/s²]: second derivatives of coordinates, derivatives of
+            the joint's velocity.
+        hold: joints or coordinates that stand still. "base": a free base, a floating joint that
+            carries alone all that hangs together with its link, unless it is given rates;
+            "springs": the joints that springs act about; "NAME.rotation" and "NAME.translation"
+            are parts of a floating joint. None: nothing.
+
+    Returns:
+        The State with v and a, and `rate_error`.
+
+    Raises:
+        SingularError: the drivers do not determine the rates there; says which and why.
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite, or makes rates that are; or a joint is not given as
+            many as it has freedoms.
+    """
+    state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
+    speeds = mapping(speeds, "speeds")
+    accelerations = mapping(accelerations, "accelerations")
+    v_of = rates_given(mechanism, speeds, "speed")
+    a_of = rates_given(mechanism, accelerations, "acceleration")
+    check_one_meaning(mechanism, [*v_of, *a_of])
+    check_not_held(mechanism, [*v_of, *a_of], hold)
+    with _determining(state, [*v_of, *a_of], hold) as system:
+        drive_v = np.array([v_of.get(c, 0.0) for c in system.driven])
+        drive_a = np.array([a_of.get(c, 0.0) for c in system.driven])
+        rates = system.driver_rates()
+        with np.errstate(over="ignore", invalid="ignore"):
+            v = rates @ drive_v
+            a = system.acceleration(state.q, v, drive_a)
+        check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
+        check_rates(system, v, state)
+        lost = round_off(system, state.q, rates)
+    return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
+                 rate_error=lost, released=state.released)
+
+
+def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
+    """Refuse joint rates that have overflowed.
+
+    Raises:
+        ValueError: they have, under `what`.
+    """
+    if not np.isfinite(v).all() or not np.isfinite(a).all():
+        raise ValueError(f"{what} make joint rates larger than numbers can be")
+
+
+def round_off(system: SquareSystem, q: Array, rates: Array, solved: bool = True) -> float:
+    """Return the estimated error of joint rates by their size, from the rates per driver's.
+
+    Near a limit position at a small distance e of the driver, joints move 1/sqrt(e) times as fast
+    as the driver; a configuration known to round-off times that gives rates to that squared.
+    A short link leaves as much of it as its pivot, by the largest.
+    """
+    paces = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
+    pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
+    known = ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    if pivot > WELL or not solved:
+        return known
+    return min(max(known, _unknown(system, q, rates)), 1.0)
+
+
+def _unknown(system: SquareSystem, q: Array, rates: Array) -> float:
+    """Return how far rates, by their size, follow a configuration that is off by round-off.
+
+    It is off where the equations are weakest. Where branches cross, joints move no faster than the
+    driver, and rates are uncertain all the same.
+    """
+    svd = decompose(system.matrix, 0.0)
+    off, still, worst = ROUND_OFF / max(float(svd.s[-1]), 1e-300), np.zeros(len(system.driven)), 0.0
+
+    def response(t: Array, along: Array) -> Array:
+        """Return the scaled change of t where q changes along: the polar form of accelerations."""
+        twice = [system.acceleration(q, system.scale * v, still) for v in (t + along, t - along)]
+        change: Array = 0.25 * (twice[0] - twice[1]) / system.scale
+        return change
+
+    for column in rates.T:
+        t = column / system.scale
+        size = float(np.abs(t).max())
+        first = response(t / size, svd.vt[-1])
+        unit = max(float(np.abs(first).max()), 1e-300)
+        second = 2.0 * unit * np.abs(response(t / size, first / unit)).max()
+        bend = np.abs(system.acceleration(q, column / size, still) / system.scale).max()
+        worst = max(worst, off * unit, off * float(second / max(bend, 1.0)))
+    return worst
+
+
+def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
+    """Return `round_off` of rates that a driver makes; NaN where it does not determine them.
+
+    Args:
+        driver: its name.
+        solved: whether rates were solved there, not continued across a crossing of branches.
+        state: the closed state.
+        held: what stands still, as for `solve_rates`.
+    """
+    try:
+        with square_system(state, [driver], held) as system:
+            return round_off(system, state.q, system.driver_rates(), solved)
+    except SingularError:
+        return float(np.nan)
+
+
+def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
+    """Refuse velocities that open a loop, as happens where redundant rows become independent.
+
+    Raises:
+        SingularError: names the closure that would open.
+    """
+    evaluation = system.evaluation
+    n = evaluation.constraints.n_rows
+    opening = np.abs(evaluation.jacobian[:n] @ (v / state.mechanism.velocity_scale))
+    largest = np.abs(v / state.mechanism.velocity_scale).max(initial=0.0)
+    if n and opening.max() > 1e-7 * max(largest, 1e-300):
+        worst = evaluation.constraints.labels[int(opening.argmax())].closure
+        raise SingularError(
+            f"mechanism {state.mechanism.name!r}: the prescribed rates would open closure "
+            f"{worst!r}: they are inconsistent with the loops at {state}", state=state,
+        )

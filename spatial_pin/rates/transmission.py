@@ -1,0 +1,170 @@
+"""How well a mechanism moves its output: speed ratio, mechanical advantage, transmission angle."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.numerics.linalg import Array, null_space, row_space
+from spatial_pin.rates.rates import driven_coordinates, square_system
+
+STILL = 1e-9  # speed of a point on the output's own axis, by the characteristic length
+
+
+class Transmission(NamedTuple):
+    """How a driver moves an output at one configuration.
+
+    Attributes:
+        ratio: output speed per driver speed [in their units].
+        mechanical_advantage: output effort per driver effort without losses, 1/ratio; infinite
+            at a dead centre of the output.
+        angle: transmission angle, 0 to pi/2 [rad]; 0 where the driver cannot move the output.
+        at: where it is taken: the pair that the output link is moved at.
+    """
+
+    ratio: float
+    mechanical_advantage: float
+    angle: float
+    at: str
+
+
+@checked
+def transmission(
+    mechanism: Mechanism, state: State, output: str, driver: str | None = None,
+    at: str | None = None,
+) -> Transmission:
+    """Return speed ratio, mechanical advantage and transmission angle of an output.
+
+    The transmission angle is the one between the velocity that the output's own joint gives to
+    the point `at` of its link, and the velocities that the rest of the mechanism would allow that
+    point with all drivers locked and the output's joint opened. Forces at the point are normal to
+    the latter, so that its sine is their working part: the angle between coupler and rocker of a
+    four-bar, the complement of the pressure angle of a slider-crank or cam [Hain1967, ch. 2]. Where
+    the point does not move (Hooke's joint), angular velocities take its place.
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration.
+        output: coordinate of a one-freedom joint of the tree.
+        driver: what moves it, a driver or coordinate; the only driver if not given.
+        at: closure or joint that moves the output link; needed where there are several.
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        SpatialPinError: the output's link is moved at several pairs, or at none.
+        SingularError: the drivers do not determine the velocities there.
+    """
+    state = of_mechanism(mechanism, state)
+    mechanism = state.mechanism
+    input_ = _input(mechanism, driver)
+    angle, at = transmission_angle(mechanism, state, output, input_.name, at)
+    with square_system(state, [input_.name]) as system:
+        column = [c.name for c in system.driven].index(input_.name)
+        ratio = float(system.driver_rates()[mechanism.driven_coordinate(output).v, column])
+    advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
+    return Transmission(ratio, advantage, angle, at)
+
+
+def transmission_angle(
+    mechanism: Mechanism, state: State, output: str, driver: str, at: str | None = None
+) -> tuple[float, str]:
+    """Return transmission angle and pair as `transmission` does, at dead centres too."""
+    coordinate = mechanism.driven_coordinate(output)
+    driven = driven_coordinates(mechanism, [driver])
+    if coordinate in driven:
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
+    joint = _own_joint(mechanism, coordinate)
+    at, point = _moved_at(mechanism, joint, at)
+    with evaluation_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        own, allowed = _velocities(evaluation, joint, coordinate, [c.v for c in driven])
+        place = evaluation.data.oMi[joint].act(point)
+    return _angle(own, allowed, place / mechanism.characteristic_length), at
+
+
+def _input(mechanism: Mechanism, driver: str | None) -> Coordinate:
+    if driver is None:
+        names = list(mechanism.drivers)
+        if len(names) != 1:
+            raise SpatialPinError(f"mechanism {mechanism.name!r} has {len(names)} drivers; say "
+                                  f"which one moves the output: {', '.join(names)}")
+        driver = names[0]
+    return mechanism.driven_coordinate(driver)
+
+
+def _own_joint(mechanism: Mechanism, output: Coordinate) -> int:
+    joint = mechanism.joint_id(output.joint)
+    geared = [c.name for c in mechanism.closures
+              if c.type == COUPLING and output.name in c.joints]
+    if geared:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {output.name!r} is moved by coupling {geared[0]!r}, "
+            "not at a pair of its link: it has no transmission angle"
+        )
+    if mechanism.model.nvs[joint] != 1:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {output.name!r} is one of several coordinates of a "
+            f"{mechanism.pair_of(output.joint)} joint; a transmission angle needs an output of "
+            "one freedom"
+        )
+    return joint
+
+
+def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:
+    """Return name, and point (3,) in the joint's frame, of the pair that moves a joint's link."""
+    model = mechanism.model
+    pairs = {model.names[i]: model.jointPlacements[i].translation for i in model.children[joint]}
+    for closure in mechanism.closures:
+        for body, placement in map(mechanism.frame_on_joint, (*closure.frames, *closure.between)):
+            if body == joint:
+                pairs[closure.name] = placement.translation
+    if at is not None:
+        if at not in pairs:
+            raise UnknownNameError("pair of the output's link", at, list(pairs),
+                                   f"mechanism {mechanism.name!r}: ")
+        return at, pairs[at]
+    if len(pairs) != 1:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the link of {model.names[joint]!r} is held by "
+            + (f"several other pairs; say at which it is moved: {', '.join(pairs)}" if pairs else
+               "no other pair: nothing moves it but its own joint")
+        )
+    return next(iter(pairs.items()))
+
+
+def _velocities(
+    evaluation: Evaluation, joint: int, output: Coordinate, driven: list[int]
+) -> tuple[Array, Array]:
+    """Return the twist of the output's own joint, and those it may have with that joint opened.
+
+    Both relative to the joint's parent, at the world origin in world axes, (6,) and (k, 6), lengths
+    by the characteristic length; all drivers stand still in the latter. Opening a joint adds the
+    six freedoms of a body between the subtree and the rest.
+    """
+    n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
+    size = mechanism.characteristic_length
+    unit = np.array([size] * 3 + [1.0] * 3)
+    loose = evaluation.opening(joint) * unit
+    kept = [k for k in range(evaluation.model.nv) if k not in (*driven, output.v)]
+    allowed = null_space(np.hstack([evaluation.jacobian[:n, kept], loose]))[:, len(kept):]
+    own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]
+    return own / unit * mechanism.velocity_scale[output.v], allowed
+
+
+def _angle(own: Array, allowed: Array, point: Array) -> float:
+    """Return the angle between the velocities that two sets of twists give to a point [rad]."""
+    u, others = (x[..., :3] + np.cross(x[..., 3:], point) for x in (own, allowed))
+    if np.linalg.norm(u) < STILL:
+        u, others = own[3:], allowed[:, 3:]
+    basis = row_space(others)
+    along = basis.T @ (basis @ u)
+    return math.atan2(float(np.linalg.norm(u - along)), float(np.linalg.norm(along)))

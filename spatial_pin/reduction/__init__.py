@@ -1,0 +1,1 @@
+"""The smallest mechanism that yields the same outputs."""

@@ -1,0 +1,243 @@
+"""What of a mechanism its outputs depend on.
+
+A set of closures is enough when the loops left out constrain none of the joints that are kept:
+with T the motions of the whole closed mechanism, those of the kept joints seen in T must be all
+that the kept closures allow them. Equal dimensions prove it, as the former lie within the latter,
+and at generic configurations they hold all along the branch (the rank of an analytic matrix only
+falls at isolated places of it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.assemble import ACCEPTED
+from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.errors import UnknownNameError
+from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mobility.mobility import joints_between
+from spatial_pin.motion.motion import COORDINATE_OUTPUTS, FRAME_UNITS
+from spatial_pin.numerics.linalg import Array, null_space, rank
+
+GENERIC = 4  # closed configurations that ranks are taken at
+STEPS = (0.3, 0.1, 0.03)  # how far they lie from the reference [rad, characteristic lengths]
+RANK = 1e-7  # of orthonormal motions
+ALL_SUBSETS = 8  # closures up to which every set of them is tried
+PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out together
+
+
+class Asked(NamedTuple):
+    """Outputs, resolved.
+
+    Attributes:
+        coordinates: names of coordinates.
+        frames: names of links and frames, joints by which are meant frames included.
+        centres: links whose centre of mass is asked for.
+    """
+
+    coordinates: tuple[str, ...]
+    frames: tuple[str, ...]
+    centres: tuple[str, ...]
+
+
+def asked_of(mechanism: Mechanism, outputs: Iterable[str]) -> Asked:
+    """Resolve names of coordinates, joints, drivers, links and frames, or outputs of a Motion.
+
+    Raises:
+        UnknownNameError: a name is none of these.
+    """
+    found = Asked((), (), ())
+    for name in outputs:
+        coordinates, frames, centres = _named(mechanism, name)
+        found = Asked(found.coordinates + coordinates, found.frames + frames,
+                      found.centres + centres)
+    return Asked(*(tuple(dict.fromkeys(names)) for names in found))
+
+
+def _named(mechanism: Mechanism, name: str) -> Asked:
+    table = mechanism.coordinate_table
+    coordinates = tuple(c.name for c in table.values() if name in (c.name, c.joint))
+    if name in mechanism.drivers:
+        coordinates += (mechanism.drivers[name].joint,)
+    is_frame = name in mechanism.links or (name in mechanism.frame_ids and not coordinates)
+    if coordinates or is_frame:
+        return Asked(coordinates, (name,) * is_frame, ())
+    stem, _, kind = name.rpartition(".")
+    if kind == "com" or stem.endswith(".com"):
+        link = stem.removesuffix(".com")
+        if link in mechanism.frame_ids:
+            return Asked((), (link,), (link,))
+    if kind in ("rate", "acceleration", "jerk", "ratio", "advantage") or kind in FRAME_UNITS:
+        inner = _named(mechanism, stem)
+        if kind not in FRAME_UNITS or kind == "acceleration" or inner.frames:
+            return inner
+    known = [*table, *mechanism.drivers, *mechanism.frame_ids,
+             *(f"{link}.com" for link in mechanism.links)]
+    if kind in COORDINATE_OUTPUTS:
+        known = [n for n in known if n in table]
+    raise UnknownNameError("coordinate, joint, link or frame", name, known,
+                           f"mechanism {mechanism.name!r}: ")
+
+
+class Kept(NamedTuple):
+    """What a set of closures needs of the tree.
+
+    Attributes:
+        closures: indices into `mechanism.closures`.
+        moving: joints that stay joints.
+        welded: joints that carry some of these but move nothing relative to what is asked.
+    """
+
+    closures: tuple[int, ...]
+    moving: frozenset[int]
+    welded: frozenset[int]
+
+
+class Influence:
+    """Which joints and closures of a mechanism its outputs depend on.
+
+    Args:
+        mechanism: the mechanism.
+        state: a closed configuration, the locked joints where they are locked.
+        locked: joints that do not move.
+        needed: joints whose coordinates are asked for.
+        bodies: joints whose bodies' placements are asked for.
+    """
+
+    def __init__(self, mechanism: Mechanism, state: State, locked: Iterable[int],
+                 needed: Iterable[int], bodies: Iterable[int]) -> None:
+        self.mechanism, self.locked = mechanism, frozenset(locked)
+        self.needed, self.bodies = frozenset(needed), frozenset(bodies)
+        self.columns = _columns(mechanism)
+        self.free = np.ones(mechanism.model.nv, dtype=bool)
+        for i in self.locked:
+            self.free[self.columns[i]] = False
+        self.evaluation = Evaluation(constraints_of(mechanism))
+        self.evaluation.turns[:] = state.angles
+        self.configurations = list(self._generic(state))
+        n = self.evaluation.constraints.n_rows
+        labels = self.evaluation.constraints.labels
+        self._rows = [[i for i, label in enumerate(labels) if label.closure == c.name]
+                      for c in mechanism.closures]
+        self._jacobians, self._motions = [], []
+        for q in self.configurations:
+            self.evaluation.update(q)
+            jacobian = self.evaluation.jacobian[:n].copy()
+            motions = np.zeros((0, mechanism.model.nv))
+            inner = null_space(jacobian[:, self.free], 1e-8)
+            if len(inner):
+                motions = np.zeros((len(inner), mechanism.model.nv))
+                motions[:, self.free] = inner
+            self._jacobians.append(jacobian)
+            self._motions.append(motions)
+
+    def _generic(self, state: State) -> Iterator[Array]:
+        """Yield closed configurations of the branch away from the reference, else that itself."""
+        evaluation, model = self.evaluation, self.mechanism.model
+        scale, n = self.mechanism.velocity_scale, evaluation.constraints.n_rows
+        evaluation.update(state.q)
+        tangents = null_space(evaluation.jacobian[:n, self.free], 1e-8)
+        rng = np.random.default_rng(7)
+        found = 0
+        for size in STEPS:
+            for _ in range(GENERIC if len(tangents) else 0):
+                step = np.zeros(model.nv)
+                direction = rng.normal(size=len(tangents)) @ tangents
+                step[self.free] = size * direction / np.linalg.norm(direction)
+                q, error = close(evaluation, pin.integrate(model, state.q, scale * step),
+                                 self.free, 1e-14)
+                moved = np.linalg.norm(pin.difference(model, state.q, q) / scale)
+                if error <= ACCEPTED and 0.3 * size < moved < 3.0 * size \
+                        and not evaluation.mirrored():
+                    found += 1
+                    yield q
+            if found >= GENERIC:
+                return
+        if not found:
+            yield state.q
+
+    def motions(self) -> list[Array]:
+        """Return the motions (k, nv), scaled, of the closed mechanism where it was looked at."""
+        return self._motions
+
+    def kept(self, closures: Iterable[int]) -> Kept:
+        """Return the joints that matter when only these closures are kept."""
+        chosen = tuple(closures)
+        model = self.mechanism.model
+        moving = set(self.needed)
+        for i in self.bodies:
+            moving.update(int(j) for j in model.supports[i])
+        for k in chosen:
+            moving.update(joints_of(self.mechanism, self.mechanism.closures[k]))
+        moving -= {0, *self.locked}
+        carried = set(moving) | set(self.bodies)
+        for k in chosen:
+            closure = self.mechanism.closures[k]
+            carried.update(self.mechanism.frame_on_joint(f)[0]
+                           for f in (*closure.frames, *closure.between))
+        carriers = {int(j) for i in carried for j in model.supports[i]}
+        return Kept(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
+
+    def is_enough(self, kept: Kept) -> bool:
+        """Whether the closures left out constrain none of the joints kept."""
+        columns = sorted(v for i in kept.moving for v in self.columns[i])
+        rows = [r for k in kept.closures for r in self._rows[k]]
+        return all(
+            rank(motions[:, columns], RANK) == len(columns) - rank(jacobian[rows][:, columns])
+            for motions, jacobian in zip(self._motions, self._jacobians, strict=True))
+
+    def least(self) -> Kept:
+        """Return the least that is enough: the fewest coordinates, then the fewest closures."""
+        count = len(self.mechanism.closures)
+        if count > ALL_SUBSETS:
+            return self._greedy()
+        best = self.kept(range(count))
+        size = self._size(best)
+        for n in range(count):
+            for chosen in combinations(range(count), n):
+                kept = self.kept(chosen)
+                if self._size(kept) < size and self.is_enough(kept):
+                    best, size = kept, self._size(kept)
+        return best
+
+    def _size(self, kept: Kept) -> tuple[int, int]:
+        return sum(len(self.columns[i]) for i in kept.moving), len(kept.closures)
+
+    def _greedy(self) -> Kept:
+        """Leave out closures one by one, or two by two, as long as that is possible."""
+        best = self.kept(range(len(self.mechanism.closures)))
+        sizes = (1, 2) if len(best.closures) <= PAIRS_OF_CLOSURES else (1,)
+        found = True
+        while found:
+            found = False
+            for size in sizes:
+                for out in combinations(best.closures, size):
+                    kept = self.kept(k for k in best.closures if k not in out)
+                    if set(out) <= set(best.closures) and self.is_enough(kept):
+                        best, found = kept, True
+                        break
+                if found:
+                    break
+        return best
+
+
+def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:
+    """Return the joints of the tree that a closure relates to each other."""
+    if closure.type == COUPLING:
+        return {mechanism.joint_id(mechanism.coordinate(name).joint) for name in closure.joints}
+    return {joint for frames in (closure.frames, closure.between) if frames
+            for joint in joints_between(mechanism, frames)}
+
+
+def _columns(mechanism: Mechanism) -> Mapping[int, list[int]]:
+    model = mechanism.model
+    return {i: list(range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]))
+            for i in range(1, model.njoints)}

@@ -1,0 +1,337 @@
+"""The smallest model that yields the outputs asked for, as a Mechanism of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import joint_values, needed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.resistance import resists
+from spatial_pin.numerics.linalg import Array, null_space, rank
+from spatial_pin.reduction.influence import Asked, Influence, asked_of
+from spatial_pin.reduction.model import Model
+from spatial_pin.reduction.report import Omission, omissions
+from spatial_pin.reduction.states import carried_over
+from spatial_pin.reduction.verification import Verification, verification
+
+STARTS = 256  # assembled configurations that are remembered
+OPEN = 1e-9  # closure error of the reduced model where the full one is closed
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reduced(Mechanism):
+    """A mechanism that yields some outputs of another one, and no more; `str()` is a report.
+
+    Attributes:
+        full: the mechanism it stands for.
+        outputs: what was asked for.
+        welds: coordinates of the full mechanism that are locked, with their values [rad, m].
+        dynamics: whether what has mass was kept.
+        left_out: what it does without, and why.
+    """
+
+    full: Mechanism = None  # type: ignore[assignment]
+    outputs: tuple[str, ...] = ()
+    welds: Mapping[str, float] = field(default_factory=dict)
+    dynamics: bool = False
+    left_out: tuple[Omission, ...] = ()
+
+    @cached_property
+    def characteristic_length(self) -> float:
+        """That of the full mechanism [m], so that closure errors mean the same."""
+        return self.full.characteristic_length
+
+    @property
+    def unplaced(self) -> Mapping[str, str]:
+        """Links, frames and joints that stand elsewhere here, each with a joint that is missing.
+
+        They carry what is asked for, but moved by joints that it does not depend on.
+        """
+        return self._unplaced
+
+    @cached_property
+    def _unplaced(self) -> Mapping[str, str]:
+        full, own = self.full, {self.model.names[i] for i in range(self.model.njoints)}
+        own |= {full.coordinate(name).joint for name in self.welds}
+        found = {}
+        for name in self.frame_ids:
+            if name in full.frame_ids:
+                chain = full.model.supports[full.frame_on_joint(name)[0]]
+                missing = [full.model.names[i] for i in chain if full.model.names[i] not in own]
+                found.update({name: missing[0]} if missing else {})
+        return found
+
+    def placed(self, name: str) -> str:
+        """Return the name of a link, frame or joint whose motion in the world is known here.
+
+        Raises:
+            SpatialPinError: a joint that moves it is left out.
+        """
+        joint = self.unplaced.get(name) if isinstance(name, str) else None
+        if joint is not None:
+            on = self.full.frame_on_joint(name)[0]
+            link = next((x for x in self.full.links if self.full.frame_on_joint(x)[0] == on), name)
+            raise SpatialPinError(
+                f"mechanism {self.name!r} does not know where {name!r} is: joint {joint!r}, which "
+                "moves it, is left out, as nothing asked for moves with it; reduce to "
+                f"{(*self.outputs, link)} for that")
+        return name
+
+    def start(self, values: Mapping[str, float]) -> Array | None:
+        """Return where the full mechanism assembles: what is left out may tell branches apart."""
+        known = self.memo.setdefault("starts", {})
+        key = tuple(sorted(values.items()))
+        if key not in known:
+            if len(known) >= STARTS:
+                known.clear()
+            known[key] = self._start(values)
+        found: Array | None = known[key]
+        return found
+
+    def _start(self, values: Mapping[str, float]) -> Array | None:
+        try:
+            there = assembled(self.full, {**self.welds, **values})
+        except SpatialPinError:  # a loop that is left out cannot close there
+            return None
+        found = carried_over(self, there)
+        return found.q if found.closure_error <= OPEN else None
+
+    @checked
+    def state(self, full: State) -> State:
+        """Return a state of the full mechanism as one of this.
+
+        Raises:
+            SpatialPinError: it is a state of another mechanism, or a welded joint stands
+                elsewhere in it, so that the loops are open here.
+        """
+        full = of_mechanism(self.full, full)
+        found = carried_over(self, full)
+        if found.closure_error > max(OPEN, 10.0 * full.closure_error):
+            raise SpatialPinError(
+                f"mechanism {self.name!r}: the loops are open by {found.closure_error:.1e} in "
+                "that state: what was welded, or the branch, is another there")
+        return found
+
+    @checked
+    def verify(
+        self, driver: str | None = None, values: Any = None, *, speed: float = 1.0,
+        acceleration: float = 0.5, guess: Mapping[str, Any] | None = None,
+        hold: Mapping[str, float] | None = None,
+    ) -> Verification:
+        """Sweep this and the full mechanism side by side and compare the outputs.
+
+        With `dynamics`, accelerations by `forward_dynamics` are compared too, at some rows of it.
+
+        Args:
+            driver: what to sweep; default every driver in turn.
+            values: (N,) its values [rad or m]; default its range, or a whole turn.
+            speed: of the driver [rad/s or m/s].
+            acceleration: likewise [rad/s² or m/s²].
+            guess: where both assemble, by joints that both have.
+            hold: values of the other drivers; default those of the assembled configuration.
+
+        Raises:
+            SpatialPinError: there is nothing to drive.
+        """
+        return verification(self, self.full, asked_of(self.full, self.outputs), driver, values,
+                            speed, acceleration, guess, dict(hold or {}))
+
+    def __repr__(self) -> str:
+        return super().__repr__().replace("Mechanism(", "Reduced(", 1)
+
+    def __str__(self) -> str:
+        full, rows = self.full, [constraints_of(m).n_rows for m in (self.full, self)]
+        lines = [
+            f"{self.name}, reduced to {', '.join(self.outputs)}:",
+            f"  coordinates {len(full.coordinates)} -> {len(self.coordinates)}, "
+            f"equations {rows[0]} -> {rows[1]}, links and frames "
+            f"{len(full.links)} -> {len(self.links)}",
+        ]
+        return "\n".join([*lines, *(f"  left out: {x}" for x in self.left_out)])
+
+
+class _Locks(NamedTuple):
+    """Joints that do not move: their coordinates' values, and the couplings that fall away."""
+
+    values: dict[str, float]
+    joints: frozenset[int]
+
+
+@checked
+def reduce(
+    mechanism: Mechanism,
+    outputs: str | Iterable[str],
+    *,
+    lock: Mapping[str, float] | Iterable[str] = (),
+    dynamics: bool = False,
+    lump: bool = False,
+    guess: Mapping[str, Any] | State | Array | None = None,
+) -> Reduced:
+    """Return the smallest model that yields the outputs asked for.
+
+    Geometry goes; so do loops and branches that no output depends on, links of two pairs that
+    stand for equations between their neighbours (a rod with two balls: one distance; a leg with a
+    slide that is asked for or driven: one of variable length), equations that hold of themselves
+    (planar loops), and, unless `dynamics`, inertias and springs. Drivers stay. A loop that is left
+    out no longer limits the drivers: `verify` tells.
+
+    Args:
+        mechanism: the mechanism.
+        outputs: names of coordinates, joints (their coordinates), links and frames (their motion
+            in the world; of a link also its centre of mass), or outputs as of `Motion.output`.
+        lock: joints, coordinates or drivers that never move, with their values [rad, m], or
+            their names only to lock them where the guess has them.
+        dynamics: keep all that has mass, springs and damped joints; what is then left out is
+            massless, and forward dynamics is exact.
+        lump: with `dynamics`, replace rods between balls or universal joints all the same: their
+            mass goes to the centres of the two pairs, which keeps the mass, and the centre of mass
+            where that lies on the line between them; `left_out` tells how far it moves otherwise,
+            and what inertia is lost.
+        guess: where to assemble; welded joints are welded there.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        UnknownNameError: a name does not exist.
+        SpatialPinError: an output is locked, or part of a joint only.
+        ValueError: no outputs, or `lump` without `dynamics`.
+    """
+    needed(mechanism)
+    given = (outputs,) if isinstance(outputs, str) or not isinstance(outputs, Iterable) else outputs
+    names = () if outputs is None else tuple(given)
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError(f"outputs is {outputs!r}; it is a name, or several")
+    if not names:
+        raise ValueError("outputs is empty; name at least one coordinate, link or frame")
+    if lump and not dynamics:
+        raise ValueError("lump=True says where mass goes: it needs dynamics=True")
+    asked = asked_of(mechanism, names)
+    for name in asked.frames:
+        mechanism.placed(name)
+    state, locks = _locked(mechanism, lock, guess)
+    for name in asked.coordinates:
+        if name in locks.values:
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: output {name!r} is locked")
+    influence = Influence(mechanism, state, locks.joints,
+                          _needed(mechanism, asked, locks, dynamics),
+                          _bodies(mechanism, asked, dynamics))
+    kept = influence.least()
+    for simplest in (True, False):
+        model = Model(mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
+        if simplest:
+            model.replace_links()
+            model.drop_equations()
+        made = model.mechanism(locks.joints)
+        if _agrees(made, influence):
+            break
+    else:
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: no smaller model was found that "
+                              "moves as it does at the configurations tried")
+    parts = {f.name: getattr(made, f.name) for f in fields(Mechanism) if f.name != "memo"}
+    parts["guess"] = _coordinates(made, state)
+    return Reduced(**parts, full=mechanism, outputs=names, welds=locks.values,
+                   dynamics=dynamics,
+                   left_out=tuple(omissions(model, locks.joints)))
+
+
+# ---------------------------------------------------------------- what is needed
+
+
+def _locked(
+    mechanism: Mechanism, lock: Mapping[str, float] | Iterable[str],
+    guess: Mapping[str, Any] | State | Array | None,
+) -> tuple[State, _Locks]:
+    """Return the assembled state, and the joints locked there."""
+    if isinstance(lock, Mapping):
+        values = joint_values(mechanism, lock)
+    else:
+        names = [lock] if isinstance(lock, str) else list(lock)
+        there = assembled(mechanism, None, guess)
+        values = {}
+        for name in names:
+            coordinate = mechanism.driven_coordinate(name)
+            values[coordinate.name] = there.coordinate(coordinate.name).value
+        guess = there
+    for _ in mechanism.closures:  # what is geared to a locked joint is locked
+        for c in mechanism.closures:
+            if c.type == COUPLING:
+                a, b = (mechanism.coordinate(name).name for name in c.joints)
+                if a in values:
+                    values[b] = c.ratio * values[a] + c.offset
+                elif b in values:
+                    values[a] = (values[b] - c.offset) / c.ratio
+    joints = set()
+    for name in values:
+        joint = mechanism.coordinate(name).joint
+        missing = [c.name for c in mechanism.coordinate_table.values()
+                   if c.joint == joint and c.name not in values]
+        if missing:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: {name!r} alone cannot be locked: lock all "
+                f"coordinates of {joint!r} ({', '.join(missing)} too)")
+        joints.add(mechanism.joint_id(joint))
+    state = assembled(mechanism, values, guess)
+    return state, _Locks(values, frozenset(joints))
+
+
+def _needed(mechanism: Mechanism, asked: Asked, locks: _Locks, dynamics: bool) -> set[int]:
+    """Return the joints whose coordinates are asked for, driven, or sprung."""
+    names = [*asked.coordinates, *(d.joint for d in mechanism.drivers.values())]
+    if dynamics:
+        names += [s.joint for s in mechanism.springs if s.joint is not None]
+    return {mechanism.joint_id(c.joint) for c in map(mechanism.coordinate, names)
+            if c.name not in locks.values}
+
+
+def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
+    """Return the joints whose bodies' placements are asked for, or move mass."""
+    bodies = {mechanism.frame_on_joint(name)[0] for name in asked.frames}
+    if dynamics:
+        model = mechanism.model
+        bodies |= {mechanism.frame_on_joint(f)[0] for s in mechanism.springs for f in s.frames}
+        for i in range(1, model.njoints):
+            if model.inertias[i].mass > 0.0 or np.any(model.inertias[i].inertia) \
+                    or resists(mechanism, i):
+                bodies.add(i)
+    return bodies - {0}
+
+
+# ---------------------------------------------------------------- checks
+
+
+def _agrees(made: Mechanism, influence: Influence) -> bool:
+    """Whether the reduced mechanism is closed, and as free, where the full one was looked at."""
+    full = influence.mechanism
+    evaluation = Evaluation(constraints_of(made))
+    at = [full.coordinate_table[name].v for name in made.coordinates]
+    for q, motions in zip(influence.configurations, influence.motions(), strict=True):
+        influence.evaluation.update(q)
+        state = State(full, q, closure_error=0.0, angles=influence.evaluation.angles)
+        own = carried_over(made, state)
+        evaluation.turns[:] = own.angles
+        evaluation.update(own.q)
+        rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+        if evaluation.closure_error > OPEN or evaluation.mirrored() \
+                or len(null_space(rows, 1e-8)) != rank(motions[:, at], 1e-7):
+            return False
+    return True
+
+
+def _coordinates(mechanism: Mechanism, state: State) -> dict[str, Any]:
+    """Return the coordinates of a state by the joints of a reduced mechanism, as a file's guess."""
+    out: dict[str, Any] = {}
+    for joint in list(mechanism.model.names)[1:]:
+        own = [state.coordinate(c.name).value for c in mechanism.coordinate_table.values()
+               if c.joint == joint]
+        out[joint] = own[0] if len(own) == 1 else own
+    return out

@@ -1,0 +1,234 @@
+"""Sweeping a mechanism and a model of it side by side, and comparing outputs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import as_array
+from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.reduction.influence import Asked
+
+if TYPE_CHECKING:
+    from spatial_pin.reduction.reduce import Reduced
+
+VALUES = 361  # driver values by default
+MARGIN = 0.05  # part of a driver's range that is left out at a limit
+ROOM = 0.5  # range of a slide either way, at most, by the characteristic length
+ROWS = 5  # at which forward dynamics is compared
+EVENTS = ("limit", "singular", "branch point", "lost")
+
+
+class Difference(NamedTuple):
+    """How far an output of the reduced model is from that of the full one, at worst.
+
+    Attributes:
+        output: coordinate, frame, or LINK.com.
+        driver: what was swept; or "forward dynamics".
+        position: [rad], or [m] by the characteristic length.
+        rate: of velocities, by the largest there is, or 1 rad/s, characteristic length per s.
+        acceleration: likewise.
+    """
+
+    output: str
+    driver: str
+    position: float
+    rate: float
+    acceleration: float
+
+
+class Verification(NamedTuple):
+    """What a comparison found; `str()` is a report.
+
+    Attributes:
+        differences: one for each output and driver.
+        rows: rows compared.
+        full_seconds, reduced_seconds: times of the sweeps.
+        remarks: where the two did not end alike.
+    """
+
+    differences: tuple[Difference, ...]
+    rows: int
+    full_seconds: float
+    reduced_seconds: float
+    remarks: tuple[str, ...]
+
+    @property
+    def worst(self) -> float:
+        """The largest difference of all."""
+        return max(max(d[2:]) for d in self.differences)
+
+    def __str__(self) -> str:
+        lines = [f"{self.rows} rows compared, largest difference {self.worst:.1e}; full "
+                 f"{1e3 * self.full_seconds:.3g} ms, reduced {1e3 * self.reduced_seconds:.3g} ms"]
+        lines += [f"  {d.output} over {d.driver}: position {d.position:.1e}, rate {d.rate:.1e}, "
+                  f"acceleration {d.acceleration:.1e}" for d in self.differences]
+        return "\n".join([*lines, *(f"  note: {x}" for x in self.remarks)])
+
+
+def verification(
+    reduced: Reduced, full: Mechanism, asked: Asked, driver: str | None, values: Any,
+    speed: float, acceleration: float, guess: Mapping[str, Any] | None, hold: Mapping[str, float],
+) -> Verification:
+    """Compare the outputs `asked` of two mechanisms; see `Reduced.verify`."""
+    names = [driver] if driver is not None else _drivers(reduced, full)
+    if values is not None and not np.size(values := np.atleast_1d(as_array(values, "values"))):
+        raise ValueError("values is empty; one driver value at least is compared")
+    if np.ndim(values) > 1:
+        raise ValueError(f"values has shape {np.shape(values)}; (N,) is needed")
+    differences: list[Difference] = []
+    remarks: list[str] = []
+    rows, seconds = 0, np.zeros(2)
+    hold = {full.driven_coordinate(name).name: value for name, value in hold.items()}
+    for name in names:
+        asked_values = values if values is not None else _usual(full, reduced, name, guess, hold)
+        pair = []
+        for k, mechanism in enumerate((full, reduced)):
+            start = time.perf_counter()
+            pair.append(sweep(mechanism, name, asked_values, speed, acceleration, guess=guess,
+                              hold=_held(mechanism, full, reduced, name, hold, asked_values, guess),
+                              on_limit="stop", on_crossing="stop"))
+            seconds[k] += time.perf_counter() - start
+        count = min(map(len, pair))
+        rows += count
+        remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
+        if count:
+            differences += [_difference(output, name, a, b, full) for output, a, b in
+                            _outputs(pair[0], pair[1], asked, count)]
+            if reduced.dynamics:
+                differences += _dynamics(reduced, pair[0], asked)
+    if not differences:
+        raise SpatialPinError(f"mechanism {full.name!r}: no row could be compared")
+    return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
+                        tuple(remarks))
+
+
+def _drivers(reduced: Reduced, full: Mechanism) -> list[str]:
+    if reduced.drivers:
+        return list(reduced.drivers)
+    for c in reduced.coordinate_table.values():
+        if c.q >= 0:
+            return [c.name]
+    raise SpatialPinError(f"mechanism {full.name!r}: nothing to drive: no coordinate is left")
+
+
+def _usual(
+    full: Mechanism, reduced: Reduced, driver: str, guess: Mapping[str, Any] | None,
+    hold: Mapping[str, float],
+) -> Array:
+    """Return values from one end of the driver's range to the other."""
+    coordinate = full.driven_coordinate(driver)
+    state = assembled(full, dict(reduced.welds) | dict(hold), guess)
+    at = state.coordinate(coordinate.name).value
+    room = 2.0 * np.pi if coordinate.unit == "rad" else ROOM * full.characteristic_length
+    hold = _held(full, full, reduced, driver, hold, np.array([at]), guess)
+    ends = [_end(full, driver, state, hold, at, sense * room) for sense in (1.0, -1.0)]
+    if ends[0] == at + room:
+        return np.linspace(at, at + room, VALUES)
+    margin = MARGIN * (ends[0] - ends[1])
+    return np.linspace(ends[1] + margin, ends[0] - margin, VALUES)
+
+
+def _end(
+    full: Mechanism, driver: str, state: State, hold: Mapping[str, float], at: float, room: float
+) -> float:
+    """Return how far the driver goes, at most `room`."""
+    found = sweep(full, driver, np.linspace(at, at + room, VALUES), np.sign(room), guess=state,
+                  hold=hold, on_limit="stop", on_crossing="stop")
+    stops = [e.value for e in found.events if e.kind in EVENTS]
+    return at + room if len(found) == VALUES else stops[-1]
+
+
+def _held(
+    mechanism: Mechanism, full: Mechanism, reduced: Reduced, driver: str,
+    hold: Mapping[str, float], values: Array, guess: Mapping[str, Any] | None,
+) -> dict[str, float]:
+    """Return what a sweep holds: the same drivers in both, the welded ones in the full one."""
+    welded = dict(reduced.welds)
+    first = {driver: float(np.atleast_1d(values)[0])}
+    there = assembled(full, {**welded, **hold, **first}, guess)
+    coordinate = full.driven_coordinate(driver).name
+    others = {d.joint: there.coordinate(d.joint).value for d in reduced.drivers.values()
+              if d.joint != coordinate}
+    return {**others, **(welded if mechanism is full else {}), **hold}
+
+
+def _remarks(full: Motion, reduced: Motion, driver: str, asked: int) -> Iterator[str]:
+    ends = [[e for e in m.events if e.kind in EVENTS] for m in (full, reduced)]
+    for who, motion, other, events in (("full", full, reduced, ends[0]),
+                                       ("reduced", reduced, full, ends[1])):
+        if len(motion) < len(other):
+            yield (f"over {driver} the {who} model ends after {len(motion)} of "
+                   f"{len(other)} rows: {events[-1].text if events else 'no reason known'}")
+    if len(full) == len(reduced) < asked:
+        yield (f"over {driver} both end after {len(full)} of {asked} rows: "
+               f"{ends[0][-1].text if ends[0] else 'no reason known'}")
+
+
+def _outputs(
+    full: Motion, reduced: Motion, asked: Asked, count: int
+) -> Iterator[tuple[str, tuple[list[Array], ...], tuple[list[Array], ...]]]:
+    """Yield name, and (positions, rates, accelerations) of both, each angles and lengths apart."""
+    for name in asked.coordinates:
+        unit = full.mechanism.coordinate(name).unit
+        sizes = 1.0 if unit == "rad" else full.mechanism.characteristic_length
+        first, second = (tuple([x[:count] / sizes] for x in m.coordinate(name))
+                         for m in (full, reduced))
+        yield name, first, second
+    for name in asked.frames:
+        yield name, _frame(full, name, count), _frame(reduced, name, count)
+    for name in asked.centres:
+        yield (f"{name}.com", _frame(full, name, count, centre=True),
+               _frame(reduced, name, count, centre=True))
+
+
+def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Difference]:
+    """Compare accelerations that follow from forces, gravity and springs alone."""
+    full, size = motion.mechanism, motion.mechanism.characteristic_length
+    worst: dict[str, float] = {}
+    for row in np.linspace(0, len(motion) - 1, ROWS, dtype=int):
+        states = [motion.state(row)]
+        states.append(reduced.state(states[0]))
+        found = [forward_dynamics(m, s).state for m, s in zip((full, reduced), states, strict=True)]
+        for name in asked.coordinates:
+            unit = 1.0 if full.coordinate(name).unit == "rad" else size
+            a, b = (s.coordinate(name).acceleration / unit for s in found)
+            worst[name] = max(worst.get(name, 0.0), abs(a - b) / max(1.0, abs(a)))
+        for name in asked.frames:
+            a, b = (s.acceleration(name).vector / np.repeat([size, 1.0], 3) for s in found)
+            gap = float(np.abs(a - b).max()) / max(1.0, float(np.abs(a).max()))
+            worst[name] = max(worst.get(name, 0.0), gap)
+    for name, gap in worst.items():
+        yield Difference(name, "forward dynamics", 0.0, 0.0, gap)
+
+
+def _frame(motion: Motion, name: str, count: int, centre: bool = False) -> tuple[list[Array], ...]:
+    moving = motion.com(name) if centre else motion.frame(name)
+    size = motion.mechanism.characteristic_length
+    return (
+        [moving.position[:count] / size, moving.rotation[:count]],
+        [moving.velocity[:count] / size, moving.angular_velocity[:count]],
+        [moving.acceleration[:count] / size, moving.angular_acceleration[:count]],
+    )
+
+
+def _difference(
+    output: str, driver: str, a: tuple[list[Array], ...], b: tuple[list[Array], ...],
+    full: Mechanism,
+) -> Difference:
+    worst = []
+    for order, (first, second) in enumerate(zip(a, b, strict=True)):
+        size = max([1.0, *(float(np.abs(x).max()) for x in first)]) if order else 1.0
+        worst.append(max(float(np.abs(x - y).max()) / size
+                         for x, y in zip(first, second, strict=True)))
+    return Difference(output, driver, *worst)

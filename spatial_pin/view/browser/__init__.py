@@ -1,0 +1,1 @@
+"""Pictures and films, taken by a browser without a window."""

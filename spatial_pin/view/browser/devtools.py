@@ -1,0 +1,307 @@
+"""A browser without a window that is driven from here: it opens, answers, clicks, photographs.
+
+It speaks the Chrome DevTools protocol over tornado's websocket, which meshcat brings along. The
+websocket has a thread and an event loop of its own, so that a notebook's running loop is no matter.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+import queue
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.view.browser.picture import end, find_browser, start
+
+OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",  # the pages are our own and refuse the network
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",  # containers have little of it
+    "--disable-extensions",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",  # any that is free, on the loopback interface
+)
+PATIENCE = 60.0  # longest that anything may take [s]
+GRACE = 5.0  # for a browser that was asked to end [s]
+POLL = 0.01  # between two looks at something that is not ready yet [s]
+LARGEST_MESSAGE = 1 << 28  # a picture is one message [bytes]
+DOMAINS = ("Page", "Runtime", "Log", "Network")  # what events are wanted of
+NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => done(true)))"
+
+
+class _Line:
+    """A websocket to the browser."""
+
+    def __init__(self, url: str) -> None:
+        from tornado.websocket import websocket_connect
+
+        self._messages: queue.SimpleQueue[Any] = queue.SimpleQueue()  # the last one is None
+        self._ended = False
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(
+            target=self._loop.run_forever, name="spatial_pin devtools", daemon=True
+        )
+        self._thread.start()
+
+        async def connect() -> Any:
+            return await websocket_connect(
+                url,
+                connect_timeout=PATIENCE,
+                on_message_callback=self._messages.put,
+                max_message_size=LARGEST_MESSAGE,
+            )
+
+        try:
+            self._socket = asyncio.run_coroutine_threadsafe(connect(), self._loop).result(PATIENCE)
+        except BaseException:
+            self._end()
+            raise
+
+    def send(self, text: str) -> None:
+        """Send a message."""
+
+        async def write() -> None:
+            await self._socket.write_message(text)
+
+        asyncio.run_coroutine_threadsafe(write(), self._loop).result(PATIENCE)
+
+    def receive(self, timeout: float = PATIENCE) -> str | None:
+        """Return the next message, None when there will be no more.
+
+        Raises:
+            queue.Empty: there is none within `timeout` [s].
+        """
+        text = None if self._ended else self._messages.get(timeout=timeout)
+        self._ended = text is None
+        return text
+
+    def close(self) -> None:
+        """Close the websocket and end its thread."""
+        self._loop.call_soon_threadsafe(self._socket.close)
+        deadline = time.monotonic() + GRACE  # a page may report without end
+        with contextlib.suppress(queue.Empty):
+            while time.monotonic() < deadline and self.receive(GRACE) is not None:
+                pass
+        self._end()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(GRACE)
+        self._loop.close()
+
+
+class Browser:
+    """One headless Chromium or Chrome with one page; `close` it, or use it in a `with` statement.
+
+    Attributes:
+        events: what the page has reported since it was opened, as the protocol words it:
+            console messages, exceptions, requests.
+    """
+
+    def __init__(self, size: tuple[int, int] = (960, 720)) -> None:
+        """Start a browser.
+
+        Args:
+            size: width and height of its page [pixels].
+
+        Raises:
+            SpatialPinError: there is no browser, or it does not start.
+        """
+        program = find_browser()
+        if program is None:
+            raise SpatialPinError(
+                "a picture needs Chromium or Chrome, and none was found on the PATH"
+            )
+        self.events: list[dict[str, Any]] = []
+        self._program = program
+        self._session = ""
+        self._asked = 0
+        self._line: _Line | None = None
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self._process = self._start()
+        try:
+            self._line = _Line(self._address())
+            self._attach()
+            self.resize(size)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        command = [self._program, *OPTIONS, f"--user-data-dir={self._folder.name}", "about:blank"]
+        return start(command, self._folder.name)
+
+    def _address(self) -> str:
+        """Return the browser's websocket, once it has written it down."""
+        note = Path(self._folder.name) / "DevToolsActivePort"
+
+        def written() -> list[str]:
+            if self._process.poll() is not None:
+                said = (note.parent / "stderr").read_text(errors="replace")[-2000:]
+                raise SpatialPinError(f"{self._program} ended at once:\n{said}")
+            lines = note.read_text().split() if note.is_file() else []
+            return lines if len(lines) == 2 else []
+
+        port, path = _patiently(written, f"{self._program} to start")
+        return f"ws://127.0.0.1:{port}{path}"
+
+    def _attach(self) -> None:
+        """Take the page over."""
+        pages = self.call("Target.getTargets")["targetInfos"]
+        page = next((p["targetId"] for p in pages if p["type"] == "page"), None)
+        page = page or self.call("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.call("Target.attachToTarget", targetId=page, flatten=True)
+        self._session = attached["sessionId"]
+        for domain in DOMAINS:
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Return the result of a method of the DevTools protocol.
+
+        Raises:
+            SpatialPinError: the browser refuses, is gone or does not answer.
+        """
+        if self._line is None:
+            raise SpatialPinError("the browser is closed")
+        self._asked += 1
+        message = {"id": self._asked, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        self._line.send(json.dumps(message))
+        answer = self._answer(method)
+        if "error" in answer:
+            raise SpatialPinError(f"the browser refuses {method}: {answer['error']['message']}")
+        return answer["result"]
+
+    def _answer(self, method: str) -> dict[str, Any]:
+        """Return the answer to the last question; what else comes before it is an event."""
+        assert self._line is not None
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                if time.monotonic() > deadline:
+                    raise queue.Empty
+                text = self._line.receive()
+            except queue.Empty:
+                raise SpatialPinError(
+                    f"the browser has not answered {method} for {PATIENCE:g} s"
+                ) from None
+            if text is None:
+                raise SpatialPinError(f"the browser went away during {method}")
+            message = json.loads(text)
+            if message.get("id") == self._asked:
+                return message
+            if "method" in message:
+                self.events.append(message)
+
+    # ------------------------------------------------------------ the page
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Make the page width by height pixels; a page asks for it when it is opened."""
+        width, height = size
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
+                  deviceScaleFactor=1, mobile=False)
+
+    def open(self, address: Path | str, ready: str = "true") -> None:
+        """Open a page and wait until it is loaded and `ready`.
+
+        Args:
+            address: a file, or a URL.
+            ready: JavaScript that is true once the page can be used.
+
+        Raises:
+            SpatialPinError: it cannot be opened, or is not ready in time.
+        """
+        url = address.resolve().as_uri() if isinstance(address, Path) else address
+        self.call("Page.navigate", url="about:blank")  # a page asked for again begins anew
+        self.events.clear()
+        failure = self.call("Page.navigate", url=url).get("errorText")
+        if failure:
+            raise SpatialPinError(f"the browser cannot open {url}: {failure}")
+        self.wait_until(f"document.readyState === 'complete' && ({ready})")
+
+    def evaluate(self, script: str) -> Any:
+        """Return the value, as plain data, of JavaScript in the page; promises are awaited.
+
+        Raises:
+            SpatialPinError: the script throws.
+        """
+        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True,
+                           awaitPromise=True)
+        if "exceptionDetails" in answer:
+            details = answer["exceptionDetails"]
+            words = details.get("exception", {}).get("description") or details["text"]
+            raise SpatialPinError(f"the page fails: {words}")
+        return answer["result"].get("value")
+
+    def wait_until(self, condition: str) -> None:
+        """Wait until JavaScript in the page is true.
+
+        Raises:
+            SpatialPinError: it is not true in time; the message holds what the page says of it.
+        """
+        _patiently(lambda: self.evaluate(f"Boolean({condition})"), f"the page: {condition}")
+
+    def screenshot(self) -> bytes:
+        """Return a picture of the page as it stands now, PNG."""
+        self.evaluate(NEXT_PICTURE)
+        shot = self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)
+        return base64.b64decode(shot["data"])
+
+    def click(self, x: float, y: float) -> None:
+        """Click at a point of the page [pixels from its left and upper edge]."""
+        for kind, pressed in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 1)):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, clickCount=pressed,
+                      button="left" if pressed else "none")
+
+    # ------------------------------------------------------------ the end
+
+    def close(self) -> None:
+        """End the browser and everything it has started; closing it twice does no harm."""
+        if self._line is not None:
+            self._session = ""
+            with contextlib.suppress(Exception):
+                self.call("Browser.close")
+                self._process.wait(GRACE)
+            self._line.close()
+            self._line = None
+        end(self._process)
+        self._folder.cleanup()
+
+    def __enter__(self) -> Browser:
+        """Return the browser."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the browser."""
+        self.close()
+
+
+def _patiently(look: Callable[[], Any], what: str) -> Any:
+    """Return the first true result of `look`."""
+    end = time.monotonic() + PATIENCE
+    while not (found := look()):
+        if time.monotonic() > end:
+            raise SpatialPinError(f"waited {PATIENCE:g} s in vain for {what}")
+        time.sleep(POLL)
+    return found

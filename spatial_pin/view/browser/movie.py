@@ -1,0 +1,200 @@
+"""A motion as a film file, photographed frame by frame from its page by a browser.
+
+To add a format: a function from the path, the times, the camera and the frames a second to nothing,
+and its line in WRITERS.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from spatial_pin.checks import checked, picture_size, positive_number
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.outputs import named_path, replacing
+from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.page.html import export_html
+from spatial_pin.view.scene.film import film
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from spatial_pin.motion.motion import Motion
+    from spatial_pin.view.scene.look import Look
+
+Array = NDArray[np.float64]
+Shoot = Callable[[float], "Image.Image"]
+
+READY = "typeof seek === 'function' && !viewer.needs_render"  # of page.html
+COLOURS = 128  # of a GIF
+LOOKED_AT = 8  # frames that a GIF's colours are taken from
+MOST_FRAMES = 100_000  # a day of photographing
+FASTEST_GIF = 50.0  # frames a second: browsers show shorter ones for 0.1 s
+
+
+def open_page(browser: Browser, page: Path | str) -> None:
+    """Open a page of `export_html` or `show`, stopped at its first row and bare of its player."""
+    browser.open(page, READY)
+    browser.evaluate("document.body.classList.add('bare'); seek(0)")
+
+
+def shoot(browser: Browser, seconds: float) -> Image.Image:
+    """Return the picture of the open page at a time of its film [s]."""
+    from PIL import Image
+
+    browser.evaluate(f"seek({seconds:.6f})")
+    with Image.open(io.BytesIO(browser.screenshot())) as image:
+        return image.convert("RGB")
+
+
+def _durations(n: int, fps: float) -> list[int]:
+    """Return how long each of n frames is shown [ms], whole hundredths of a second as GIF asks."""
+    ends = np.round(100.0 * np.arange(n + 1) / fps).astype(int)
+    return [10 * int(x) for x in np.diff(ends)]
+
+
+def _palette(images: Sequence[Image.Image], colours: int) -> Image.Image:
+    """Return an image with the palette that suits all images.
+
+    A colour counts by the square root of its pixels, or the white ground would take most of it.
+    """
+    from PIL import Image
+
+    pixels = np.concatenate([np.asarray(image).reshape(-1, 3) for image in images])
+    keys = (pixels >> 3).astype(int) @ [1 << 10, 1 << 5, 1]  # alike to five bits are one colour
+    _, which, count = np.unique(keys, return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(which, channel) / count for channel in pixels.T], axis=1)
+    row = np.repeat(np.round(means).astype(np.uint8), np.ceil(np.sqrt(count)).astype(int), axis=0)
+    return Image.fromarray(row[None]).quantize(
+        colours, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE
+    )
+
+
+def write_gif(
+    path: Path, seconds: Sequence[float], camera: Shoot, fps: float, colours: int = COLOURS
+) -> None:
+    """Write an endless GIF with one palette for all frames.
+
+    Args:
+        path: file to write.
+        seconds: times of the frames, each is shown for 1/fps [s].
+        camera: from a time [s] to a picture.
+        fps: frames a second, at most 50.
+        colours: number of colours, at most 256.
+
+    Raises:
+        ValueError: more frames a second than a GIF can show.
+    """
+    from PIL import Image
+
+    if fps > FASTEST_GIF:
+        raise ValueError(f"{fps:g} frames a second; a GIF shows at most {FASTEST_GIF:g}")
+    some = seconds[:: -(-len(seconds) // LOOKED_AT)]
+    palette = _palette([camera(t) for t in some], colours)
+    frames = (camera(t).quantize(palette=palette, dither=Image.Dither.NONE) for t in seconds)
+    first = next(frames)
+    first.save(path, save_all=True, append_images=frames, loop=0, optimize=True,
+               duration=_durations(len(seconds), fps))
+
+
+def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -> None:
+    """Write an MP4 (H.264) that every player shows; needs imageio-ffmpeg.
+
+    Args:
+        path: file to write.
+        seconds: times of the frames [s].
+        camera: from a time [s] to a picture.
+        fps: frames a second.
+
+    Raises:
+        SpatialPinError: imageio-ffmpeg is not installed.
+    """
+    try:
+        from imageio_ffmpeg import write_frames
+    except ImportError as error:
+        raise SpatialPinError(
+            "an .mp4 needs imageio-ffmpeg: pip install 'spatial_pin[movie]'; a .gif needs nothing"
+        ) from error
+    first = camera(seconds[0])
+    writer: Any = write_frames(
+        str(path), first.size, fps=fps, codec="libx264", quality=8, macro_block_size=2,
+        output_params=["-movflags", "+faststart"], ffmpeg_log_level="error",
+    )
+    try:
+        writer.send(None)
+        for t in seconds:
+            writer.send(camera(t).tobytes())
+    finally:
+        writer.close()
+
+
+@checked
+def movie(
+    motion: Motion,
+    path: str | Path,
+    *,
+    fps: float = 25.0,
+    size: tuple[int, int] = (960, 720),
+    title: str | None = None,
+    look: Look | None = None,
+    progress: bool = False,
+) -> Path:
+    """Write a motion as a film; needs Chromium or Chrome, and for .mp4 the extra `movie`.
+
+    It lasts as long as the page of `export_html` plays, which is the motion's own time where that
+    can be watched and says so where it is not.
+
+    Args:
+        motion: what to show.
+        path: file to write; its suffix says how: .gif, which repeats for ever, or .mp4.
+        fps: frames a second, for a .gif at most 50.
+        size: width and height [pixels]; odd ones are made even in an .mp4.
+        title: heading; the mechanism's title if not given.
+        look: what is drawn besides the links, as in `export_html`.
+        progress: whether to show a progress bar on stderr once it has taken a second.
+
+    Returns:
+        The path written.
+
+    Raises:
+        SpatialPinError: there is no browser, or imageio-ffmpeg is wanted and missing.
+        ValueError: the suffix is not known, nothing moves, or a number cannot be.
+    """
+    path = named_path(path)
+    write = WRITERS.get(path.suffix.lower())
+    if write is None:
+        raise ValueError(f"{path.name}: a movie is written as {' or '.join(WRITERS)}")
+    fps, size = positive_number(fps, "fps"), picture_size(size)
+    duration = float(film(motion).seconds[-1])
+    if duration == 0.0:
+        raise ValueError("one configuration is no movie: `screenshot` makes a picture of it")
+    if not 0.5 < duration * fps <= MOST_FRAMES:
+        raise ValueError(f"fps is {fps:.3g}; the movie lasts {duration:.3g} s, and has 1 to "
+                         f"{MOST_FRAMES} frames")
+    seconds = (np.arange(round(duration * fps)) / fps).tolist()
+    bar = tqdm(total=len(seconds), desc=path.name, delay=1.0, leave=False,
+               disable=None if progress else True)
+    with tempfile.TemporaryDirectory() as folder, bar, Browser(size) as browser:
+        page = export_html(motion, Path(folder) / "page.html", title=title, look=look)
+        open_page(browser, page)
+
+        def camera(t: float) -> Image.Image:
+            bar.update()
+            return shoot(browser, t)
+
+        with replacing(path) as target:
+            write(target, seconds, camera, fps)
+    return path
+
+
+WRITERS: dict[str, Callable[[Path, Sequence[float], Shoot, float], None]] = {
+    ".gif": write_gif,
+    ".mp4": write_mp4,
+}

@@ -1,0 +1,1 @@
+"""Pages: the viewer, sliders, plots and reports."""

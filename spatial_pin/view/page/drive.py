@@ -1,0 +1,256 @@
+"""A mechanism moved by hand: one driver at a time, on its branch, as far as that goes."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.continuation import branch_points
+from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.mechanism.coordinates import finite_number
+from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.motion.joint_limits import joint_limits_passed
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.settings import Accuracy
+
+TURN = 2 * np.pi  # either way, that a driver without limits can be moved by hand [rad]
+SLIDE = 0.5  # the same of one that slides, by the characteristic length
+FARTHEST = 20.0  # turns, or characteristic lengths, that one move may go
+BESIDE = 1e-5  # distance from a limit that the next move begins at [rad, characteristic lengths]
+FIRM = 1e-4  # smallest over largest pivot that a move may begin with
+MOST_CROSSINGS = 100  # in one move
+STOPS = {
+    "limit": "limit position",
+    "branch point": "branch point",
+    "singular": "singular configuration",
+    "lost": "end of the branch as far as it can be followed",
+    "joint limit": "joint limit",
+}
+
+
+class Stop(NamedTuple):
+    """Where a driver cannot go on.
+
+    Attributes:
+        kind: one of STOPS.
+        value: driver value [rad or m].
+        of: the coordinate whose joint limit it is.
+    """
+
+    kind: str
+    value: float
+    of: str = ""
+
+
+class Reach(NamedTuple):
+    """How far a driver can be moved, the others held.
+
+    Attributes:
+        ends: least and greatest driver value [rad or m].
+        stops: what is there; None where it goes on.
+        q: configurations from one end to the other, shape (N, nq).
+    """
+
+    ends: tuple[float, float]
+    stops: tuple[Stop | None, Stop | None]
+    q: Array
+
+
+class Drive:
+    """A closed configuration that follows its drivers, never leaving its branch.
+
+    Attributes:
+        mechanism: what moves.
+        state: where it is.
+        names: of the drivers or coordinates that move it.
+        keeps_limits: whether joint limits of the URDF are in the way, of any joint.
+    """
+
+    def __init__(self, state: State, names: Iterable[str]) -> None:
+        """Stand at a state.
+
+        Args:
+            state: where to begin.
+            names: drivers, or any coordinates that determine the motion.
+
+        Raises:
+            SingularError: they do not determine it there.
+            UnknownNameError: there is no such driver or coordinate.
+            SpatialPinError: there are none.
+        """
+        self.mechanism = state.mechanism
+        self.names = tuple(names)
+        if not self.names:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r} has no drivers: name coordinates to move it by"
+            )
+        self._accuracy = Accuracy.named("engineering")
+        self.keeps_limits = False
+        self._driven = [self.mechanism.driven_coordinate(c.name)
+                        for c in driven_coordinates(self.mechanism, self.names)]
+        self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
+        self.place(state)
+
+    def place(self, state: State) -> None:
+        """Go to another closed configuration, of this branch or any other.
+
+        Raises:
+            SingularError: the drivers do not determine the motion there.
+        """
+        Branch(state, self._driven, self._accuracy)
+        self.state = self._regular = state  # moves begin where the motion is determined
+        self._home = {name: self.value(name) for name in self.names}
+
+    def value(self, name: str) -> float:
+        """Return where a driver is [rad or m]."""
+        return float(self.state.q[self._coordinates[name].q])
+
+    def held(self) -> dict[str, float]:
+        """Return the values of all coordinates that are held, those that are moved too."""
+        return {c.name: float(self.state.q[c.q]) for c in self._driven}
+
+    def span(self, name: str) -> float:
+        """Return how far a driver without limits goes either way [rad or m]."""
+        unit = self._coordinates[name].unit
+        return TURN if unit == "rad" else SLIDE * self.mechanism.characteristic_length
+
+    def move(self, name: str, value: float) -> Stop | None:
+        """Move a driver to a value [rad or m], or as far as it goes; the others are held.
+
+        Returns:
+            What is in the way, if anything is: the mechanism then stands there.
+
+        Raises:
+            ValueError: the value is not finite, or too far away to be followed at once.
+        """
+        value = finite_number(value, f"value of {name!r}")
+        coordinate = self._coordinates[name]
+        unit = TURN if coordinate.unit == "rad" else self.mechanism.characteristic_length
+        if abs(value - self.value(name)) > FARTHEST * unit:
+            words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
+            raise ValueError(f"{name}: a move goes no further than {FARTHEST:g} {words}")
+        limit = self._joint_limit(self._followed(name, np.array([self.value(name), value])))
+        stop = self._go(self._branch(coordinate), value if limit is None else limit.value)
+        return stop or limit
+
+    def _followed(self, name: str, values: Array) -> Motion | None:
+        """Return the motion from where the mechanism stands through values of a driver."""
+        others = {c.name: float(self._regular.q[c.q]) for c in self._driven
+                  if c.name != self._coordinates[name].name}
+        try:
+            return sweep(self.mechanism, name, values, guess=self._regular, hold=others,
+                         on_limit="stop")
+        except SpatialPinError as error:
+            return getattr(error, "motion", None)
+
+    def _joint_limit(self, motion: Motion | None) -> Stop | None:
+        """Return the first joint limit that a motion passes, if they are kept.
+
+        A joint that is beyond its limit from the start may come back, but go no further.
+        """
+        if not self.keeps_limits or motion is None or not len(motion):
+            return None
+        start, stops = float(motion.swept[0]), list[Stop]()
+        for passing in joint_limits_passed(motion):
+            room = passing.limit.room(motion.q[:2])
+            if passing.where:
+                stops.append(Stop("joint limit", passing.value, passing.limit.name))
+            elif room[-1] < room[0]:
+                stops.append(Stop("joint limit", start, passing.limit.name))
+        return min(stops, key=lambda stop: abs(stop.value - start), default=None)
+
+    def _branch(self, moved: Coordinate) -> Branch:
+        driven = sorted(self._driven, key=lambda c: c.name != moved.name)
+        return Branch(self._regular, driven, self._accuracy)
+
+    def _go(self, branch: Branch, value: float) -> Stop | None:
+        """Follow a branch to a value, straight on where it crosses another one."""
+        for _ in range(MOST_CROSSINGS):
+            try:
+                branch.reach(value)
+            except Stopped as stopped:
+                arrival = stopped.arrival
+            else:
+                break
+            last = self._keep(branch)
+            passed = None
+            if arrival.kind in ("branch point", "singular"):
+                passed = branch_points.strip(branch, arrival.value)
+            if passed is None:
+                return self._stop(branch, last, arrival)
+            if passed.holds(value):
+                passed.put(branch, value)
+                break
+            passed.leave(branch, value)
+        self.state = self._keep(branch)
+        if self.state is not self._regular:
+            self._come_near(branch.driven[0], branch.s)
+        return None
+
+    def _stop(self, branch: Branch, last: State, arrival: Arrival) -> Stop:
+        """Stand where a branch has ended; the next move begins just before it."""
+        self.state = last
+        if arrival.kind != "lost":
+            evaluation = branch.evaluation
+            evaluation.turns[:] = last.angles
+            evaluation.update(arrival.q)
+            self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
+                               closure_error=evaluation.closure_error)
+        self._come_near(branch.driven[0], arrival.value)
+        return Stop(arrival.kind, float(arrival.value))
+
+    def _keep(self, branch: Branch) -> State:
+        """Return where a branch stands; the next move begins there if the motion is determined."""
+        error = float(np.abs(branch.residual).max(initial=0.0))
+        state = State(self.mechanism, branch.q, closure_error=error, angles=branch.angles)
+        with contextlib.suppress(SingularError):
+            if Branch(state, branch.driven, self._accuracy).system.pivots()[1] >= FIRM:
+                self._regular = state
+        return state
+
+    def _come_near(self, moved: Coordinate, end: float) -> None:
+        """Let the next move begin just before an end, or the others would jump."""
+        branch = self._branch(moved)
+        way = end - branch.s
+        near = float(np.copysign(BESIDE * self.mechanism.velocity_scale[moved.v], way))
+        if abs(way) > abs(near):
+            with contextlib.suppress(Stopped):
+                branch.reach(end - near)
+                self._keep(branch)
+
+    def reach(self, name: str, rows: int) -> Reach:
+        """Return how far a driver can be moved, by as many rows either way.
+
+        One without limits goes a turn, or half a characteristic length, either way of where the
+        mechanism was placed.
+        """
+        home, span, now = self._home[name], self.span(name), self.value(name)
+        if abs(now - home) > span:
+            home = self._home[name] = now
+        lower, upper = (self._way(name, home + sense * span, rows) for sense in (-1.0, 1.0))
+        q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
+        return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
+
+    def _way(self, name: str, end: float, rows: int) -> tuple[float, Stop | None, Array]:
+        """Return how far a driver comes on the way to a value, what stops it, and the rows."""
+        start = float(self._regular.q[self._coordinates[name].q])
+        motion = self._followed(name, np.linspace(start, end, rows))
+        if motion is None:
+            return start, Stop("lost", start), self.state.q[None]
+        limit = self._joint_limit(motion)
+        if limit is not None:
+            there = np.abs(motion.swept - start) <= abs(limit.value - start)
+            return limit.value, limit, motion.q[there]
+        if len(motion) == rows:
+            return end, None, motion.q
+        event = motion.events[-1]
+        return event.value, Stop(event.kind, event.value), motion.q

@@ -1,0 +1,127 @@
+"""A film as one self-contained page: meshcat's viewer, the scene and the animation in one file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spatial_pin.checks import checked, plain_text
+from spatial_pin.outputs import named_path, write_text
+from spatial_pin.view.scene.film import Film, Reading, film, length_words
+from spatial_pin.view.scene.framing import ASPECT, Framing
+
+if TYPE_CHECKING:
+    from spatial_pin.assembly.state import State
+    from spatial_pin.motion.motion import Motion
+    from spatial_pin.view.scene.look import Look
+    from spatial_pin.view.scene.meshcat_commands import Scene
+    from spatial_pin.view.scene.stage import Entry, Label
+
+
+def _notes(shown: Film, framing: Framing) -> str:
+    """Return the small print of the page."""
+    error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
+    lines = (*shown.notes, error, f"ground grid {length_words(framing.cell)}")
+    return "".join(f"<small>{html.escape(line)}</small>" for line in lines)
+
+
+def _legend(entries: tuple[Entry, ...]) -> str:
+    """Return what the colours mean."""
+    lines = []
+    for colour, text in entries:
+        rgb = ", ".join(str(round(255 * x)) for x in colour[:3])
+        swatch = f'<i style="background: rgb({rgb})"></i>'
+        lines.append(f"<small>{swatch}{html.escape(text)}</small>")
+    return "".join(lines)
+
+
+def _rows(readings: tuple[Reading, ...]) -> list[dict[str, Any]]:
+    return [{**r._asdict(), "values": np.round(r.values, r.digits + 2).tolist()} for r in readings]
+
+
+def _labels(labels: tuple[Label, ...], framing: Framing) -> list[dict[str, Any]]:
+    """Return words and where they stand in the scaled scene."""
+    places = [((label.point - framing.centre) / framing.radius).tolist() for label in labels]
+    return [{"text": label.text, "at": p} for label, p in zip(labels, places, strict=True)]
+
+
+def _data(shown: Film, drawn: Scene) -> str:
+    """Return what the page's script reads, as JSON that is safe inside a script element."""
+    data = {
+        "commands": [base64.b64encode(c).decode() for c in drawn.commands],
+        "seconds": np.round(shown.seconds, 6).tolist(),
+        "readings": _rows(shown.readings),
+        "alarms": _rows(drawn.layer.alarms),
+        "marks": [mark._asdict() for mark in shown.marks],
+        "labels": _labels(drawn.layer.labels, drawn.framing),
+        "aspect": ASPECT,
+    }
+    return json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+
+
+def parts_of(shown: Film, drawn: Scene, title: str | None) -> dict[str, str]:
+    """Return what stands at the marks of page.html, for a page that needs nobody."""
+    title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
+    return {
+        "TITLE": html.escape(title),
+        "NOTES": _notes(shown, drawn.framing),
+        "LEGEND": _legend(drawn.layer.legend),
+        "MESHCAT": files("meshcat").joinpath("viewer/dist/main.min.js").read_text("utf-8"),
+        "FILM": _data(shown, drawn),
+        "CONNECT": "'none'",
+        "EXTRA": "",
+    }
+
+
+def filled(parts: dict[str, str]) -> str:
+    """Return page.html with its marks replaced."""
+    template = files("spatial_pin.view.page").joinpath("page.html").read_text("utf-8")
+    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
+
+
+def page(
+    motion_or_state: Motion | State, title: str | None = None, look: Look | None = None
+) -> str:
+    """Return the text of the page that shows a motion or state; see `export_html`."""
+    from spatial_pin.view.scene.meshcat_commands import scene
+
+    shown = film(motion_or_state)
+    return filled(parts_of(shown, scene(shown, look), title))
+
+
+@checked
+def export_html(
+    motion_or_state: Motion | State,
+    path: str | Path,
+    *,
+    title: str | None = None,
+    look: Look | None = None,
+) -> Path:
+    """Write one self-contained page that shows a motion in the browser, or a state as a still.
+
+    The page needs no network and no server. It plays for ever, with play, pause and a slider, and
+    says the driver's value, the time, the largest closure error and the pace it is shown at. A
+    closure that is open by more than 1e-6 is marked where and while it is. Limits and singular
+    configurations are ticks on the slider. `#controls` at the end of the address opens meshcat's.
+
+    Args:
+        motion_or_state: what to show.
+        path: file to write.
+        title: heading; the mechanism's title if not given.
+        look: what is shown besides the bodies: signs of the pairs, paths, arrows, ...
+
+    Returns:
+        The path written.
+
+    Raises:
+        UnknownNameError: `look` names a point or vector that does not exist.
+    """
+    path = named_path(path)
+    return write_text(path, page(motion_or_state, title, look))

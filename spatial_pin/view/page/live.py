@@ -1,0 +1,365 @@
+"""A page whose sliders move the drivers of a mechanism, which follows its branch.
+
+The page asks this process where everything is; see `ANSWERS` at the end for what it may ask.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import re
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked, names_of
+from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.joint_limits import joint_limits
+from spatial_pin.mobility.modes import assembly_modes
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
+from spatial_pin.view.page.html import filled, parts_of
+from spatial_pin.view.page.server import Service, Viewer, open_in_browser
+from spatial_pin.view.scene.film import Film, as_motion, length_words, reading, unit_of_length
+
+if TYPE_CHECKING:
+    from spatial_pin.mechanism.mechanism import Mechanism
+    from spatial_pin.view.scene.look import Look
+    from spatial_pin.view.scene.stage import Track
+
+ROWS = 121  # that the way of one driver is shown by; of many drivers together
+FEWEST_ROWS = 13  # of one of many drivers, either way
+ROOM = 0.04  # how far a slider goes beyond a limit, by its length
+PATIENCE = 100  # starts without a new assembly mode after which there are no more
+MOST_STARTS = 3000  # for assembly modes: about a second
+
+Answer = dict[str, Any]
+
+
+class Dial(NamedTuple):
+    """How the values of a driver are written.
+
+    Attributes:
+        name: of the driver.
+        unit: "°", " mm", ..., as it follows the number.
+        size: of the unit [rad or m].
+        digits: decimals shown.
+    """
+
+    name: str
+    unit: str
+    size: float
+    digits: int
+
+    def words(self, value: float) -> str:
+        """Return a value [rad or m] with name and unit."""
+        number = f"{value / self.size:z.{self.digits}f}".replace("-", "−")
+        return f"{self.name} = {number}{self.unit}"
+
+    def stop(self, stop: Stop) -> str:
+        """Return what is in the way, and where."""
+        of = f" of {stop.of}" if stop.of else ""
+        return f"{STOPS[stop.kind]}{of}: {self.words(stop.value)}"
+
+
+def _dial(drive: Drive, name: str, reach: Reach) -> Dial:
+    if drive.mechanism.coordinate(name).unit == "rad":
+        return Dial(name, "°", math.pi / 180, 2)
+    size, unit = unit_of_length(max(map(abs, reach.ends)))
+    return Dial(name, f" {unit}", size, 2)
+
+
+class Desk:
+    """A mechanism with a slider for every driver, and what the page of the sliders is told.
+
+    Questions are answered one at a time.
+
+    Attributes:
+        drive: the mechanism.
+        dials: of its drivers.
+    """
+
+    def __init__(self, drive: Drive, outputs: tuple[str, ...]) -> None:
+        self.drive = drive
+        self.outputs = outputs
+        self._start = drive.state
+        self._modes: tuple[dict[str, float], list[State]] | None = None
+        self._lock = threading.Lock()
+        self.rows = max(FEWEST_ROWS, ROWS // len(drive.names))
+        reaches = self.reaches()
+        self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
+        self.film = _film(drive, reaches)
+        self.says()
+
+    def reaches(self) -> dict[str, Reach]:
+        """Return how far every driver can be moved from here."""
+        return {name: self.drive.reach(name, self.rows) for name in self.drive.names}
+
+    def answer(self, question: Any) -> Answer:
+        """Return the answer to a question of the page.
+
+        Raises:
+            ValueError: it is no question.
+            SpatialPinError: the mechanism does not do what is asked.
+        """
+        kind = question.get("ask") if isinstance(question, dict) else None
+        if kind not in ANSWERS:
+            raise ValueError(f"a question asks for one of {', '.join(ANSWERS)}, not {kind!r}")
+        with self._lock:
+            said = ANSWERS[kind](self, question)
+            return {"poses": self.poses(), "values": self.values(), "says": self.says(), **said}
+
+    # ------------------------------------------------------------ what is told with every answer
+
+    def poses(self) -> list[tuple[str, list[float]]]:
+        """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
+        from spatial_pin.view.scene.meshcat_commands import joint_paths, joint_poses
+
+        model = self.drive.mechanism.model
+        joints = joint_poses(model, self.drive.state.q[None])
+        found = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
+        return found + [(path, _numbers(track)) for path, track in _springs(self.film, joints)]
+
+    def values(self) -> dict[str, float]:
+        """Return the driver values, each in its dial's unit."""
+        return {name: self.drive.value(name) / dial.size for name, dial in self.dials.items()}
+
+    def says(self) -> list[str]:
+        """Return the readings.
+
+        Raises:
+            UnknownNameError: an output does not exist.
+            SpatialPinError: an output is neither an angle nor a length.
+        """
+        said = [dial.words(self.drive.value(name)) for name, dial in self.dials.items()]
+        motion = replace(as_motion(self.drive.state), driver_name=self.drive.names[0])
+        said += [_words(motion, name) for name in self.outputs]
+        beyond = self.drive.state.beyond_limits
+        said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
+        return [*said, f"closure error {self.drive.state.closure_error:.1e}"]
+
+    # ------------------------------------------------------------ what is asked for
+
+    def move(self, question: Mapping[str, Any]) -> Answer:
+        """Move a driver; tell what is in the way."""
+        name, value = question.get("driver"), question.get("value")
+        dial = self.dials.get(name) if isinstance(name, str) else None
+        if dial is None:
+            raise UnknownNameError("driver", str(name), self.dials)
+        if not isinstance(value, (int, float)):
+            raise ValueError(f"{name}: {value!r} is not a number")
+        stop = self.drive.move(dial.name, value * dial.size)
+        if stop is None:
+            return {}
+        said = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
+        return {"stop": said}
+
+    def ranges(self, question: Mapping[str, Any]) -> Answer:
+        """Tell how far every slider goes."""
+        found = self.reaches().items()
+        return {"ranges": {name: _range(self.dials[name], reach) for name, reach in found}}
+
+    def limits(self, question: Mapping[str, Any]) -> Answer:
+        """Let joint limits be in the way, or not."""
+        keep = question.get("keep")
+        if not isinstance(keep, bool):
+            raise ValueError(f"keep: {keep!r} is not true or false")
+        self.drive.keeps_limits = keep
+        return self.ranges(question)
+
+    def home(self, question: Mapping[str, Any]) -> Answer:
+        """Go back to where the page began."""
+        self.drive.place(self._start)
+        return self.ranges(question)
+
+    def mode(self, question: Mapping[str, Any]) -> Answer:
+        """Go to the next assembly mode at the same driver values."""
+        modes = self._modes_here()
+        here = _nearest(self.drive.state, modes)
+        for step in range(1, len(modes)):
+            k = (here + step) % len(modes)
+            try:
+                self.drive.place(modes[k])
+            except SingularError:
+                continue
+            return {"note": f"assembly mode {k + 1} of {len(modes)} found", **self.ranges(question)}
+        return {"note": "no other assembly mode was found"}
+
+    def _modes_here(self) -> list[State]:
+        """Return the assembly modes at the present driver values."""
+        held = self.drive.held()
+        if self._modes is None or self._modes[0] != held:
+            modes = assembly_modes(
+                self.drive.mechanism, held, patience=PATIENCE, most_starts=MOST_STARTS
+            )
+            self._modes = held, modes
+        return self._modes[1]
+
+
+def _words(motion: Motion, name: str) -> str:
+    """Return an output of a motion of one row."""
+    value, label, unit = motion.output(name)
+    if unit not in ("rad", "m"):
+        raise SpatialPinError(f"output {name!r}: a page that is moved by hand knows no rates")
+    if np.ndim(value) == 1:
+        return reading(label, value, unit).text(0)
+    size, word = unit_of_length(float(np.abs(value).max()))
+    numbers = ", ".join(f"{x / size:z.2f}" for x in value[0]).replace("-", "−")
+    return f"{label} = ({numbers}) {word}"
+
+
+def _numbers(track: Track) -> list[float]:
+    scales = [] if track.scales is None else track.scales[0].tolist()
+    return [*track.poses[0].tolist(), *scales]
+
+
+def _range(dial: Dial, reach: Reach) -> Answer:
+    """Return the ends of a slider, beyond its limits, and the marks of these."""
+    lower, upper = (end / dial.size for end in reach.ends)
+    room = ROOM * max(upper - lower, 1e-9)
+    ends = lower - room * (reach.stops[0] is not None), upper + room * (reach.stops[1] is not None)
+    marks = [{"at": s.value / dial.size, "text": dial.stop(s)} for s in reach.stops if s]
+    return {"ends": ends, "marks": marks}
+
+
+def _nearest(state: State, modes: list[State]) -> int:
+    """Return which of the modes a state is, by the placements of its bodies."""
+    from spatial_pin.view.scene.meshcat_commands import joint_poses
+
+    if not modes:
+        return -1
+    mechanism = state.mechanism
+    poses = joint_poses(mechanism.model, np.array([state.q, *(mode.q for mode in modes)]))
+    here, there = poses[0], poses[1:]
+    apart = np.linalg.norm(there[..., :3] - here[:, :3], axis=2) / mechanism.characteristic_length
+    turned = 1.0 - np.abs(np.sum(there[..., 3:] * here[:, 3:], axis=2))
+    return int((apart + turned).sum(axis=1).argmin())
+
+
+def _film(drive: Drive, reaches: Mapping[str, Reach]) -> Film:
+    """Return all ways of all drivers as a film that stands still: the picture has room for it."""
+    q = np.concatenate([reach.q for reach in reaches.values()])
+    n, nv = len(q), drive.mechanism.model.nv
+    still, zeros = np.zeros(n), np.zeros((n, nv))
+    angles = np.repeat(drive.state.angles[None], n, axis=0)
+    motion = Motion(drive.mechanism, still, "", None, q, zeros, zeros, still, still, [], angles)
+    return Film(drive.mechanism, q, still, (), 0.0, (), motion, np.arange(n))
+
+
+def _springs(film: Film, joints: Array) -> list[tuple[str, Track]]:
+    """Return the meshcat path and track of every spring at joint poses (1, n_joints, 7)."""
+    from spatial_pin.view.scene.layers.springs import springs
+    from spatial_pin.view.scene.meshcat_commands import item_path, upright
+    from spatial_pin.view.scene.stage import Stage
+
+    model = film.mechanism.model
+    items = springs(Stage(film, (), joints, upright(model), 1.0)).items
+    return [(item_path(item, model), item.track) for item in items if item.track is not None]
+
+
+def _check_look(look: Look | None, drive: Drive) -> None:
+    """Refuse what a page that is moved by hand cannot show."""
+    if look is None:
+        return
+    if look.arrows:
+        raise SpatialPinError(
+            "a page that is moved by hand knows no rates: leave `arrows` out of its look"
+        )
+    if look.traces and len(drive.names) > 1:
+        raise SpatialPinError(
+            f"a path belongs to one driver, and {len(drive.names)} are moved by hand: leave "
+            "`traces` out of the look, or name one driver in `drivers`"
+        )
+
+
+def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
+    """Return the page with its sliders."""
+    from spatial_pin.view.scene.meshcat_commands import scene
+
+    drawn = scene(desk.film, look)
+    parts = parts_of(desk.film, drawn, title)
+    told = {
+        "token": token,
+        "dials": [dial._asdict() for dial in desk.dials.values()],
+        "modes": bool(desk.drive.mechanism.closures),
+        "limits": desk.drive.keeps_limits,
+    }
+    data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
+    panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
+    grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
+    return filled({
+        **parts,
+        "NOTES": f"<small>{grid}</small>",
+        "CONNECT": "'self'",
+        "EXTRA": re.sub("@LIVE@", lambda _: data, panel),
+    })
+
+
+@checked
+def live(
+    mechanism: Mechanism,
+    state: State | None = None,
+    *,
+    drivers: Iterable[str] | None = None,
+    outputs: Iterable[str] = (),
+    title: str | None = None,
+    look: Look | None = None,
+    port: int = 0,
+    open_browser: bool = True,
+) -> Viewer:
+    """Move a mechanism by hand: a page with a slider for every driver.
+
+    The mechanism follows its branch and never leaves it; where branches cross it goes straight on.
+    Where a driver cannot go on (a limit, a singular configuration, a joint limit of any joint) the
+    slider stops and the page says so; a switch lets joints pass their limits. The page needs this
+    process: `live(mechanism).wait()` keeps it until Ctrl-C. Only this
+    machine, and only the page itself, is answered.
+
+    Args:
+        mechanism: the mechanism.
+        state: where to begin; the assembled guess if not given.
+        drivers: what has a slider: drivers, or other coordinates that determine the motion; the
+            mechanism's drivers if not given.
+        outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`.
+        title: heading; the mechanism's title if not given.
+        look: what is shown besides the bodies; without arrows, and traces only with one driver.
+        port: on the loopback interface, 0 for any that is free.
+        open_browser: whether to open a browser; if none can be, a warning gives the address.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        SingularError: the drivers do not determine the motion at the start.
+        UnknownNameError: a name does not exist.
+        SpatialPinError: there is nothing to move it by, or no port can be had.
+    """
+    state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
+    names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
+        names_of(drivers, "drivers")))
+    drive = Drive(state, names)
+    drive.keeps_limits = bool(joint_limits(mechanism))
+    _check_look(look, drive)
+    desk = Desk(drive, tuple(names_of(outputs, "outputs")))
+    service = Service(desk.answer)
+    viewer = Viewer(_page(desk, service.token, title, look), port, service)
+    if open_browser:
+        open_in_browser(viewer, "live")
+    return viewer
+
+
+# To let the page ask for something new: a method of Desk from the question to what its answer holds
+# besides poses, values and readings, its line here, and the place in live.html that asks.
+ANSWERS: dict[str, Callable[[Desk, Mapping[str, Any]], Answer]] = {
+    "move": Desk.move,
+    "ranges": Desk.ranges,
+    "home": Desk.home,
+    "limits": Desk.limits,
+    "mode": Desk.mode,
+}

@@ -1,0 +1,243 @@
+"""Outputs of a motion drawn over its driver."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.checks import checked, plain_text
+from spatial_pin.motion.motion import Output, motion_needed
+from spatial_pin.outputs import literal, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    from spatial_pin.mechanism.mechanism import Mechanism
+    from spatial_pin.motion.motion import Motion
+
+Array = NDArray[np.floating]
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73")  # of Okabe and Ito: x, y, z
+INK, FAINT = "#2b3138", "#d5d9de"
+NEGLIGIBLE = 1e-9  # variation, by the largest value, that is round-off and not blown up
+NARROW = 1e-3  # range of the abscissa, by its values, whose labels take room
+LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
+DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
+# events of a simulation that have a time
+OF_TIME = ("joint limit", "velocity limit", "effort limit", "stopped")
+DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
+MOST_OUTPUTS = 3  # drawn when none are named
+STILL = 1e-9  # change [rad, or of the characteristic length] that is no motion
+
+
+def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
+    """Return values and unit, angles in degrees."""
+    return (np.rad2deg(values), "°") if unit == "rad" else (values, unit)
+
+
+def abscissa(motion: Motion) -> tuple[Array, str, str]:
+    """Return values, name and unit of what outputs are drawn over: the driver, or the time."""
+    if motion.time is not None and (motion.driver is None or not _one_way(motion.driver)):
+        return np.asarray(motion.time, float), "time", "s"
+    values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)
+    return values, motion.driver_name, unit
+
+
+def _one_way(driver: Array) -> bool:
+    """Whether the driver never turns back nor stands still."""
+    steps = np.diff(driver)
+    return bool(np.all(steps > 0) or np.all(steps < 0))
+
+
+def _label(name: str, unit: str) -> str:
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
+def _hold_still(axes: Axes, values: Array) -> None:
+    """Widen the range of a constant, so that its round-off does not fill the panel."""
+    finite = values[np.isfinite(values)]
+    if finite.size and np.ptp(finite) <= NEGLIGIBLE * np.max(np.abs(finite)):
+        middle = float(np.mean(finite))
+        reach = 0.1 * abs(middle) or 1.0
+        axes.set_ylim(middle - reach, middle + reach)
+
+
+def _style(axes: Axes) -> None:
+    axes.grid(color=FAINT, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#8a939c")
+    axes.tick_params(colors=INK)
+    axes.margins(x=0)
+    axes.ticklabel_format(useOffset=False)  # no heading such as 1e-5-2.1379e1 to add in one's head
+
+
+def _draw(axes: Axes, x: Array, output: Any) -> None:
+    """Draw one output: a line, or one a component with a legend."""
+    values, unit = _in_degrees(np.asarray(output.values, float), output.unit)
+    if values.ndim == 1:
+        axes.plot(x, values, color=COLOURS[0])
+    else:
+        for component, name, colour in zip(values.T, "xyz", COLOURS, strict=True):
+            axes.plot(x, component, color=colour, label=name)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, **LEGEND)
+    axes.set_title(literal(_label(output.label, unit)), loc="left", fontsize=10, color=INK)
+    _hold_still(axes, values)
+    _style(axes)
+
+
+def _marks(motion: Motion, over: str) -> dict[str, Array]:
+    """Return where on the abscissa, the driver's or the time's, events lie, by their kind."""
+    if over == motion.driver_name:
+        events = motion.events
+    elif motion.driver is None:
+        events = [event for event in motion.events if event.kind in OF_TIME]
+    else:
+        return {}
+    return {kind: np.array([e.value for e in events if e.kind == kind])
+            for kind in dict.fromkeys(event.kind for event in events)}
+
+
+def _mark_events(figure: Figure, motion: Motion, name: str, unit: str) -> None:
+    """Draw a line at every event in all panels, and below them what the lines mean."""
+    handles: dict[str, Line2D] = {}
+    for k, (kind, values) in enumerate(_marks(motion, name).items()):
+        for value in _in_degrees(values, "rad")[0] if unit == "°" else values:
+            for axes in figure.axes:
+                handles[kind] = axes.axvline(value, color=INK, linewidth=0.9, label=kind,
+                                             linestyle=DASHES[k % len(DASHES)])
+    if handles:
+        figure.legend(list(handles.values()), list(handles), loc="outside lower right",
+                      ncols=len(handles), fontsize=9, frameon=False, handlelength=2.4)
+
+
+def _moves(motion: Motion, name: str) -> bool:
+    """Whether an output changes by more than round-off."""
+    values, _, unit = motion.output(name)
+    size = motion.mechanism.characteristic_length if unit == "m" else 1.0
+    return len(values) > 0 and np.ptp(values, axis=0).max() > STILL * size
+
+
+def _of_joints(mechanism: Mechanism) -> dict[str, bool]:
+    """Return the outputs that tell where joints are, and whether they do from the ground.
+
+    They are the coordinates that a plain number describes, and the positions of floating bodies.
+    """
+    found = {}
+    for c in mechanism.coordinate_table.values():
+        from_ground = mechanism.model.parents[mechanism.joint_id(c.joint)] == 0
+        if c.q >= 0:
+            found[c.name] = from_ground
+        elif mechanism.pair_of(c.joint) == "floating":
+            found[f"{c.joint}.position"] = from_ground
+    return found
+
+
+def _of_links(mechanism: Mechanism) -> list[str]:
+    """Return the outputs that tell where the links are, the last of the tree first."""
+    links = [name for name in mechanism.links if name not in mechanism.unplaced]
+    heavy = [x for x in links if x in mechanism.inertias and mechanism.inertias[x].mass > 0.0]
+    found = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in links]
+    return found[::-1]
+
+
+def usual_outputs(motion: Motion) -> list[str]:
+    """Return the outputs of a motion that an engineer looks at first, one to three.
+
+    They are what moves of these, the first that do: the coordinates of joints on the ground that a
+    plain number describes, and positions of floating bodies; the same of other joints; the
+    positions of links. The coordinate that is swept comes last, where nothing else moves.
+    """
+    mechanism = motion.mechanism
+    swept = mechanism.coordinate(motion.driver_name).name if motion.driver_name else ""
+    joints = {name: ground for name, ground in _of_joints(mechanism).items() if name != swept}
+    grounded = [name for name, from_ground in joints.items() if from_ground]
+    for candidates in (grounded, list(joints), _of_links(mechanism)):
+        moving = [name for name in candidates if _moves(motion, name)]
+        if moving:
+            return moving[:MOST_OUTPUTS]
+    return [swept or next(iter(mechanism.coordinates))]
+
+
+def svg(figure: Figure, name: str) -> str:
+    """Return a figure as an SVG element for a page.
+
+    Args:
+        figure: the figure.
+        name: what it shows, for those who cannot see it; its identifiers follow from it.
+    """
+    from matplotlib import rc_context
+
+    buffer = io.StringIO()
+    with rc_context({"svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    drawing = buffer.getvalue()
+    attributes = f'<svg role="img" aria-label="{html.escape(name)}"'
+    return attributes + drawing[drawing.index("<svg") + 4 :]
+
+
+@checked
+def plot(
+    motion: Motion,
+    outputs: str | Output | Sequence[str | Output],
+    path: str | Path | None = None,
+    *,
+    title: str | None = None,
+) -> Figure:
+    """Draw outputs of a motion over its driver, one panel each.
+
+    They are drawn over the time, if the motion has one, where the driver turns back or stands
+    still. Angles are drawn in degrees. The figure belongs to no window and leaves pyplot alone.
+
+    Args:
+        motion: the motion.
+        outputs: names of outputs, as `motion.output` takes them, or quantities of one's own with
+            a row for each of the motion's.
+        path: file to write as well; its suffix says how: .png, .svg, .pdf.
+        title: heading, "" for none; the mechanism's title if not given.
+
+    Returns:
+        The figure.
+
+    Raises:
+        TypeError: it is no Motion.
+        UnknownNameError: there is no such output.
+        ValueError: no outputs, or a suffix that no figure has.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    if not hasattr(motion, "output"):  # as a Mechanism or a State
+        motion_needed(motion)
+    asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
+    if not asked:
+        raise ValueError("no outputs to plot: give at least one name")
+    found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
+    x, driver, unit = abscissa(motion)
+    title = motion.mechanism.title or motion.mechanism.name if title is None else plain_text(
+        title, "title")
+    height = (1.0 if title else 0.6) + 2.1 * len(found)
+    figure = Figure(figsize=(7.5, height), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(len(found), sharex=True, squeeze=False)[:, 0]
+    for axes, output in zip(panels, found, strict=True):
+        _draw(axes, x, output)
+    _mark_events(figure, motion, driver, unit)
+    if len(x) and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0):
+        panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
+    elif unit == "°":
+        panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
+    panels[-1].set_xlabel(literal(_label(driver, unit)))
+    if title:
+        figure.suptitle(literal(title), fontsize=12)
+    if path is not None:
+        save_figure(figure, path)
+    return figure

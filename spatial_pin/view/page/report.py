@@ -1,0 +1,106 @@
+"""A motion, or a state, as a report: one self-contained page to send, to file and to print."""
+
+from __future__ import annotations
+
+import html
+import platform
+import re
+from collections.abc import Sequence
+from datetime import date
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import checked, plain_text
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.motion.motion import Motion
+from spatial_pin.outputs import named_path, write_text
+from spatial_pin.view.page.markup import paragraph
+from spatial_pin.view.page.plots import usual_outputs
+from spatial_pin.view.page.sections import SECTIONS, Subject
+from spatial_pin.view.scene.film import not_shown
+from spatial_pin.view.scene.look import Look
+
+GENERIC = 0.29  # part of a motion after which its freedoms are counted: no round driver value
+
+
+def _subject(
+    shown: Motion | State, outputs: Sequence[str] | str | None, title: str | None,
+    look: Look | None,
+) -> Subject:
+    if not isinstance(shown, State | Motion):
+        raise SpatialPinError(not_shown(shown))
+    mechanism = shown.mechanism
+    title = plain_text(title or mechanism.title or mechanism.name, "title")
+    if isinstance(shown, State):
+        return Subject(shown, None, shown, (), title, look)
+    if len(shown) == 0:
+        raise ValueError("the motion has no rows: there is nothing to report")
+    if outputs is None:
+        outputs = usual_outputs(shown)
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    state = shown.state(int(GENERIC * len(shown)))
+    return Subject(shown, shown, state, names, title, look)
+
+
+def _head(subject: Subject) -> str:
+    mechanism = subject.mechanism
+    today = f"{date.today():%d %B %Y}".replace(" ", "\u00a0")
+    words = [f"Mechanism {mechanism.name}", mechanism.source, today]
+    return paragraph(" · ".join(word for word in words if word))
+
+
+def _foot() -> str:
+    import spatial_pin
+
+    versions = {"spatial_pin": spatial_pin.__version__, "Pinocchio": pin.__version__,
+                "NumPy": np.__version__, "Python": platform.python_version()}
+    made = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return html.escape(f"Computed with {made}. Units are SI; angles are given in degrees, "
+                       "their rates in radians.")
+
+
+@checked
+def report(
+    motion_or_state: Motion | State,
+    path: str | Path,
+    *,
+    outputs: Sequence[str] | str | None = None,
+    title: str | None = None,
+    look: Look | None = None,
+) -> Path:
+    """Write a report of a motion, or of a state: one page that needs no network and prints well.
+
+    It holds the 3-D view, the outputs over the driver with their speed ratios and accelerations,
+    the ranges of all coordinates, limits met, freedoms, dimensions, structure and accuracy. That of
+    a state has its coordinates instead of the curves.
+
+    Args:
+        motion_or_state: what to report.
+        path: file to write.
+        outputs: names of outputs to draw, as `motion.output` takes them; those of `usual_outputs`
+            if not given. Not used of a state.
+        title: heading; the mechanism's title if not given.
+        look: what is drawn besides the links, as in `export_html`.
+
+    Returns:
+        The path written.
+
+    Raises:
+        UnknownNameError: an output names nothing of the motion.
+        ValueError: the motion has no rows.
+    """
+    path = named_path(path)
+    subject = _subject(motion_or_state, outputs, title, look)
+    written = (write(subject) for write in SECTIONS)
+    parts = {
+        "TITLE": html.escape(subject.title),
+        "HEAD": _head(subject),
+        "SECTIONS": "\n".join(part for part in written if part),
+        "FOOT": _foot(),
+    }
+    template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")
+    return write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template))

@@ -1,0 +1,372 @@
+"""What a report says, one section after the other.
+
+To add a section: a function from a `Subject` to HTML, or to None where it has nothing to say, and
+its line in SECTIONS. All text that comes from a mechanism goes through `html.escape`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.kinetostatics import Kinetostatics
+from spatial_pin.dynamics.simulation.simulate import Simulation
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mobility.mobility import mobility
+from spatial_pin.motion.dead_centres import dead_centres
+from spatial_pin.motion.motion import Event, Motion, Output
+from spatial_pin.motion.report import info
+from spatial_pin.view.page.html import page
+from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
+from spatial_pin.view.page.plots import STILL, abscissa, plot, svg
+from spatial_pin.view.scene.loads import loads
+from spatial_pin.view.scene.look import Look
+
+WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
+FREEZE = """<style>#says h1 { display: none; }</style>
+<script>
+// Paper has no 3-D: what is seen when printing begins is printed as a picture.
+addEventListener("beforeprint", () => {
+  document.body.classList.add("bare");
+  viewer.render();
+  const still = document.body.appendChild(new Image());
+  still.id = "still";
+  still.src = viewer.renderer.domElement.toDataURL();
+  still.style = "position: absolute; left: 0; top: 0; width: 100%; z-index: -1";
+  viewer.renderer.domElement.style.visibility = "hidden";
+});
+addEventListener("afterprint", () => {
+  document.getElementById("still").remove();
+  document.body.classList.remove("bare");
+  viewer.renderer.domElement.style.visibility = "";
+});
+</script>
+</body>"""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a report is about.
+
+    Attributes:
+        shown: the motion or state.
+        motion: the motion; None for a state.
+        state: the state, or a row of the motion that is no special position.
+        outputs: names of what is drawn, as `Motion.output` takes them.
+        title: heading.
+        look: what is drawn besides the links; None for the usual.
+    """
+
+    shown: Motion | State
+    motion: Motion | None
+    state: State
+    outputs: tuple[str, ...]
+    title: str
+    look: Look | None
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism."""
+        return self.shown.mechanism
+
+    @cached_property
+    def loads(self) -> Kinetostatics | None:
+        """Efforts and reactions over the motion, if its drivers can bring it about."""
+        massive = any(inertia.mass > 0.0 for inertia in self.mechanism.inertias.values())
+        if self.motion is None or not massive:
+            return None
+        try:
+            return loads(self.shown, self.motion)
+        except SpatialPinError:
+            return None
+
+
+def _drawn(
+    subject: Subject, title: str, outputs: Sequence[str | Output], note: str = ""
+) -> str | None:
+    """Return a section with a figure of outputs; None without any."""
+    if subject.motion is None or not outputs:
+        return None
+    figure = plot(subject.motion, outputs, title="")
+    figure.set_size_inches(WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
+    found = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
+    names = ", ".join(x if isinstance(x, str) else x.label for x in outputs)
+    drawing = svg(figure, f"{title} of {subject.mechanism.name}: {names}")
+    vectors = any(output.values.ndim > 1 for output in found)
+    caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
+    words = paragraph(note) if note else ""
+    return section(title, f"{words}<figure>{drawing}{caption}</figure>")
+
+
+def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
+    """Return what follows from the outputs, where there is such a thing.
+
+    Args:
+        subject: what the report is about.
+        of_coordinate: "ratio" or "acceleration" of outputs that are coordinates; "" for none.
+        of_position: "velocity" or "acceleration" of outputs that are positions; "" for none.
+    """
+    found: list[str] = []
+    if subject.motion is None:
+        return found
+    for name in subject.outputs:
+        stem = name.removesuffix(".position")
+        suffix = of_coordinate if stem == name else of_position
+        with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
+            subject.motion.output(f"{stem}.{suffix}")
+            found.append(f"{stem}.{suffix}")
+    return found
+
+
+def _key(subject: Subject) -> str:
+    """Say the most important numbers."""
+    mechanism, motion = subject.mechanism, subject.motion
+    error = float(np.max(subject.shown.closure_error))
+    facts = [("Characteristic length", number(mechanism.characteristic_length, "m"))]
+    if motion is None:
+        facts += [(name, number(subject.state.coordinate(name).value,
+                                mechanism.coordinate(name).unit)) for name in mechanism.drivers]
+    else:
+        facts += _course(motion)
+        facts.append(("Positions computed", str(len(motion))))
+    facts.append(("Largest closure error", tiny(error)))
+    cells = (f"<div><dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd></div>" for a, b in facts)
+    return f'<dl class="key">{"".join(cells)}</dl>'
+
+
+def _course(motion: Motion) -> list[tuple[str, str]]:
+    """Say from where to where the driver went and how fast, or how long the motion lasts."""
+    if motion.driver is None:
+        time = [] if motion.time is None else [float(np.ptp(motion.time))]
+        return [("Duration", number(x, "s")) for x in time]
+    unit = motion.driver_unit
+    ends = f"{number(motion.driver[0], unit)} to {number(motion.driver[-1], unit)}"
+    if motion.per != "s":
+        return [(f"Driver {motion.driver_name}", ends)]
+    low, high = float(np.min(motion.driver_speed)), float(np.max(motion.driver_speed))
+    speed = number(high, f"{unit}/s")
+    speed = speed if low == high else f"{number(low)} to {speed}"
+    return [(f"Driver {motion.driver_name}", ends), ("Driver speed", speed)]
+
+
+def _view(subject: Subject) -> str:
+    """Show the mechanism in three dimensions."""
+    text = page(subject.shown, subject.title, subject.look).replace("</body>", FREEZE)
+    frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
+    hint = "Drag to turn, scroll to come nearer, drag with the right button to move."
+    hint = f'<figcaption class="screen">{hint}</figcaption>'
+    return f'<figure><div class="view">{frame}</div>{hint}</figure>'
+
+
+def _outputs(subject: Subject) -> str | None:
+    """Draw the outputs."""
+    return _drawn(subject, "Outputs", subject.outputs)
+
+
+def _ratios(subject: Subject) -> str | None:
+    """Draw the outputs' rates by the driver's."""
+    if subject.motion is None or subject.motion.driver is None:
+        return None
+    return _drawn(subject, "Speed ratios", _derived(subject, of_coordinate="ratio"))
+
+
+def _velocities(subject: Subject) -> str | None:
+    """Draw the velocities of the outputs that are positions."""
+    return _drawn(subject, "Velocities", _derived(subject, of_position="velocity"))
+
+
+def _accelerations(subject: Subject) -> str | None:
+    """Draw the outputs' accelerations."""
+    return _drawn(subject, "Accelerations", _derived(subject, "acceleration", "acceleration"))
+
+
+def _ranges(subject: Subject) -> str | None:
+    """Tell between which values every coordinate moves, and where."""
+    motion = subject.motion
+    if motion is None:
+        return None
+    rows = []
+    x, where, unit = abscissa(motion)
+    for name, c in subject.mechanism.coordinate_table.items():
+        value, rate, acceleration = motion.coordinate(name)
+        low, high = int(np.argmin(value)), int(np.argmax(value))
+        moves = value[high] - value[low] > STILL
+        at = [number(x[k], unit) if moves else "–" for k in (low, high)]
+        rows.append((
+            name,
+            number(value[low], c.unit), at[0], number(value[high], c.unit), at[1],
+            number(np.max(np.abs(rate)), motion.rate_unit(c.unit)),
+            number(np.max(np.abs(acceleration)), motion.rate_unit(c.unit, 2)),
+        ))
+    here = f"at {where}"
+    heads = ("coordinate", "least", here, "greatest", here, "largest rate", "largest acceleration")
+    return section("Ranges", table(heads, rows, numbers=6))
+
+
+def _coordinates(subject: Subject) -> str | None:
+    """Tell the coordinates of a state."""
+    if subject.motion is not None:
+        return None
+    rows = []
+    for name, c in subject.mechanism.coordinate_table.items():
+        value, rate, acceleration = subject.state.coordinate(name)
+        rows.append((name, number(value, c.unit, 10), number(rate, f"{c.unit}/s"),
+                     number(acceleration, f"{c.unit}/s²")))
+    heads = ("coordinate", "value", "rate", "acceleration")
+    return section("Configuration", table(heads, rows, numbers=3))
+
+
+def _events(subject: Subject) -> str | None:
+    """Tell the limits, dead centres and singular positions that were met."""
+    motion = subject.motion
+    if motion is None:
+        return None
+    title = "Special positions"
+    events = [*motion.events, *_outputs_turning(motion)]
+    if not events:
+        return section(title, paragraph("No limit and no singular position was met."))
+    unit = motion.driver_unit if motion.driver_name else "s"
+    rows = [(e.kind, e.text, number(e.value, unit, 10))
+            for e in sorted(events, key=lambda e: e.row)]
+    heads = ("kind", "what was met", f"at {motion.driver_name or 'time'}")
+    return section(title, table(heads, rows, numbers=1))
+
+
+def _outputs_turning(motion: Motion) -> list[Event]:
+    """Return the dead centres of a motion's outputs, as far as they can be located."""
+    if motion.driver is None or len(motion) < 2:
+        return []
+    try:
+        return dead_centres(motion)
+    except SpatialPinError:
+        return []
+
+
+def _efforts(subject: Subject) -> str | None:
+    """Draw what the drivers have to do."""
+    if subject.loads is None:
+        return None
+    units = {"rad": "N·m", "m": "N"}
+    curves = [Output(values, f"{name} effort", units[subject.mechanism.coordinate(name).unit])
+              for name, values in subject.loads.efforts.items()]
+    note = ("What the drivers bring about this motion with, against links, gravity, springs and "
+            "what resists at joints.")
+    if subject.loads.motion.per != "s":
+        note = ("What the drivers hold every position with, at rest, against gravity and springs: "
+                "the motion has no speed.")
+    return _drawn(subject, "Efforts", curves, note)
+
+
+def _reactions(subject: Subject) -> str | None:
+    """Tell the largest reactions of all pairs, and the largest shaking wrench."""
+    loads = subject.loads
+    if loads is None:
+        return None
+    wrenches = {**loads.reactions, "fixed link, all together": loads.on_ground}
+    rows = []
+    for name, wrench in wrenches.items():
+        force, moment = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
+        marks = loads.marks(name)
+        rows.append((name, number(force, "N") + marks[0], number(moment, "N·m") + marks[1]))
+    many = any(" *" in part for row in rows for part in row[1:])
+    note = paragraph("* one of many along these axes: the loop is overconstrained and can be under "
+                     "stress by itself; the least.") if many else ""
+    return section("Reactions", table(("pair", "largest force", "largest moment"), rows, 2) + note)
+
+
+def _mobility(subject: Subject) -> str:
+    """Tell the freedoms, by formula, by rank and by finite motion."""
+    try:
+        text = str(mobility(subject.mechanism, subject.state))
+    except SpatialPinError as error:
+        text = str(error)
+    where = ", ".join(
+        f"{name} = {number(subject.state.coordinate(name).value, c.unit)}"
+        for name in subject.mechanism.drivers for c in [subject.mechanism.coordinate(name)]
+    )
+    note = paragraph(f"Counted at {where}.") if where else ""
+    return section("Mobility", f"{note}<pre>{html.escape(text)}</pre>")
+
+
+def _dimensions(subject: Subject) -> str | None:
+    """Tell the named dimensions."""
+    found = subject.mechanism.dimensions
+    if not found:
+        return None
+    rows = [(name, number(x, "", 10)) for name, x in found.items()]
+    half = -(-len(rows) // 2)
+    heads = ("dimension", "value [m or rad]")
+    tables = "".join(f"<div>{table(heads, part, numbers=1)}</div>"
+                     for part in (rows[:half], rows[half:]) if part)
+    return section("Dimensions", f'<div class="columns">{tables}</div>')
+
+
+def _structure(subject: Subject) -> str:
+    """Tell joints, closures and drivers."""
+    mechanism = subject.mechanism
+    found = info(mechanism)
+    joints = [
+        (joint, pair, ", ".join(f"{c.name} [{c.unit}]"
+                                for c in mechanism.coordinate_table.values() if c.joint == joint))
+        for joint, pair in found.joints.items()
+    ]
+    parts = [f"<h3>Joints of the open tree</h3>{table(('joint', 'pair', 'coordinates'), joints)}"]
+    for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers),
+                         ("Frames", found.frames)):
+        if items:
+            rows = list(items.items())
+            parts.append(f"<h3>{title}</h3>{table(('name', 'what it does'), rows)}")
+    links = paragraph(f"{len(found.links)} links: {', '.join(found.links)}.")
+    return section("Structure", links + "".join(parts))
+
+
+def _accuracy(subject: Subject) -> str:
+    """Tell how exactly the loops are closed, and what that means in lengths."""
+    error = np.atleast_1d(subject.shown.closure_error)
+    worst, size = float(np.max(error)), subject.mechanism.characteristic_length
+    where = ""
+    if subject.motion is not None and len(error) > 1:
+        x, name, unit = abscissa(subject.motion)
+        at = f"{name} = {number(x[int(np.argmax(error))], unit)}"
+        where = f" in any of {len(error)} positions (the largest at {at})"
+    if not subject.mechanism.closures:
+        return section("Accuracy", paragraph("The mechanism has no loops that could stay open."))
+    text = (
+        f"No loop is open by more than {tiny(worst)}{where}: by {tiny(worst * size)} m in lengths, "
+        f"which are measured by the characteristic length of {number(size, 'm')}, and by "
+        f"{tiny(worst)} rad in angles. Rates and accelerations are solved from the exact "
+        "derivatives of the closure equations; no difference quotients are taken."
+    )
+    if isinstance(subject.shown, Simulation):
+        text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of what is "
+                 f"exchanged, over {subject.shown.steps} steps of the integrator.")
+    settings = getattr(subject.shown, "accuracy", None)
+    words = "" if settings is None else paragraph("Settings: " + ", ".join(
+        f"{f.name} {getattr(settings, f.name)}" for f in fields(settings)))
+    return section("Accuracy", paragraph(text) + words)
+
+
+SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
+    _key,
+    _view,
+    _outputs,
+    _ratios,
+    _velocities,
+    _accelerations,
+    _ranges,
+    _coordinates,
+    _events,
+    _efforts,
+    _reactions,
+    _mobility,
+    _dimensions,
+    _structure,
+    _accuracy,
+)

@@ -1,0 +1,285 @@
+"""A page in the browser, served from this process to this machine only."""
+
+from __future__ import annotations
+
+import atexit
+import html
+import json
+import os
+import secrets
+import sys
+import threading
+import warnings
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from spatial_pin.checks import checked
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.view.page.html import page
+
+if TYPE_CHECKING:
+    from spatial_pin.assembly.state import State
+    from spatial_pin.motion.motion import Motion
+    from spatial_pin.view.scene.look import Look
+
+HOST = "127.0.0.1"
+NAMES = (HOST, "localhost")  # that we answer to
+PATIENCE = 15.0  # longest wait for the browser to fetch the page [s]
+LONGEST_QUESTION = 4096  # of a page to its server [bytes]
+TOKEN = "X-Token"  # header that a question carries its token in
+
+
+@dataclass(frozen=True)
+class Service:
+    """What a page may ask its server.
+
+    Attributes:
+        answer: from a question to its answer, both plain data; what it raises is told the page.
+        token: a secret that only the page knows and sends with every question.
+    """
+
+    answer: Callable[[Any], Any]
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers with the server's one page, and its page's questions; nothing else, nobody else."""
+
+    server: _Server
+    timeout = 10  # a connection that says nothing is closed [s]
+
+    def do_GET(self) -> None:
+        """Send the page."""
+        if self.path.partition("?")[0] != "/":
+            self.send_error(404)
+        elif not self._is_called_by_our_name():
+            self.send_error(403, explain=f"The address of this page is {self.server.url}")
+        else:
+            self._send("text/html", self.server.body)
+            self.server.fetched.set()
+
+    def do_POST(self) -> None:
+        """Answer a question of the page."""
+        service = self.server.service
+        if service is None or self.path != "/":
+            self.send_error(404)
+        elif not self._is_from_page(service.token):
+            self.send_error(403)
+        elif (length := self._length()) is None:
+            self.send_error(413)
+        else:
+            answer = _answer(service, self.rfile.read(length))
+            self._send("application/json", json.dumps(answer, allow_nan=False).encode())
+
+    def _is_called_by_our_name(self) -> bool:
+        """Whether the page may be read: another site may have its own name lead here to do so.
+
+        A page without a service may be seen through a tunnel, whose port is another.
+        """
+        if self.server.service is not None:
+            return self._host() is not None
+        name, _, port = self.headers.get("Host", "").partition(":")
+        return name in NAMES and (not port or port.isdigit())
+
+    def _host(self) -> str | None:
+        """Return the name we were called by; None for one that is not ours."""
+        host = self.headers.get("Host", "")
+        port = self.server.server_address[1]
+        return host if host in [f"{name}:{port}" for name in NAMES] else None
+
+    def _is_from_page(self, token: str) -> bool:
+        """Whether a question comes from the page that we have served."""
+        host, given = self._host(), self.headers.get(TOKEN, "")
+        return (
+            host is not None
+            and self.headers.get("Origin") == f"http://{host}"
+            and secrets.compare_digest(given.encode(), token.encode())
+        )
+
+    def _length(self) -> int | None:
+        """Return the length of a question [bytes]; None where it is not told or too long."""
+        given = self.headers.get("Content-Length", "")
+        length = int(given) if given.isascii() and given.isdigit() and len(given) < 10 else -1
+        return length if 0 <= length <= LONGEST_QUESTION else None
+
+    def _send(self, kind: str, body: bytes) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing on stderr."""
+
+
+def _answer(service: Service, question: bytes) -> Any:
+    """Return the answer to a question, or {"error": words}: nothing may end the server."""
+    try:
+        return service.answer(json.loads(question))
+    except (SpatialPinError, ValueError) as error:
+        return {"error": str(error)}
+    except Exception as error:
+        return {"error": f"{type(error).__name__}: {error}"}
+
+
+class _Server(ThreadingHTTPServer):
+    """A server of one page; `fetched` is set once it has been sent."""
+
+    def __init__(self, body: bytes, port: int, service: Service | None) -> None:
+        super().__init__((HOST, port), _Handler)
+        self.body, self.service = body, service
+        self.url = f"http://{HOST}:{self.server_address[1]}/"
+        self.fetched = threading.Event()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Ignore a browser that goes away before it has read the page."""
+
+
+class Viewer:
+    """A page that is being served; `stop` it, or use it in a `with` statement.
+
+    The page plays in the browser without the server, which is only asked for it again when it is
+    reloaded, or when it has a service. The server is gone when the interpreter exits. In a notebook
+    the viewer, as the last value of a cell, is the page itself.
+
+    Attributes:
+        url: where the page is.
+    """
+
+    def __init__(self, text: str, port: int = 0, service: Service | None = None) -> None:
+        """Serve a page.
+
+        Args:
+            text: the page.
+            port: port on the loopback interface, 0 for any that is free.
+            service: what the page may ask.
+
+        Raises:
+            SpatialPinError: the port cannot be had.
+            ValueError: it is no port.
+        """
+        try:
+            self._server = _Server(text.encode(), port, service)
+        except OverflowError:
+            raise ValueError(f"port is {port}; it is 0 for any that is free, to 65535") from None
+        except OSError as error:
+            raise SpatialPinError(
+                f"cannot serve a page on {HOST}, port {port}: {error}; "
+                f"`export_html` writes the same page to a file"
+            ) from error
+        self.url = self._server.url
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), name="spatial_pin viewer", daemon=True
+        )
+        self._thread.start()
+        atexit.register(self.stop)
+
+    @property
+    def running(self) -> bool:
+        """Whether the page is being served."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """Stop serving; a page already in a browser goes on playing."""
+        atexit.unregister(self.stop)
+        if self.running:
+            self._server.shutdown()
+            self._thread.join()
+        self._server.server_close()
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Wait until `stop` is called or the user presses Ctrl-C, which stops it.
+
+        Args:
+            timeout: longest wait [s].
+        """
+        try:
+            self._thread.join(timeout)
+        except KeyboardInterrupt:
+            self.stop()
+
+    def wait_until_fetched(self, timeout: float) -> bool:
+        """Wait until a browser has fetched the page; return whether one did in `timeout` [s]."""
+        return self._server.fetched.wait(timeout)
+
+    def __enter__(self) -> Viewer:
+        """Return the viewer."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop serving."""
+        self.stop()
+
+    def __repr__(self) -> str:
+        """Return the address, or that it is no longer served."""
+        return f"<Viewer at {self.url}>" if self.running else "<Viewer, stopped>"
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame, for a notebook."""
+        if not self.running:
+            return html.escape(repr(self))
+        style = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
+        return f'<iframe src="{self.url}" style="{style}"></iframe>'
+
+
+def _open(viewer: Viewer) -> bool:
+    """Open the page in the user's browser; return whether a browser has fetched it."""
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    if sys.platform.startswith("linux") and not named:
+        return False  # only browsers that write text are left, and they would take the terminal
+    return webbrowser.open(viewer.url) and viewer.wait_until_fetched(PATIENCE)
+
+
+def open_in_browser(viewer: Viewer, verb: str) -> None:
+    """Open a page in the user's browser; if none can be, warn with the address.
+
+    In a notebook nothing is opened: there the viewer shows itself.
+
+    Args:
+        viewer: the page; it is stopped if anything goes wrong.
+        verb: what the user has called.
+    """
+    try:
+        if "ipykernel" in sys.modules or _open(viewer):
+            return
+        message = f"no browser has opened the page: open {viewer.url}"
+        warnings.warn(f"{message} (`{verb}(...).wait()` keeps it there)", stacklevel=3)
+    except BaseException:
+        viewer.stop()
+        raise
+
+
+@checked
+def show(
+    motion_or_state: Motion | State, *, look: Look | None = None, open_browser: bool = True
+) -> Viewer:
+    """Show a motion, or a state, in the browser.
+
+    Serves the page of `export_html` on a free port of the loopback interface and returns when the
+    browser has it; it then plays on its own. No process is started except the browser. A script
+    that ends takes the address away: `show(motion).wait()` keeps it until Ctrl-C.
+
+    Args:
+        motion_or_state: what to show.
+        look: what is shown besides the bodies.
+        open_browser: whether to open a browser; if none can be, a warning gives the address.
+
+    Raises:
+        SpatialPinError: no port can be had.
+        UnknownNameError: `look` names a point or vector that does not exist.
+    """
+    viewer = Viewer(page(motion_or_state, look=look))
+    if open_browser:
+        open_in_browser(viewer, "show")
+    return viewer

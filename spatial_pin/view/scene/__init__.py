@@ -1,0 +1,1 @@
+"""What a picture shows: a film, its stage and the commands that meshcat draws it by."""

@@ -1,0 +1,276 @@
+"""What is shown when: the configurations of a motion or state, and the pace they are shown at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array
+
+if TYPE_CHECKING:
+    from spatial_pin.assembly.state import State
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
+    from spatial_pin.mechanism.mechanism import Mechanism
+
+
+SHORTEST, USUAL, LONGEST = 2.0, 6.0, 20.0  # duration of an animation [s]
+OPEN = 1e-6  # closure error above which a closure is shown as open [-]
+LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+MAX_ROWS = 1201  # 60 a second for 20 s: more cannot be seen
+
+
+class Reading(NamedTuple):
+    """A number shown beside the picture.
+
+    Attributes:
+        name: what it is.
+        values: its value in every row, shape (N,), in `unit`.
+        unit: "°", " mm", " m" or " s", as it follows the number.
+        digits: decimals shown.
+        says: what stands between name and number.
+    """
+
+    name: str
+    values: Array
+    unit: str
+    digits: int
+    says: str = " = "
+
+    def text(self, row: int) -> str:
+        """Return it in words, as one row has it."""
+        value = f"{self.values[row]:.{self.digits}f}".replace("-", "−")
+        return f"{self.name}{self.says}{value}{self.unit}"
+
+
+class Mark(NamedTuple):
+    """Something that happens at one moment of a film.
+
+    Attributes:
+        seconds: when [s].
+        kind: "limit", "singular", "branch point", ...
+        text: the same as a sentence.
+    """
+
+    seconds: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A motion, or a state (one row), ready to be shown.
+
+    Attributes:
+        mechanism: what moves.
+        q: configurations, shape (N, nq).
+        seconds: when each is shown, shape (N,), rising from 0 [s].
+        readings: numbers shown with each row.
+        closure_error: the largest of the whole motion [-].
+        notes: how the film differs from the motion ("shown 20x slower").
+        source: the Motion or State.
+        rows: which of its rows are shown, shape (N,).
+        marks: limits, singular configurations and branch points that are passed.
+    """
+
+    mechanism: Mechanism
+    q: Array
+    seconds: Array
+    readings: tuple[Reading, ...]
+    closure_error: float
+    notes: tuple[str, ...]
+    source: Motion | State
+    rows: NDArray[np.intp]
+    marks: tuple[Mark, ...] = ()
+
+    @cached_property
+    def open_rows(self) -> NDArray[np.intp]:
+        """Which of the rows shown have an open closure."""
+        return np.flatnonzero(np.atleast_1d(self.source.closure_error)[self.rows] > OPEN)
+
+    @cached_property
+    def loads(self) -> Kinetostatics:
+        """Efforts and reactions of the rows shown.
+
+        Raises:
+            SpatialPinError: see `spatial_pin.view.scene.loads`.
+        """
+        from spatial_pin.view.scene.loads import loads
+
+        return loads(self.source, self.motion)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The rows shown, with their rates."""
+        whole = as_motion(self.source)
+        if len(self.rows) == len(whole):
+            return whole
+        names = ("driver", "q", "v", "a", "closure_error", "driver_speed")
+        kept = {name: getattr(whole, name)[self.rows] for name in names}
+        time = None if whole.time is None else whole.time[self.rows]
+        angles = whole.angles[self.rows] if whole.angles.size else whole.angles
+        return replace(whole, time=time, angles=angles, events=[], **kept)
+
+
+def as_motion(source: Motion | State) -> Motion:
+    """Return a state as a motion of one row that has no driver; a motion as it is."""
+    if np.ndim(source.q) == 2:
+        return source  # type: ignore[return-value]
+    s, still = source, np.zeros(1)
+    q, v, a, error, angles = (np.atleast_2d(x) for x in (s.q, s.v, s.a, s.closure_error, s.angles))
+    return Motion(s.mechanism, still, "", None, q, v, a, error[0], still, [], angles)
+
+
+def unit_of_length(x: float) -> tuple[float, str]:
+    """Return (size [m], name) of the unit in which a length x [m] reads well."""
+    return next((unit for unit in LENGTHS if abs(x) >= unit[0]), LENGTHS[-1])
+
+
+def length_words(x: float) -> str:
+    """Return a length x [m] with its unit."""
+    size, unit = unit_of_length(x)
+    return f"{x / size:.4g} {unit}"
+
+
+def nice(x: float) -> float:
+    """Return the number of the series 1, 2, 5, 10, ... that is nearest to x > 0 (by ratio)."""
+    decade = 10.0 ** math.floor(math.log10(x))
+    return min((f * decade for f in (1.0, 2.0, 5.0, 10.0)), key=lambda f: abs(math.log(x / f)))
+
+
+def _time_pace(time: Array) -> tuple[Array, str]:
+    """Return seconds of the film for times of the motion [s], true where that can be watched."""
+    elapsed = time - time[0]
+    factor = 1.0
+    if not SHORTEST <= elapsed[-1] <= LONGEST:
+        factor = nice(USUAL / elapsed[-1])
+    if factor == 1.0:
+        return elapsed, ""
+    much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
+    return elapsed * factor, f"shown {much:g}x {way}"
+
+
+def _driver_pace(driver: Array, unit: str) -> tuple[Array, str]:
+    """Return seconds of the film at a constant driver speed, one second a radian if watchable."""
+    travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(driver)))))
+    if unit == "rad" and SHORTEST <= travel[-1] <= LONGEST:
+        return travel, "shown at 1 rad/s"
+    speed = nice(travel[-1] / USUAL)
+    words = f"{speed:g} rad/s" if unit == "rad" else f"{1e3 * speed:g} mm/s"
+    return travel / speed, f"shown at {words}"
+
+
+def _pace(motion: Motion) -> tuple[Array, str]:
+    """Return when each row is shown [s], and what is to be said about it."""
+    n = len(motion.q)
+    if n == 1:
+        return np.zeros(1), ""
+    if motion.time is not None and np.all(np.diff(motion.time) > 0):
+        return _time_pace(np.asarray(motion.time, float))
+    if motion.driver is not None and np.ptp(motion.driver) > 0:
+        return _driver_pace(np.asarray(motion.driver, float), motion.driver_unit)
+    return np.linspace(0.0, USUAL, n), f"shown at {(n - 1) / USUAL:.3g} rows a second"
+
+
+def reading(name: str, values: Array, unit: str) -> Reading:
+    """Return values in rad, m or s as a reading, in a unit that reads well."""
+    if unit == "rad":
+        return Reading(name, np.rad2deg(values), "°", 1)
+    largest = float(np.max(np.abs(values)))
+    if unit == "m" and 0.0 < largest < 1.0:
+        size, unit = unit_of_length(largest)
+        return Reading(name, values / size, f" {unit}", 2)
+    return Reading(name, values, f" {unit}", 3)
+
+
+def _readings(motion: Motion) -> tuple[Reading, ...]:
+    """Return driver value and time."""
+    found = []
+    if motion.driver is not None:
+        driver = np.asarray(motion.driver, float)
+        found.append(reading(motion.driver_name, driver, motion.driver_unit))
+    if motion.time is not None:
+        found.append(reading("time", np.asarray(motion.time, float), "s"))
+    return tuple(found)
+
+
+def driver_readings(state: State) -> tuple[Reading, ...]:
+    """Return the values of the drivers of a state, one row each."""
+    mechanism = state.mechanism
+    return tuple(
+        reading(name, np.atleast_1d(state.coordinate(name)[0]), mechanism.coordinate(name).unit)
+        for name in mechanism.drivers
+    )
+
+
+def _of_state(state: State) -> Film:
+    """Return the film of one row, with the values of its drivers."""
+    q, now = np.asarray(state.q, float)[None], np.zeros(1)
+    error, rows = float(state.closure_error), np.zeros(1, dtype=np.intp)
+    return Film(state.mechanism, q, now, driver_readings(state), error, (), state, rows)
+
+
+def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
+    """Return when the events of a motion are shown: between its rows, as far as the driver is."""
+    marks = []
+    for event in motion.events:
+        after = min(event.row, len(seconds) - 1)
+        before = max(after - 1, 0)
+        part = 1.0
+        if motion.driver is not None and (way := motion.driver[after] - motion.driver[before]):
+            part = np.clip((event.value - motion.driver[before]) / way, 0.0, 1.0)
+        moment = seconds[before] + part * (seconds[after] - seconds[before])
+        marks.append(Mark(float(moment), event.kind, event.text))
+    return tuple(marks)
+
+
+def _thinned(film: Film) -> Film:
+    """Return the film with at most MAX_ROWS rows, first and last kept."""
+    n = len(film.q)
+    if n <= MAX_ROWS:
+        return film
+    kept = np.unique(np.round(np.linspace(0, n - 1, MAX_ROWS)).astype(int))
+    readings = tuple(r._replace(values=r.values[kept]) for r in film.readings)
+    notes = (*film.notes, f"{len(kept)} of {n} rows")
+    q, seconds, rows = film.q[kept], film.seconds[kept], film.rows[kept]
+    return replace(film, q=q, seconds=seconds, readings=readings, notes=notes, rows=rows)
+
+
+def not_shown(given: object) -> str:
+    """Return what is wrong with something that is neither a Motion nor a State."""
+    kind = type(given).__name__
+    remedy = "sp.assemble(mechanism) or sp.sweep(mechanism, driver, values)"
+    return f"a {kind} cannot be shown; give a State or a Motion: {remedy}"
+
+
+def film(motion_or_state: Motion | State) -> Film:
+    """Return what to show of a Motion or State, and when.
+
+    A motion with times that lasts 2 to 20 s is shown at true time, otherwise slower or faster by a
+    round factor. One without times is shown at one second a radian of its driver, or at another
+    round driver speed when that would not last 2 to 20 s. `Film.notes` says which.
+
+    Raises:
+        SpatialPinError: it is neither a Motion nor a State.
+        ValueError: the motion has no rows.
+    """
+    if not hasattr(motion_or_state, "q"):
+        raise SpatialPinError(not_shown(motion_or_state))
+    if np.ndim(motion_or_state.q) == 1:
+        return _of_state(motion_or_state)  # type: ignore[arg-type]
+    motion: Motion = motion_or_state  # type: ignore[assignment]
+    if len(motion.q) == 0:
+        raise ValueError("the motion has no rows: there is nothing to show")
+    seconds, note = _pace(motion)
+    error = float(np.max(motion.closure_error))
+    q, notes = np.asarray(motion.q, float), (note,) if note else ()
+    rows, readings = np.arange(len(q)), _readings(motion)
+    marks = _marks(motion, seconds)
+    whole = Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows, marks)
+    return _thinned(whole)

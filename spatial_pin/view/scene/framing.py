@@ -1,0 +1,117 @@
+"""Where the camera stands: what a film takes up of the space, and from where it is seen best."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.film import nice
+
+FIELD_OF_VIEW = 35.0  # vertical [deg]
+ASPECT = 4 / 3  # width by height that the picture is made to fit
+MARGIN = 1.15  # room round the picture, for what is written over it
+FLATTEST = 0.4  # least component of the viewing direction, by the largest
+ROWS_LOOKED_AT = 121
+
+
+class Framing(NamedTuple):
+    """A view that holds a whole motion.
+
+    Attributes:
+        centre: of what is seen, shape (3,) [m].
+        radius: of the sphere about it that holds all [m].
+        floor: height of the lowest point [m].
+        camera: position from the centre, by the radius, shape (3,) [-].
+        cell: width of a cell of the ground grid [m].
+    """
+
+    centre: Array
+    radius: float
+    floor: float
+    camera: Array
+    cell: float
+
+
+def rotate(quaternion: Array, v: Array) -> Array:
+    """Return vectors v (..., 3) turned by unit quaternions (..., 4), x y z w."""
+    u, w = quaternion[..., :3], quaternion[..., 3:]
+    t = 2 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
+
+
+def _corners(visual: pin.GeometryObject) -> Array:
+    """Return the corners (8, 3) of a shape's box in its joint's frame [m], (0, 3) if unbounded."""
+    visual.geometry.computeLocalAABB()
+    box = visual.geometry.aabb_local
+    lower, upper = np.asarray(box.min_), np.asarray(box.max_)
+    if not np.all(np.abs([lower, upper]) < 1e100) or np.any(lower > upper):
+        return np.zeros((0, 3))
+    grid = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    M = visual.placement
+    return (lower + grid * (upper - lower)) @ M.rotation.T + M.translation
+
+
+def occupied(visuals: list[pin.GeometryObject], poses: Array) -> Array:
+    """Return the corners of all boxes in all rows, shape (K, 3) [m].
+
+    Args:
+        visuals: the geometry objects.
+        poses: of the joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
+    """
+    rows = np.unique(np.linspace(0, len(poses) - 1, ROWS_LOOKED_AT).astype(int))
+    points = [np.zeros((1, 0, 3))]
+    for visual in visuals:
+        pose = poses[rows, None, visual.parentJoint]
+        points.append((pose[..., :3] + rotate(pose[..., 3:], _corners(visual))).reshape(1, -1, 3))
+    return np.concatenate(points, axis=1)[0]
+
+
+def direction(extent: Array) -> Array:
+    """Return the unit vector (3,) from centre to camera: flat things are seen face on, tilted."""
+    thin = np.max(extent) / np.maximum(extent, 1e-3 * np.max(extent))
+    weight = np.clip(thin / np.max(thin), FLATTEST, 1.0)
+    v = weight * [0.7, -1.0, 0.75]
+    return v / np.linalg.norm(v)
+
+
+def axes_of_view(v: Array) -> Array:
+    """Return right and up of the picture seen along the unit vector v (3,), shape (2, 3)."""
+    right = np.cross([0.0, 0.0, 1.0], v)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(v, right)])
+
+
+def _step_back(points: Array, v: Array) -> tuple[float, Array]:
+    """Return from how far along v a camera sees all points (K, 3), and the picture's middle (3,).
+
+    The middle is that of what the picture holds, in the plane through the origin normal to v.
+    """
+    axes = axes_of_view(v)
+    picture, depth = points @ axes.T, points @ v
+    half = math.tan(math.radians(FIELD_OF_VIEW) / 2) * np.array([ASPECT, 1.0]) / MARGIN
+    away = float(np.max(depth[:, None] + np.abs(picture) / half))
+    seen = picture / (away - depth)[:, None]
+    return away, away * (seen.min(axis=0) + seen.max(axis=0)) / 2 @ axes
+
+
+def frame(points: Array, v: Array | None = None) -> Framing:
+    """Return the view that holds the points (K, 3) [m], in the middle of the picture.
+
+    Args:
+        points: what is to be seen.
+        v: unit vector from the centre to the camera, shape (3,); the best one if not given.
+    """
+    if len(points) == 0 or np.ptp(points, axis=0).max() == 0:
+        points = np.concatenate([points, [[-1, -1, -1], [1, 1, 1]]])
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    v = direction(upper - lower) if v is None else v
+    centre = (lower + upper) / 2
+    for _ in range(5):
+        centre = centre + _step_back(points - centre, v)[1]
+    radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
+    away = _step_back(points - centre, v)[0]
+    return Framing(centre, radius, float(lower[2]), away / radius * v, nice(radius / 7))

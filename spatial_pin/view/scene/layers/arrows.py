@@ -1,0 +1,178 @@
+"""Vectors at points, one scale for each quantity.
+
+To draw vectors of another kind (forces, say), make `Vectors` of them and give them as
+`Look.arrows`; to give their quantity a colour of its own, add it to COLOURS.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from spatial_pin.checks import as_array
+from spatial_pin.errors import UnknownNameError
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.film import length_words, nice
+from spatial_pin.view.scene.layers.traces import point_motion
+from spatial_pin.view.scene.shapes import Solid, rod, turned
+from spatial_pin.view.scene.stage import (
+    Colour,
+    Entry,
+    Item,
+    Layer,
+    Stage,
+    Track,
+    quaternions_along,
+    rod_between,
+)
+
+if TYPE_CHECKING:
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
+
+LOADS = {"reaction": ("force", "N", slice(0, 3)), "moment": ("moment", "N·m", slice(3, 6))}
+KINDS = ("velocity", "acceleration", "angular_velocity", "angular_acceleration")
+LONGEST = 0.6  # arrow, at most, by the size of the scene; all sizes below too
+SHAFT, HEAD, HEAD_LENGTH = 0.011, 0.028, 0.08  # radius, radius, length
+OTHER = (0.13, 0.15, 0.18, 1.0)
+COLOURS: dict[str, Colour] = {
+    "velocity": (0.06, 0.12, 0.55, 1.0),
+    "acceleration": (0.78, 0.05, 0.13, 1.0),
+    "angular velocity": (0.42, 0.10, 0.62, 1.0),
+    "angular acceleration": (0.62, 0.34, 0.05, 1.0),
+    "force": (0.05, 0.05, 0.05, 1.0),
+    "moment": (0.35, 0.35, 0.38, 1.0),
+}
+TURNING = ("angular velocity", "angular acceleration", "moment")  # drawn with two heads
+
+
+class Vectors(NamedTuple):
+    """A vector at a point, in every row of a motion.
+
+    Attributes:
+        name: of the point.
+        point: where it starts, world, shape (N, 3) [m].
+        vector: world axes, shape (N, 3) [unit].
+        quantity: what it is, "velocity"; those of one quantity share a scale.
+        unit: its SI unit.
+    """
+
+    name: str
+    point: Array
+    vector: Array
+    quantity: str
+    unit: str
+
+
+def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
+    """Return the force ("reaction") or moment that a pair exerts, at the pair.
+
+    On the child link of a joint, on the link of a closure's second frame.
+
+    Raises:
+        UnknownNameError: there is no such pair.
+    """
+    motion, found = loads.motion, loads.reactions
+    mechanism = motion.mechanism
+    if pair not in found:
+        raise UnknownNameError("pair", pair, list(found), f"mechanism {mechanism.name!r}: ")
+    closure = next((c for c in mechanism.closures if c.name == pair), None)
+    place = motion.frame(closure.frames[1] if closure else pair).position
+    quantity, unit, part = LOADS[kind]
+    return Vectors(pair, place, found[pair][:, part], quantity, unit)
+
+
+def rates(motion: Motion, spec: str) -> Vectors:
+    """Return the vectors that `NAME.velocity` and its kin name; see `Look.arrows`.
+
+    Raises:
+        UnknownNameError: it names no such vector.
+        SpatialPinError: a link asked for its centre of mass has none.
+    """
+    name, _, kind = spec.rpartition(".")
+    if kind not in KINDS or not name:
+        valid = [f"{n}.{k}" for n in motion.mechanism.frame_ids for k in KINDS]
+        raise UnknownNameError("arrow", spec, valid, f"mechanism {motion.mechanism.name!r}: ")
+    moving = point_motion(motion, name)
+    return Vectors(name, moving.position, getattr(moving, kind), kind.replace("_", " "),
+                   motion.frame_unit(kind))
+
+
+def _head(heads: int, size: float) -> Solid:
+    """Return a cone, or two one behind the other, with the last tip at 0 and the base below."""
+    r, h = HEAD * size, HEAD_LENGTH * size
+    below = [-(heads - k) * 0.7 * h - 0.3 * h for k in range(heads)]
+    corners = [p for z in below for p in ((0.0, z), (r, z), (0.0, z + h))]
+    return turned(*corners)
+
+
+def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...], Array]:
+    """Return shaft and head of an arrow, and its tips (N, 3) [m]."""
+    start, along = stage.seen(v.point), per_unit * stage.seen(v.vector)
+    length = np.linalg.norm(along, axis=1)
+    heads = 2 if v.quantity in TURNING else 1
+    head_length = (0.3 + 0.7 * heads) * HEAD_LENGTH * stage.size
+    scale = np.minimum(1.0, length / head_length)
+    tip = start + along
+    covered = np.clip(length - 0.5 * head_length * scale, 0.0, None)
+    part = np.divide(covered, length, out=np.zeros_like(length), where=length > 0)
+    head = Track(
+        np.concatenate([tip, quaternions_along(along)], axis=1), np.repeat(scale[:, None], 3, 1)
+    )
+    name, colour = f"{v.quantity} of {v.name}", COLOURS.get(v.quantity, OTHER)
+    shaft = rod_between(start, start + part[:, None] * along)
+    thin = scale[:, None] * shaft.scales[:, :2]  # type: ignore[index]
+    shaft = Track(shaft.poses, np.concatenate([thin, shaft.scales[:, 2:]], axis=1))  # type: ignore[index]
+    cone = _head(heads, stage.size)
+    items = (
+        Item(name, rod(SHAFT * stage.size), colour, track=shaft, through=True),
+        Item(f"head, {name}", cone, colour, track=head, through=True),
+    )
+    return items, tip
+
+
+def _of_quantity(stage: Stage, vectors: list[Vectors]) -> Layer:
+    """Return the arrows of one quantity, to one scale."""
+    quantity, unit = vectors[0].quantity, vectors[0].unit
+    colour = COLOURS.get(quantity, OTHER)
+    names = ", ".join(v.name for v in vectors)
+    largest = max(float(np.linalg.norm(v.vector, axis=1).max(initial=0.0)) for v in vectors)
+    if largest == 0.0:
+        return Layer(legend=(Entry(colour, f"{quantity} of {names}: none"),))
+    value = nice(largest / 4)
+    length = nice(0.95 * LONGEST * stage.size / (largest / value))
+    if length * largest / value > 1.5 * LONGEST * stage.size:
+        length = nice(length / 2)
+    drawn = [_items(stage, v, length / value) for v in vectors]
+    words = f"{quantity} of {names}: {length_words(length)} = {value:.4g} {unit}"
+    items = tuple(item for pair, _ in drawn for item in pair)
+    return Layer(items, np.concatenate([tip for _, tip in drawn]), (Entry(colour, words),))
+
+
+def _as_shown(stage: Stage, asked: str | Vectors) -> Vectors:
+    """Return vectors with one row for each that is shown."""
+    film = stage.film
+    if isinstance(asked, str):
+        name, _, kind = asked.rpartition(".")
+        return load(film.loads, name, kind) if kind in LOADS else rates(film.motion, asked)
+    n = len(np.atleast_2d(film.source.q))
+    point, vector = (as_array(x, "points and vectors") for x in (asked.point, asked.vector))
+    if point.shape != (n, 3) or vector.shape != (n, 3):
+        shapes = f"{point.shape} and {vector.shape}"
+        raise ValueError(f"{asked.name}: points and vectors are {shapes}; ({n}, 3) is needed")
+    return asked._replace(point=point[film.rows], vector=vector[film.rows])
+
+
+def arrows(stage: Stage, asked: tuple[str | Vectors, ...]) -> list[Layer]:
+    """Return vectors at their points, one layer for each quantity.
+
+    Raises:
+        UnknownNameError: one names no vector of the mechanism.
+        ValueError: one has not as many rows as the motion.
+    """
+    quantities: dict[str, list[Vectors]] = {}
+    for one in asked:
+        vectors = _as_shown(stage, one)
+        quantities.setdefault(vectors.quantity, []).append(vectors)
+    return [_of_quantity(stage, vectors) for vectors in quantities.values()]

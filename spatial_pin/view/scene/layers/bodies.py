@@ -1,0 +1,55 @@
+"""The bodies of a mechanism as its visuals, each in its colour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import warn
+from spatial_pin.view.scene.shapes import coloured, solid
+from spatial_pin.view.scene.stage import Item, Layer, Stage
+
+# bodies without a colour of their own: steel grey ground, then the colours of Okabe and Ito
+GROUND_COLOUR = (0.62, 0.66, 0.70, 1.0)
+BODY_COLOURS = (
+    (0.835, 0.369, 0.000, 1.0),
+    (0.000, 0.447, 0.698, 1.0),
+    (0.000, 0.620, 0.451, 1.0),
+    (0.902, 0.624, 0.000, 1.0),
+    (0.800, 0.475, 0.655, 1.0),
+    (0.337, 0.706, 0.914, 1.0),
+)
+
+
+def colour(visual: pin.GeometryObject) -> tuple[float, ...]:
+    """Return the colour (red, green, blue, opacity) of a geometry object, 0 to 1 each."""
+    if visual.overrideMaterial:
+        return tuple(float(x) for x in np.clip(visual.meshColor, 0.0, 1.0))
+    if visual.parentJoint == 0:
+        return GROUND_COLOUR
+    return BODY_COLOURS[(visual.parentJoint - 1) % len(BODY_COLOURS)]
+
+
+def body_items(visuals: Sequence[pin.GeometryObject], size: float) -> tuple[Item, ...]:
+    """Return every geometry object that can be drawn, fixed to its joint; warn of the others."""
+    items = []
+    for k, visual in enumerate(visuals):
+        joint, place = int(visual.parentJoint), visual.placement.homogeneous
+        name, own = f"{k} {visual.name}", colour(visual)
+        parts = coloured(visual)
+        items += [Item(f"{name} part {i}", part, painted or own, joint, place)
+                  for i, (part, painted) in enumerate(parts)]
+        drawn = None if parts else solid(visual, size)
+        if drawn is not None:
+            items.append(Item(name, drawn, own, joint, place))
+        elif not parts:
+            empty = type(visual.geometry).__name__
+            warn(f"{visual.name!r} is not shown: it is an empty {empty}")
+    return tuple(items)
+
+
+def bodies(stage: Stage) -> Layer:
+    """Return the bodies of a film."""
+    return Layer(body_items(stage.visuals, stage.size))

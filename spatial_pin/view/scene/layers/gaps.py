@@ -1,0 +1,187 @@
+"""Closures that are open: where, when, by how much."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.mechanism import Closure
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.film import OPEN, Film, Reading, unit_of_length
+from spatial_pin.view.scene.shapes import ball, rod
+from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod_between
+
+COLOUR = (1.0, 0.0, 0.62, 1.0)
+BALL, ROD = 0.02, 0.009  # radius, by the size of the scene
+POINTER = 0.16  # length of the directions that should agree, by the size of the scene
+DIGITS = 3  # that a gap is told with
+
+
+class Gap(NamedTuple):
+    """How far a closure is open, row by row; 0 where it is closed.
+
+    Attributes:
+        closure: the closure.
+        lengths: between the two points that should coincide, shape (N,) [m].
+        angles: between the directions that should agree, shape (N,) [rad].
+        offset: from where point 2 should be to where it is, in the view, shape (N, 3) [m].
+    """
+
+    closure: Closure
+    lengths: Array
+    angles: Array
+    offset: Array
+
+
+def _residuals(film: Film) -> Array:
+    """Return the closure rows of every row that has an open closure, 0 elsewhere, (N, rows)."""
+    evaluation = Evaluation(constraints_of(film.mechanism))
+    motion = film.motion
+    found = np.zeros((len(film.rows), len(evaluation.residual)))
+    for k in film.open_rows:
+        if motion.angles.size:
+            evaluation.turns[:] = motion.angles[k]
+        evaluation.update(motion.q[k])
+        found[k] = evaluation.residual
+    found[np.abs(found) <= OPEN] = 0.0
+    return found
+
+
+def _coupling_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
+    """Return by how much the second coordinate of a coupling is wrong."""
+    mechanism, none = stage.film.mechanism, np.zeros((len(residual), 3))
+    error = np.abs(residual[:, 0])
+    if mechanism.coordinate(closure.joints[1]).unit == "rad":
+        return Gap(closure, 0 * error, error, none)
+    return Gap(closure, error * mechanism.characteristic_length, 0 * error, none)
+
+
+def _length(stage: Stage, closure: Closure, row: Row) -> Array | float:
+    """Return how long a distance is to be, (N,) [m] where other frames tell."""
+    if not closure.between:
+        return row.offset
+    first, second = (stage.points(i, m.translation) for i, m in map(
+        stage.film.mechanism.frame_on_joint, closure.between))
+    return np.linalg.norm(second - first, axis=1)
+
+
+def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
+    """Return by how much the frames of a closure are off.
+
+    The offset is the sum of the directions that a length row is measured along, each times what
+    it is off by: that takes frame 2 to the nearest place where the closure holds.
+    """
+    mechanism = stage.film.mechanism
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames)
+    turn = stage.rotations(i1, m1.rotation)
+    apart = stage.points(i2, m2.translation) - stage.points(i1, m1.translation)
+    length = residual * mechanism.characteristic_length
+    offset, angular = np.zeros_like(apart), np.zeros(len(apart))
+    for row, off in zip(closure.rows, length.T, strict=True):
+        if row.u is None:  # distance: along the line between the frames
+            far = np.linalg.norm(apart, axis=1)
+            wrong = np.where(off != 0.0, far - _length(stage, closure, row), 0.0)
+            offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
+        elif row.is_length:
+            offset += off[:, None] * (turn @ row.u)
+        else:
+            angular = np.hypot(angular, off / mechanism.characteristic_length)
+    angles = np.arcsin(np.minimum(angular, 1.0))
+    return Gap(closure, np.linalg.norm(offset, axis=1), angles, offset)
+
+
+def gaps_of(stage: Stage) -> list[Gap]:
+    """Return the closures that are open in any row."""
+    mechanism = stage.film.mechanism
+    residuals = _residuals(stage.film)
+    labels = np.array([label.closure for label in constraints_of(mechanism).labels])
+    found = []
+    for closure in mechanism.closures:
+        own = residuals[:, labels == closure.name]
+        if np.any(own):
+            measure = _coupling_gap if closure.type == COUPLING else _pair_gap
+            found.append(measure(stage, closure, own))
+    return found
+
+
+def _alarms(gap: Gap) -> list[Reading]:
+    """Return what is to be said of a gap, in every row."""
+    said = []
+    name = f"closure {gap.closure.name}"
+    if np.any(gap.lengths):
+        largest = float(gap.lengths.max())
+        size, unit = unit_of_length(largest)
+        said.append(Reading(name, gap.lengths / size, f" {unit}", _digits(largest / size)))
+    if np.any(gap.angles):
+        degrees = np.rad2deg(gap.angles)
+        said.append(Reading(name, degrees, "°", _digits(float(degrees.max()))))
+    return [r._replace(says=" open by ") for r in said]
+
+
+def _digits(largest: float) -> int:
+    """Return the decimals that tell numbers up to `largest` with three digits."""
+    return int(np.clip(DIGITS - 1 - np.floor(np.log10(largest)), 0, 8))
+
+
+def _length_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
+    """Return two balls and a rod from where a frame should be to where it is; and both places."""
+    i2, m2 = stage.film.mechanism.frame_on_joint(gap.closure.frames[1])
+    there = stage.points(i2, m2.translation)
+    here = there - gap.offset
+    is_open = (gap.lengths > 0).astype(float)
+    name, size = f"gap {gap.closure.name}", stage.size
+    marker = ball(BALL * size)
+    items = [
+        Item(name, rod(ROD * size), COLOUR, track=rod_between(here, there), through=True),
+        Item(f"{name} from", marker, COLOUR, track=ball_at(here, is_open), through=True),
+        Item(f"{name} to", marker, COLOUR, track=ball_at(there, is_open), through=True),
+    ]
+    return items, np.concatenate([here, there])
+
+
+def _angle_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
+    """Return the direction of each frame that is off the most, as rods from the second frame."""
+    mechanism, geometry = stage.film.mechanism, gap.closure.geometry
+    assert geometry is not None
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames)
+    axes1 = stage.rotations(i1, m1.rotation @ geometry.axes1)
+    axes2 = stage.rotations(i2, m2.rotation @ geometry.axes2)
+    cosines = np.sum(axes1 * axes2, axis=1)  # (N, 3), of x, y and z
+    all_agree = gap.closure.pair.aligned == "xyz"
+    k = int(np.argmin(cosines.min(axis=0))) if all_agree else 2
+    start: Array = stage.points(i2, m2.translation)
+    is_open = (gap.angles > 0)[:, None] * POINTER * stage.size
+    items, points = [], [start]
+    for side, e in (("first", axes1[:, :, k]), ("second", axes2[:, :, k])):
+        end = start + is_open * e
+        track = rod_between(start, end)
+        name = f"turned {gap.closure.name} {side}"
+        items.append(Item(name, rod(ROD * stage.size), COLOUR, track=track, through=True))
+        points.append(end)
+    return items, np.concatenate(points)
+
+
+def gaps(stage: Stage) -> Layer:
+    """Return a marker at every closure that is open in any row, and what to say of it.
+
+    Costs nothing where all are closed.
+    """
+    if not len(stage.film.open_rows):
+        return Layer()
+    items: list[Item] = []
+    alarms: list[Reading] = []
+    points: list[Array] = [np.zeros((0, 3))]
+    for gap in gaps_of(stage):
+        alarms += _alarms(gap)
+        kinds = ((gap.offset, _length_items), (gap.angles, _angle_items))
+        for measure, make in kinds if gap.closure.frames else ():
+            if np.any(measure):
+                made, held = make(stage, gap)
+                items += made
+                points.append(held)
+    legend = (Entry(COLOUR, "open closures"),)
+    return Layer(tuple(items), np.concatenate(points), legend, tuple(alarms))

@@ -1,0 +1,219 @@
+"""A sign at every joint and closure that tells its kind.
+
+To add the sign of a pair: a function from `Site` to `Piece`s, and its line in GLYPHS. Pieces are
+drawn in the pair's own axes, z along its axis, of frame 1 (`first`, the body that carries) or of
+frame 2 (`second`, the one that moves); `between` pieces, from 0 to 1 along z, reach from origin 1
+to origin 2. A universal joint has its pin 1 along z of frame 1, its pin 2 along z of frame 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.layers.places import Place, places
+from spatial_pin.view.scene.shapes import Solid, ball, bar, rod, tube, turned
+from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
+
+UNIT = 0.05  # size of a sign, by the size of the scene
+CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
+MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
+THROUGH = 0.72  # opacity of signs that are seen through bodies
+MOST_TURNS = 60.0  # of a thread that is drawn
+
+
+class Site(NamedTuple):
+    """Where a sign stands.
+
+    Attributes:
+        unit: its size [m].
+        travel: least and greatest height of origin 2 along z of frame 1 [m].
+        reach: least and greatest distance of origin 2 from z of frame 1 [m].
+    """
+
+    unit: float
+    travel: tuple[float, float]
+    reach: tuple[float, float]
+
+    @property
+    def rail(self) -> tuple[float, float]:
+        """Ends along z of frame 1 of what origin 2 slides on, origin 1 among it [m]."""
+        (low, high), room = self.travel, 2.2 * self.unit
+        return min(0.0, low - room), max(0.0, high + room)
+
+
+class Piece(NamedTuple):
+    """One solid of a sign.
+
+    Attributes:
+        on: what it is fixed to: "first", "second" or "between".
+        solid: its shape.
+        span: least and greatest z, and radius of it [m], where that is more than the sign's size.
+    """
+
+    on: str
+    solid: Solid
+    span: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def _revolute(site: Site) -> list[Piece]:
+    s = site.unit
+    inner, outer, half = 0.5 * s, 0.95 * s, 0.55 * s
+    ring = turned((inner, -half), (outer, -half), (outer, half), (inner, half), (inner, -half))
+    return [Piece("first", ring), Piece("second", rod(0.42 * s, -1.0 * s, 1.0 * s))]
+
+
+def _prismatic(site: Site) -> list[Piece]:
+    s, rail = site.unit, site.rail
+    sleeve = bar(0.75 * s, -1.1 * s, 1.1 * s)
+    return [Piece("first", bar(0.32 * s, *rail), (*rail, 0.0)), Piece("second", sleeve)]
+
+
+def _screw(site: Site) -> list[Piece]:
+    s, (low, high) = site.unit, site.travel
+    start, end = -high - 2.0 * s, 2.0 * s - low
+    nut = turned(
+        (0.0, -0.5 * s), (1.05 * s, -0.5 * s), (1.05 * s, 0.5 * s), (0.0, 0.5 * s), segments=6
+    )
+    turns = min((end - start) / (0.45 * s), MOST_TURNS)
+    angle = np.linspace(0.0, 2 * np.pi * turns, 1 + int(20 * turns))
+    z = np.linspace(start, end, len(angle))
+    helix = np.stack([0.5 * s * np.cos(angle), 0.5 * s * np.sin(angle), z], axis=1)
+    thread = Solid(tube(helix, 0.12 * s, segments=5))
+    screw = Piece("second", rod(0.5 * s, start, end), (start, end, 0.0))
+    return [Piece("first", nut), screw, Piece("second", thread)]
+
+
+def _cylindrical(site: Site) -> list[Piece]:
+    s = site.unit
+    half, r, collar, wide = 1.2 * s, 0.72 * s, 0.2 * s, 1.1 * s
+    lower = [(0.0, -half), (r, -half), (r, -collar), (wide, -collar)]
+    sleeve = turned(*lower, *((x, -z) for x, z in reversed(lower)))
+    shaft = Piece("first", rod(0.36 * s, *site.rail), (*site.rail, 0.0))
+    return [shaft, Piece("second", sleeve)]
+
+
+def _spherical(site: Site) -> list[Piece]:
+    s = site.unit
+    angle = np.linspace(-np.pi / 2, 0.1, 12)
+    outer = [(1.05 * s * np.cos(a), 1.05 * s * np.sin(a)) for a in angle]
+    inner = [(0.88 * s * np.cos(a), 0.88 * s * np.sin(a)) for a in angle[::-1]]
+    return [Piece("first", turned(*outer, *inner)), Piece("second", ball(0.85 * s))]
+
+
+def _plate(site: Site) -> Piece:
+    """Return the part of a plane that origin 2 comes to."""
+    s, (near, far) = site.unit, site.reach
+    inner, outer = max(0.0, near - 1.8 * s), far + 1.8 * s
+    plate = turned(
+        (inner, -0.12 * s), (outer, -0.12 * s), (outer, 0.0), (inner, 0.0), (inner, -0.12 * s)
+    )
+    return Piece("first", plate, (0.0, 0.0, outer))
+
+
+def _planar(site: Site) -> list[Piece]:
+    s = site.unit
+    foot = turned((0.0, 0.0), (0.75 * s, 0.0), (0.75 * s, 0.25 * s), (0.0, 0.25 * s))
+    normal = rod(0.13 * s, 0.0, 1.8 * s)
+    return [_plate(site), Piece("second", foot), Piece("second", normal)]
+
+
+def _universal(site: Site) -> list[Piece]:
+    s = site.unit
+    first, second = (rod(0.3 * s, -1.35 * s, 1.35 * s) for _ in range(2))
+    return [Piece("first", first), Piece("second", second), Piece("second", ball(0.5 * s))]
+
+
+def _distance(site: Site) -> list[Piece]:
+    s = site.unit
+    ends = [Piece(on, ball(0.32 * s)) for on in ("first", "second")]
+    return [*ends, Piece("between", rod(0.13 * s))]
+
+
+def _point_on_line(site: Site) -> list[Piece]:
+    line = Piece("first", rod(0.13 * site.unit, *site.rail), (*site.rail, 0.0))
+    return [line, Piece("second", ball(0.4 * site.unit))]
+
+
+def _point_on_plane(site: Site) -> list[Piece]:
+    return [_plate(site), Piece("second", ball(0.4 * site.unit))]
+
+
+def _directions(site: Site) -> list[Piece]:
+    s = site.unit
+    pointer = turned(
+        (0.0, 0.0), (0.12 * s, 0.0), (0.12 * s, 1.8 * s), (0.34 * s, 1.8 * s), (0.0, 2.7 * s)
+    )
+    return [Piece("first", pointer), Piece("second", pointer)]
+
+
+GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
+    "revolute": _revolute,
+    "prismatic": _prismatic,
+    "screw": _screw,
+    "cylindrical": _cylindrical,
+    "spherical": _spherical,
+    "planar": _planar,
+    "universal": _universal,
+    "distance": _distance,
+    "point_on_line": _point_on_line,
+    "point_on_plane": _point_on_plane,
+    "parallel": _directions,
+    "perpendicular": _directions,
+}
+
+
+def _origins(stage: Stage, place: Place) -> tuple[Array, Array]:
+    """Return the origins of both frames in the view, shape (N, 3) each [m]."""
+    pairs = zip(place.joints, place.frames, strict=True)
+    first, second = (stage.points(joint, M[:3, 3]) for joint, M in pairs)
+    return first, second
+
+
+def _site(stage: Stage, place: Place) -> Site:
+    """Return how far the second frame goes, as seen from the first."""
+    o1, o2 = _origins(stage, place)
+    z = stage.rotations(place.joints[0], place.frames[0][:3, :3])[:, :, 2]
+    height = np.vecdot(o2 - o1, z)
+    across = np.linalg.norm(o2 - o1 - height[:, None] * z, axis=1)
+    travel = float(height.min()), float(height.max())
+    return Site(UNIT * stage.size, travel, (float(across.min()), float(across.max())))
+
+
+def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> Item:
+    name = f"{place.kind} {place.name} {k}"
+    *rgb, opacity = MOVES if piece.on == "second" else CARRIES
+    colour = (*rgb, THROUGH if through else opacity)
+    if piece.on == "between":
+        o1, o2 = _origins(stage, place)
+        return Item(name, piece.solid, colour, track=rod_between(o1, o2), through=through)
+    side = 0 if piece.on == "first" else 1
+    joint, frame = place.joints[side], place.frames[side]
+    return Item(name, piece.solid, colour, joint, frame, through=through)
+
+
+def _held(stage: Stage, place: Place, piece: Piece) -> Array:
+    """Return what a picture must hold of a piece, shape (K, 3) [m]."""
+    low, high, r = piece.span
+    if piece.on == "between" or low == high == r == 0.0:
+        return np.zeros((0, 3))
+    side = 0 if piece.on == "first" else 1
+    corners = [(r, 0, low), (-r, 0, low), (0, r, high), (0, -r, high)]
+    frame = place.frames[side]
+    points = [frame[:3, :3] @ p + frame[:3, 3] for p in corners]
+    return np.concatenate([stage.points(place.joints[side], p) for p in points])
+
+
+def glyphs(stage: Stage, through: bool) -> Layer:
+    """Return a sign for every joint and closure, seen through the bodies or not."""
+    items: list[Item] = []
+    points: list[Array] = [np.zeros((0, 3))]
+    for place in places(stage.film.mechanism):
+        make = GLYPHS.get(place.kind)
+        for k, piece in enumerate(make(_site(stage, place)) if make else ()):
+            items.append(_item(stage, place, k, piece, through))
+            points.append(_held(stage, place, piece))
+    return Layer(tuple(items), np.concatenate(points))

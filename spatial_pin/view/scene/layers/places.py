@@ -1,0 +1,94 @@
+"""Where the joints and closures of a mechanism are, and which way their axes point."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING, axes_from_z
+from spatial_pin.numerics.linalg import Array
+
+AXIS_PLACES = {  # which of a joint's freedoms turn about its axis, or slide along it
+    "revolute": (0,),
+    "prismatic": (0,),
+    "screw": (0,),
+    "cylindrical": (0,),
+    "planar": (2,),
+    "universal": (0, 1),
+}
+
+
+class Place(NamedTuple):
+    """A pair between two bodies.
+
+    Attributes:
+        name, kind: of the joint or closure.
+        joints: the bodies.
+        frames: of the pair in each body, z along its axis, shape (4, 4) each.
+    """
+
+    name: str
+    kind: str
+    joints: tuple[int, int]
+    frames: tuple[Array, Array]
+
+
+def _framed(placement: pin.SE3, axes: Array) -> Array:
+    M = placement.homogeneous.copy()
+    M[:3, :3] = M[:3, :3] @ axes
+    return M
+
+
+def _outward(placement: pin.SE3) -> Array:
+    """Return the direction (3,), in its own axes, in which a frame lies from its joint; else z."""
+    p = placement.rotation.T @ placement.translation
+    length = np.linalg.norm(p)
+    return p / length if length > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def _joint_axes(mechanism: Mechanism) -> list[list[Array]]:
+    """Return the unit vectors, in its frame at neutral, of the axes of every joint of the tree."""
+    model = mechanism.model
+    data = model.createData()
+    J = pin.computeJointJacobians(model, data, mechanism.neutral).reshape(6, model.nv)
+    found = []
+    for j, kind in enumerate(mechanism.pairs, start=1):
+        columns = J[:, [model.idx_vs[j] + place for place in AXIS_PLACES.get(kind, ())]].T
+        vectors = [c[3:] if np.any(c[3:]) else c[:3] for c in columns]
+        found.append([data.oMi[j].rotation.T @ v / np.linalg.norm(v) for v in vectors])
+    return found
+
+
+def _tree_places(mechanism: Mechanism) -> list[Place]:
+    """Return the pairs of the tree's joints."""
+    model, found = mechanism.model, []
+    for j, axes in enumerate(_joint_axes(mechanism), start=1):
+        on_parent, bodies = model.jointPlacements[j], (int(model.parents[j]), j)
+        axes = axes or [_outward(on_parent)]
+        turn1, turn2 = axes_from_z(axes[0]), axes_from_z(axes[-1])
+        frames = _framed(on_parent, turn1), _framed(pin.SE3.Identity(), turn2)
+        found.append(Place(model.names[j], mechanism.pairs[j - 1], bodies, frames))
+    return found
+
+
+def _closure_places(mechanism: Mechanism) -> list[Place]:
+    """Return the pairs of the closures; a coupling joins no two frames and has none."""
+    found = []
+    for closure in mechanism.closures:
+        if closure.type == COUPLING or closure.geometry is None:
+            continue
+        (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames)
+        turn1, turn2 = closure.geometry.axes1, closure.geometry.axes2
+        if closure.type == "spherical":
+            turn1 = axes_from_z(_outward(m1))
+        frames = _framed(m1, turn1), _framed(m2, turn2)
+        found.append(Place(closure.name, closure.type, (i1, i2), frames))
+    return found
+
+
+def places(mechanism: Mechanism) -> list[Place]:
+    """Return every joint and closure that is a pair."""
+    return _tree_places(mechanism) + _closure_places(mechanism)

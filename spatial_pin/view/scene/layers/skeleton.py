@@ -1,0 +1,56 @@
+"""A picture of a model that brings none: sticks from every joint to the next and to its frames."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.numerics.linalg import Array
+
+THICKNESS = 0.013  # radius of a stick, by the longest
+SPREAD = 0.4  # how much thicker the thickest is: sticks of different bodies may coincide
+GOLDEN = 0.5 * (5**0.5 - 1)  # multiples of it never come together again, but for whole numbers
+SAME = 1e-6  # distance of points that are drawn as one, by the longest stick
+
+
+def _ends(model: pin.Model) -> list[tuple[int, Array]]:
+    """Return (joint, point in its frame (3,) [m]) of every next joint and every frame."""
+    ends = [(model.parents[j], model.jointPlacements[j]) for j in range(1, model.njoints)]
+    ends += [(f.parentJoint, f.placement) for f in model.frames]
+    return [(int(j), M.translation.copy()) for j, M in ends]
+
+
+def _distinct(points: list[Array], least: float) -> list[Array]:
+    """Return the points (3,) that are further than `least` [m] from 0 and from those before."""
+    kept: list[Array] = [np.zeros(3)]
+    for p in points:
+        if min(np.linalg.norm(p - other) for other in kept) > least:
+            kept.append(p)
+    return kept[1:]
+
+
+def _stick(name: str, joint: int, p: Array, thickness: float) -> pin.GeometryObject:
+    """Return a stick from the origin of a joint to the point p (3,) [m]."""
+    length = float(np.linalg.norm(p))
+    turn = pin.Quaternion.FromTwoVectors(pin.ZAxis, p / length).matrix()
+    capsule = coal.Capsule(thickness, length)
+    return pin.GeometryObject(name, joint, 0, pin.SE3(turn, p / 2), capsule)
+
+
+def skeleton(model: pin.Model) -> pin.GeometryModel:
+    """Return a geometry model of sticks; a ball stands for a body without extent."""
+    ends = _ends(model)
+    longest = max((float(np.linalg.norm(p)) for _, p in ends), default=0.0) or 1.0
+    geometry = pin.GeometryModel()
+    for j in range(model.njoints):
+        thickness = THICKNESS * longest * (1.0 + SPREAD * (GOLDEN * j % 1.0))
+        points = _distinct([p for joint, p in ends if joint == j], SAME * longest)
+        for k, p in enumerate(points):
+            name = f"{model.names[j]} stick {k}"
+            geometry.addGeometryObject(_stick(name, j, p, thickness))
+        if not points:
+            ball = coal.Sphere(1.6 * thickness)
+            name = f"{model.names[j]} joint"
+            geometry.addGeometryObject(pin.GeometryObject(name, j, 0, pin.SE3.Identity(), ball))
+    return geometry

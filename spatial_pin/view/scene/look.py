@@ -1,0 +1,60 @@
+"""What a picture shows besides the bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from spatial_pin.checks import check_kind, names_of
+
+if TYPE_CHECKING:
+    from spatial_pin.assembly.state import State
+    from spatial_pin.view.scene.layers.arrows import Vectors
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a picture shows besides the bodies; open closures and springs are always shown.
+
+    Attributes:
+        pairs: whether a sign stands at every joint and closure that tells its kind; None: where
+            the model brings no picture of its own.
+        axes: whether the axes of joints and closures are drawn.
+        traces: points whose paths are drawn: links, frames, joints; `NAME.com` is a link's centre
+            of mass.
+        arrows: vectors drawn at their points, with a scale in the legend: `NAME.velocity`,
+            `.acceleration`, `.angular_velocity`, `.angular_acceleration` of a link, frame or
+            joint, `NAME.com.velocity`, `NAME.com.acceleration` of a link's centre of mass,
+            `PAIR.reaction`, `PAIR.moment` of a joint or closure, or any
+            `spatial_pin.Vectors`.
+        centres: whether the centres of mass are marked.
+        ghosts: other configurations of the same mechanism, drawn half transparent.
+        beside: whether these stand side by side with the first, as solid as it is, instead.
+    """
+
+    pairs: bool | None = None
+    axes: bool = False
+    traces: tuple[str, ...] = ()
+    arrows: tuple[str | Vectors, ...] = ()
+    centres: bool = False
+    ghosts: tuple[State, ...] = ()
+    beside: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("axes", "centres", "beside"):
+            check_kind(f"Look: {name}", "bool", getattr(self, name))
+        check_kind("Look: pairs", "bool | None", self.pairs)
+        object.__setattr__(self, "traces", tuple(names_of(self.traces, "Look: traces")))
+        for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
+            object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))
+
+
+def _all(where: str, kind: str, values: Any) -> tuple[Any, ...]:
+    """Return values, or a single one, of a kind as a tuple."""
+    if isinstance(values, str) or hasattr(values, "_fields"):
+        values = (values,)
+    check_kind(where, "Iterable", values)
+    found = tuple(values)
+    for value in found:
+        check_kind(where, kind, value)
+    return found

@@ -1,0 +1,270 @@
+"""A film as meshcat commands: bodies, what is shown besides them, ground grid, camera, tracks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import umsgpack
+from scipy.spatial.transform import Rotation
+
+from spatial_pin.constraints.pinocchio_views import placements
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.film import Film
+from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
+from spatial_pin.view.scene.layers.arrows import arrows
+from spatial_pin.view.scene.layers.axes import axes
+from spatial_pin.view.scene.layers.bodies import bodies, colour
+from spatial_pin.view.scene.layers.centres import centres
+from spatial_pin.view.scene.layers.gaps import gaps
+from spatial_pin.view.scene.layers.ghosts import beside, ghosts
+from spatial_pin.view.scene.layers.glyphs import glyphs
+from spatial_pin.view.scene.layers.skeleton import skeleton
+from spatial_pin.view.scene.layers.springs import springs
+from spatial_pin.view.scene.layers.traces import traces
+from spatial_pin.view.scene.look import Look
+from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
+from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, joined
+
+__all__ = [
+    "Scene",
+    "colour",
+    "grid_lines",
+    "item_path",
+    "joint_paths",
+    "joint_poses",
+    "scene",
+    "upright",
+]
+
+
+GROUP = "/mechanism"
+GRID_COLOUR = 0xDFE3E8
+AMBIENT_LIGHT = 0.55  # leaves colours as bright as they were chosen, with the other lights
+FLOAT32 = 0x17  # meshcat's MessagePack extension for a Float32Array
+FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them
+
+
+class Scene(NamedTuple):
+    """A picture.
+
+    Attributes:
+        commands: meshcat's, packed.
+        framing: where the camera stands.
+        layer: what else the page says; `labels` are in the scaled scene.
+    """
+
+    commands: list[bytes]
+    framing: Framing
+    layer: Layer
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A meshcat window that keeps the commands it is sent instead of sending them on."""
+
+    commands: list[bytes] = field(default_factory=list)
+
+    def send(self, command: Any) -> None:
+        """Keep a command, packed."""
+        self.commands.append(umsgpack.packb(command.lower()))
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """An animation that repeats for ever, one track for each thing that moves.
+
+    Meshcat's own `Animation` keeps every key apart; arrays make the page five times smaller.
+
+    Attributes:
+        seconds: when each row is shown, shape (N,) [s].
+        tracks: by meshcat path.
+    """
+
+    seconds: Array
+    tracks: dict[str, Track]
+
+    def lower(self) -> dict[str, Any]:
+        """Return the command as meshcat's viewer reads it."""
+        options = {"play": True, "repetitions": math.inf}
+        clips = [{"path": p, "clip": self._clip(x)} for p, x in self.tracks.items()]
+        return {"type": "set_animation", "animations": clips, "options": options, "path": ""}
+
+    def _clip(self, track: Track) -> dict[str, Any]:
+        poses = track.poses
+        parts = [("position", "vector3", poses[:, :3]), ("quaternion", "quaternion", poses[:, 3:])]
+        if track.scales is not None:
+            parts.append(("scale", "vector3", track.scales))
+        times = _float32(self.seconds)
+        tracks = [
+            {"name": f".{name}", "type": kind, "times": times, "values": _float32(x)}
+            for name, kind, x in parts
+        ]
+        return {"fps": 1, "name": "default", "tracks": tracks}
+
+
+def _float32(x: Array) -> Any:
+    return umsgpack.Ext(FLOAT32, np.asarray(x, "<f4").tobytes())
+
+
+def joint_poses(model: pin.Model, q: Array) -> Array:
+    """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
+
+    The scene stands upright: it is turned so that gravity points down the z axis of the view.
+    """
+    data = model.createData()
+    view = placements(data)
+    rows = np.empty((len(q), *view.shape))
+    for row, configuration in zip(rows, q, strict=True):
+        pin.forwardKinematics(model, data, configuration)
+        row[:] = view
+    rows = rows @ upright(model).T
+    turns = Rotation.from_matrix(rows[..., :3, :].swapaxes(-1, -2).reshape(-1, 3, 3)).as_quat()
+    return np.concatenate([rows[..., 3, :], turns.reshape(*rows.shape[:2], 4)], axis=-1)
+
+
+def upright(model: pin.Model) -> Array:
+    """Return the rotation (3, 3) from the world to a view in which gravity points down."""
+    gravity = model.gravity.linear
+    if not np.any(gravity) or (np.allclose(gravity[:2], 0.0) and gravity[2] < 0.0):
+        return np.eye(3)
+    return pin.Quaternion.FromTwoVectors(-gravity, np.array([0.0, 0.0, 1.0])).matrix()
+
+
+def joint_paths(model: pin.Model) -> list[str]:
+    """Return the meshcat path of every joint."""
+    return [f"{GROUP}/{_plain(name)}" for name in model.names]
+
+
+def item_path(item: Item, model: pin.Model) -> str:
+    """Return the meshcat path of a solid."""
+    parent = GROUP if item.joint is None else f"{GROUP}/{_plain(model.names[item.joint])}"
+    return f"{parent}/{_plain(item.name)}"
+
+
+def _plain(name: str) -> str:
+    """Return a name that is one step of a path."""
+    return name.replace("/", "_")
+
+
+def _material(item: Item) -> Any:
+    *rgb, opacity = item.colour
+    red, green, blue = (round(255 * x) for x in rgb)
+    return mg.MeshPhongMaterial(
+        color=(red << 16) + (green << 8) + blue,
+        opacity=opacity,
+        flatShading=item.solid.faceted,
+        transparent=item.through or opacity != 1.0,
+        depthTest=not item.through,
+        side=FRONT_SIDE if item.through else BOTH_SIDES,
+    )
+
+
+def _track_matrix(track: Track) -> Array:
+    """Return where a track starts, shape (4, 4)."""
+    matrix = pin.XYZQUATToSE3(track.poses[0]).homogeneous
+    if track.scales is not None:
+        matrix[:3, :3] *= np.maximum(track.scales[0], 1e-9)  # a matrix of 0 has no rotation
+    return matrix
+
+
+def _add_items(viewer: Any, film: Film, items: tuple[Item, ...]) -> dict[str, Track]:
+    """Send the solids; return the tracks of those that move on their own."""
+    tracks = {}
+    for item in items:
+        path = item_path(item, film.mechanism.model)
+        if item.track is not None:
+            viewer[path].set_transform(_track_matrix(item.track))
+            tracks[path] = item.track
+            path += "/solid"
+        node = viewer[path]
+        node.set_object(item.solid.geometry, _material(item))
+        node.set_transform(item.placement @ item.solid.placement)
+    return tracks
+
+
+def grid_lines(framing: Framing) -> Array:
+    """Return both ends of the lines of a square grid under the mechanism, shape (2 K, 3) [m]."""
+    reach = math.ceil(1.3 * framing.radius / framing.cell)
+    step = np.repeat(np.arange(-reach, reach + 1), 2)
+    end = np.tile([-reach, reach], 2 * reach + 1)
+    nodes = np.concatenate([np.stack([step, end], axis=1), np.stack([end, step], axis=1)])
+    xy = framing.cell * (nodes + np.round(framing.centre[:2] / framing.cell))
+    z = framing.floor - 2e-3 * framing.radius
+    return np.concatenate([xy, np.full((len(xy), 1), z)], axis=1)
+
+
+def _add_surroundings(viewer: Any, framing: Framing) -> None:
+    """Send background, ground grid, camera, and the scale that makes the scene 1 in radius."""
+    for key in ("top_color", "bottom_color"):
+        viewer["/Background"].set_property(key, [1.0, 1.0, 1.0])
+    for default in ("/Grid", "/Axes"):
+        viewer[default].set_property("visible", False)
+    viewer["/Lights/AmbientLight/<object>"].set_property("intensity", AMBIENT_LIGHT)
+    lines = mg.PointsGeometry(grid_lines(framing).T)
+    grid = mg.LineSegments(lines, mg.LineBasicMaterial(color=GRID_COLOUR))
+    viewer[f"{GROUP}/ground grid"].set_object(grid)
+    scale = np.diag([*[1 / framing.radius] * 3, 1.0])
+    scale[:3, 3] = -framing.centre / framing.radius
+    viewer[GROUP].set_transform(scale)
+    x, y, z = (float(c) for c in framing.camera)
+    camera = viewer["/Cameras/default/rotated/<object>"]
+    camera.set_property("position", [x, z, -y])
+    camera.set_property("fov", FIELD_OF_VIEW)
+
+
+def _joint_tracks(viewer: Any, film: Film, poses: Array) -> dict[str, Track]:
+    """Send the first row's placements; return the tracks of the joints that move."""
+    tracks = {}
+    for j, path in enumerate(joint_paths(film.mechanism.model)):
+        viewer[path].set_transform(pin.XYZQUATToSE3(poses[0, j]).homogeneous)
+        if np.ptp(poses[:, j], axis=0).max() > 0:
+            tracks[path] = Track(poses[:, j])
+    return tracks
+
+
+def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> Layer:
+    """Return all that is shown; `bare` where the model brings no picture of its own."""
+    layers = [bodies(stage), springs(stage), gaps(stage)]
+    if bare if look.pairs is None else look.pairs:
+        layers.append(glyphs(stage, through=not bare))
+    if look.axes:
+        layers.append(axes(stage))
+    if look.centres:
+        layers.append(centres(stage))
+    layers += [traces(stage, look.traces), *arrows(stage, look.arrows)]
+    if look.ghosts:
+        one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)
+        layers.append(one)
+    return joined(layers)
+
+
+def scene(film: Film, look: Look | None = None) -> Scene:
+    """Return what shows a film.
+
+    The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
+    planes fit a watch and a crane alike. A mechanism without visuals is shown as a skeleton.
+
+    Raises:
+        UnknownNameError: `look` names something that does not exist.
+    """
+    model, geometry = film.mechanism.model, film.mechanism.visual_model
+    bare = geometry is None or geometry.ngeoms == 0
+    visuals = list((skeleton(model) if bare else geometry).geometryObjects)
+    poses = joint_poses(model, film.q)
+    held = occupied(visuals, poses)
+    towards = direction(np.ptp(held, axis=0)) if len(held) else np.array([0.5, -0.7, 0.5])
+    size = frame(held, towards).radius
+    stage = Stage(film, tuple(visuals), poses, upright(model), size)
+    layer = _layers(stage, look or Look(), bare, towards)
+    framing = frame(np.concatenate([held, layer.points]), towards)
+    recorder = Recorder()
+    viewer = meshcat.Visualizer(window=recorder)
+    _add_surroundings(viewer, framing)
+    tracks = _joint_tracks(viewer, film, poses) | _add_items(viewer, film, layer.items)
+    if film.seconds[-1] > 0:
+        viewer.window.send(Tracks(film.seconds, tracks))
+    return Scene(recorder.commands, framing, layer)

@@ -1,0 +1,238 @@
+"""Collision-library shapes as three.js objects.
+
+To add a shape: a function from the coal shape, and the size [m] of the scene it stands in, to a
+`Solid`, and its line in SOLIDS. Meshcat turns shapes of revolution about y, coal about z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.formats.meshes.meshes import mesh_colours
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.quiet_meshcat import mg
+
+Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+
+
+class Solid(NamedTuple):
+    """A three.js geometry and where it stands.
+
+    Attributes:
+        geometry: a meshcat geometry.
+        placement: of the geometry in the shape's frame, shape (4, 4), may scale.
+        faceted: whether its faces are to be shaded flat.
+    """
+
+    geometry: Any
+    placement: Array = np.eye(4)
+    faceted: bool = False
+
+
+def _box(shape: Any, size: float) -> Solid:
+    return Solid(mg.Box([float(x) for x in 2 * shape.halfSide]))
+
+
+def _sphere(shape: Any, size: float) -> Solid:
+    return Solid(mg.Sphere(shape.radius))
+
+
+def _ellipsoid(shape: Any, size: float) -> Solid:
+    return Solid(mg.Sphere(1.0), np.diag([*shape.radii, 1.0]))
+
+
+def _cylinder(shape: Any, size: float) -> Solid:
+    return Solid(mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z)
+
+
+def _cone(shape: Any, size: float) -> Solid:
+    geometry = mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius)
+    return Solid(geometry, Y_TO_Z)
+
+
+def _capsule(shape: Any, size: float) -> Solid:
+    angle = np.linspace(0.0, np.pi / 2, 9)
+    half = np.stack([shape.radius * np.cos(angle), shape.halfLength + shape.radius * np.sin(angle)])
+    profile = np.concatenate([(half * [[1], [-1]])[:, ::-1], half], axis=1).T
+    return Solid(revolve(profile))
+
+
+def _plane(shape: Any, size: float) -> Solid:
+    pose = pin.SE3(pin.Quaternion.FromTwoVectors(pin.ZAxis, shape.n).matrix(), shape.d * shape.n)
+    return Solid(mg.Box([4 * size, 4 * size, 1e-3 * size]), pose.homogeneous)
+
+
+def _triangle(shape: Any, size: float) -> Solid:
+    corners = np.array([shape.a, shape.b, shape.c])
+    return Solid(mg.TriangularMeshGeometry(corners, [[0, 1, 2]]), faceted=True)
+
+
+def _convex(shape: Any, size: float) -> Solid | None:
+    return _triangles(shape.points(), shape.polygons, shape.num_polygons)
+
+
+def _mesh(shape: Any, size: float) -> Solid | None:
+    return _triangles(shape.vertices(), shape.tri_indices, shape.num_tris)
+
+
+def _triangles(points: Array, corners: Callable[[int], Any], n: int) -> Solid | None:
+    faces = [[t[0], t[1], t[2]] for t in map(corners, range(n))]
+    return Solid(mg.TriangularMeshGeometry(points, faces), faceted=True) if faces else None
+
+
+def _height_field(shape: Any, size: float) -> Solid:
+    from pinocchio.visualize.meshcat_visualizer import loadMesh
+
+    return Solid(loadMesh(shape), faceted=True)
+
+
+def _octree(shape: Any, size: float) -> Solid:
+    from pinocchio.visualize.meshcat_visualizer import loadOctree
+
+    return Solid(loadOctree(shape), faceted=True)
+
+
+SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
+    coal.Box: _box,
+    coal.Sphere: _sphere,
+    coal.Ellipsoid: _ellipsoid,
+    coal.Cylinder: _cylinder,
+    coal.Cone: _cone,
+    coal.Capsule: _capsule,
+    coal.Plane: _plane,
+    coal.Halfspace: _plane,
+    coal.TriangleP: _triangle,
+    coal.Convex: _convex,
+    coal.BVHModelBase: _mesh,
+    coal.HeightFieldAABB: _height_field,
+    coal.HeightFieldOBBRSS: _height_field,
+    coal.OcTree: _octree,
+}
+
+
+def rod(radius: float, start: float = 0.0, end: float = 1.0) -> Solid:
+    """Return a round rod along z from `start` to `end` [m]."""
+    lift = Y_TO_Z.copy()
+    lift[2, 3] = (start + end) / 2
+    return Solid(mg.Cylinder(end - start, radius), lift)
+
+
+def bar(half_width: float, start: float, end: float) -> Solid:
+    """Return a square bar along z from `start` to `end` [m]."""
+    lift = np.eye(4)
+    lift[2, 3] = (start + end) / 2
+    return Solid(mg.Box([2 * half_width, 2 * half_width, end - start]), lift)
+
+
+def ball(radius: float) -> Solid:
+    """Return a ball about the origin."""
+    return Solid(mg.Sphere(radius))
+
+
+def turned(*corners: tuple[float, float], segments: int = 48) -> Solid:
+    """Return what a polygon of (radius, z) sweeps about z, with sharp edges.
+
+    Args:
+        corners: of the profile, outside to the right of the way along them [m].
+        segments: number of facets round the axis; few make a prism.
+    """
+    sides = [corner for k in range(len(corners) - 1) for corner in corners[k : k + 2]]
+    return Solid(revolve(np.array(sides), segments), faceted=segments < 12)
+
+
+def revolve(profile: Array, segments: int = 48) -> Any:
+    """Return the surface that a profile sweeps about z.
+
+    Args:
+        profile: (radius, z) of its points, from the lowest to the highest, shape (K, 2) [m].
+        segments: number of facets round the axis.
+    """
+    angle = np.arange(segments) * 2 * np.pi / segments
+    r, z = profile.T
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    xy = r[:, None, None] * ring
+    points = np.concatenate([xy, np.broadcast_to(z[:, None, None], (*xy.shape[:2], 1))], axis=2)
+    return mg.TriangularMeshGeometry(points.reshape(-1, 3), _quads(len(profile), segments))
+
+
+def tube(path: Array, radius: float, segments: int = 8) -> Any:
+    """Return a tube of a radius [m] round the points of a path (K, 3) [m], which need not differ.
+
+    Vertex k * segments + i is point i of the ring about point k of those that differ.
+    """
+    path = path[np.r_[True, np.any(np.diff(path, axis=0) != 0, axis=1)]]
+    tangent = np.gradient(path, axis=0) if len(path) > 1 else np.array([[0.0, 0.0, 1.0]])
+    u, v = _frames_along(tangent)
+    angle = np.arange(segments) * 2 * np.pi / segments
+    ring = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    points = path[:, None] + radius * ring
+    return mg.TriangularMeshGeometry(points.reshape(-1, 3), _quads(len(path), segments))
+
+
+def _frames_along(tangent: Array) -> tuple[Array, Array]:
+    """Return unit vectors u, v (K, 3) normal to tangents (K, 3), turned as little as can be."""
+    u, v = np.empty_like(tangent), np.empty_like(tangent)
+    last = np.eye(3)[np.argmin(np.abs(tangent[0]))]
+    t = np.array([0.0, 0.0, 1.0])
+    for k, along in enumerate(tangent):
+        length = np.linalg.norm(along)
+        t = along / length if length > 0 else t
+        across = last - (last @ t) * t
+        if np.linalg.norm(across) < 1e-6:
+            across = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
+        last = u[k] = across / np.linalg.norm(across)
+        v[k] = np.cross(t, u[k])
+    return u, v
+
+
+def _quads(rings: int, segments: int) -> NDArray[np.int64]:
+    """Return the triangles between rings of points that follow each other, shape (2 K, 3)."""
+    k, s = np.divmod(np.arange((rings - 1) * segments), segments)
+    a, b = k * segments + s, k * segments + (s + 1) % segments
+    quads = np.stack([a, b, b + segments, a, b + segments, a + segments], axis=1)
+    return quads.reshape(-1, 3)
+
+
+def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] | None]]:
+    """Return the parts of a mesh that have colours of their own; none where it has none.
+
+    Args:
+        visual: the geometry object, whose colour goes before those of the file.
+    """
+    shape = visual.geometry
+    if visual.overrideMaterial or not isinstance(shape, coal.BVHModelBase):
+        return []
+    runs = mesh_colours(visual.meshPath)
+    if all(colour is None for _, colour in runs) or sum(n for n, _ in runs) != shape.num_tris:
+        return []
+    faces = np.array([[t[0], t[1], t[2]] for t in map(shape.tri_indices, range(shape.num_tris))])
+    ends = np.cumsum([n for n, _ in runs])[:-1]
+    pieces: dict[tuple[float, ...] | None, list[Array]] = {}
+    for (_, colour), piece in zip(runs, np.split(faces, ends), strict=True):
+        pieces.setdefault(colour, []).append(piece)
+    return [(_part(shape.vertices(), np.concatenate(piece)), colour)
+            for colour, piece in pieces.items()]
+
+
+def _part(points: Array, faces: Array) -> Solid:
+    used, places = np.unique(faces, return_inverse=True)
+    return Solid(mg.TriangularMeshGeometry(points[used], places.reshape(-1, 3)), faceted=True)
+
+
+def solid(visual: pin.GeometryObject, size: float) -> Solid | None:
+    """Return what to draw for a geometry object, or None when nothing can be.
+
+    Args:
+        visual: the geometry object.
+        size: of the scene [m]; unbounded planes are drawn as large as that.
+    """
+    for kind, make in SOLIDS.items():
+        if isinstance(visual.geometry, kind):
+            return make(visual.geometry, size)
+    return None

@@ -1,0 +1,162 @@
+"""What the layers of a picture are made of, and what they are made from.
+
+A layer is a function from a `Stage` (and what it is asked for) to a `Layer`; `scene` lists them.
+It knows nothing of meshcat's tree, of the camera, or of the other layers. All lengths of signs,
+arrows and markers are fractions of `Stage.size`, so that a watch and a crane look alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.film import Film, Reading
+from spatial_pin.view.scene.framing import rotate
+from spatial_pin.view.scene.shapes import Solid
+
+Colour = tuple[float, ...]
+
+IDENTITY = np.eye(4)
+
+
+class Track(NamedTuple):
+    """Where something is in every row.
+
+    Attributes:
+        poses: x y z [m] and quaternion x y z w in the view, shape (N, 7).
+        scales: along its own axes, shape (N, 3); None for 1.
+    """
+
+    poses: Array
+    scales: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One solid of a picture.
+
+    Attributes:
+        name: unique in the picture.
+        solid: its shape.
+        colour: red, green, blue, opacity, 0 to 1 each.
+        joint: it is fixed to; None: it stands in the view, or moves as its track says.
+        placement: in the joint's frame or the view, shape (4, 4).
+        track: of what moves on its own.
+        through: whether it is seen through what stands before it.
+    """
+
+    name: str
+    solid: Solid
+    colour: Colour
+    joint: int | None = None
+    placement: Array = field(default_factory=lambda: IDENTITY)
+    track: Track | None = None
+    through: bool = False
+
+
+class Entry(NamedTuple):
+    """A line of the legend."""
+
+    colour: Colour
+    text: str
+
+
+class Label(NamedTuple):
+    """Words that stand at a point of the view, shape (3,) [m]."""
+
+    text: str
+    point: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """What a picture has of one kind.
+
+    Attributes:
+        items: the solids.
+        points: what the picture must hold besides the bodies, shape (K, 3) [m].
+        legend: what it means.
+        alarms: what is wrong, row by row; a value of 0 says nothing.
+        labels: words in the picture.
+    """
+
+    items: tuple[Item, ...] = ()
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    legend: tuple[Entry, ...] = ()
+    alarms: tuple[Reading, ...] = ()
+    labels: tuple[Label, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A film with its bodies in place; the view is the world, turned so that gravity points down.
+
+    Attributes:
+        film: what is shown.
+        visuals: the geometry of the bodies.
+        poses: of the joints in the view, shape (N, n_joints, 7), x y z and quaternion x y z w.
+        upright: rotation from the world to the view, shape (3, 3).
+        size: radius of the sphere that holds the bodies in all rows [m].
+    """
+
+    film: Film
+    visuals: tuple[pin.GeometryObject, ...]
+    poses: Array
+    upright: Array
+    size: float
+
+    def points(self, joint: int, p: Array) -> Array:
+        """Return a point p (3,) of a joint's frame [m] in the view, shape (N, 3)."""
+        pose = self.poses[:, joint]
+        return pose[:, :3] + rotate(pose[:, 3:], np.broadcast_to(p, (len(pose), 3)))
+
+    def rotations(self, joint: int, axes: Array) -> Array:
+        """Return axes (3, 3) of a joint's frame, in columns, in the view, shape (N, 3, 3)."""
+        return Rotation.from_quat(self.poses[:, joint, 3:]).as_matrix() @ axes
+
+    def seen(self, world: Array) -> Array:
+        """Return vectors (..., 3) of the world in the view."""
+        return world @ self.upright.T
+
+
+def quaternions_along(v: Array) -> Array:
+    """Return quaternions (N, 4) that take z to vectors v (N, 3), the last one's for those of 0."""
+    length = np.linalg.norm(v, axis=1)
+    given = np.maximum.accumulate(np.where(length > 0, np.arange(len(v)), 0))
+    e = np.where(length[given, None] > 0, v[given], [0.0, 0.0, 1.0])
+    e = e / np.linalg.norm(e, axis=1, keepdims=True)
+    # z x e, 1 + z . e: half way round; any axis normal to z where e is opposite
+    q = np.stack([-e[:, 1], e[:, 0], np.zeros(len(e)), 1.0 + e[:, 2]], axis=1)
+    q[1.0 + e[:, 2] < 1e-12] = [1.0, 0.0, 0.0, 0.0]
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def rod_between(a: Array, b: Array) -> Track:
+    """Return the track of a solid from 0 to 1 along z that is to reach from a to b (N, 3) [m]."""
+    along = b - a
+    length = np.linalg.norm(along, axis=1)
+    scales = np.stack([(length > 0).astype(float)] * 2 + [length], axis=1)
+    return Track(np.concatenate([a, quaternions_along(along)], axis=1), scales)
+
+
+def ball_at(points: Array, scale: Array | None = None) -> Track:
+    """Return the track of a ball at points (N, 3) [m] that is `scale` (N,) times as large."""
+    still = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(points), 4))
+    scales = None if scale is None else np.repeat(scale[:, None], 3, axis=1)
+    return Track(np.concatenate([points, still], axis=1), scales)
+
+
+def joined(layers: list[Layer]) -> Layer:
+    """Return all layers as one."""
+    return Layer(
+        tuple(item for layer in layers for item in layer.items),
+        np.concatenate([np.zeros((0, 3)), *(layer.points for layer in layers)]),
+        tuple(entry for layer in layers for entry in layer.legend),
+        tuple(alarm for layer in layers for alarm in layer.alarms),
+        tuple(label for layer in layers for label in layer.labels),
+    )
