@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.kinematics.constraints import Constraints, Term, constraints_of
-from spatial_pin.kinematics.split import split_of
-from spatial_pin.linalg import Array
+from spatial_pin.constraints.closure_equations import Constraints, Term, constraints_of
+from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
 
 TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5
 PRODUCT, SCREW_ANGLE, DIFFERENCE, COUPLING, IDLE = range(5)
