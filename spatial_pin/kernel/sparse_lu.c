@@ -1,7 +1,7 @@
 /* L U factors of a sparse matrix whose pattern stays and whose values change.
  *
  * The order of pivots is chosen once, by Markowitz's count of fill-in among entries that are not
- * small in their row [Duff, Erisman, Reid: Direct Methods for Sparse Matrices]. The elimination is
+ * small in their row [DuffErismanReid1986, 5.3]. The elimination is
  * then a list of multiply-adds in fixed places: nothing is searched when values change. It asks
  * for another order when the pivots have become small, or the multipliers large. */
 #include <stdlib.h>
@@ -9,8 +9,8 @@
 
 #include "kernel.h"
 
-#define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [Duff, 5.4] */
-#define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev 1980] */
+#define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+#define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev1980] */
 #define MULTIPLIER 100.0 /* largest multiplier: 2 digits of growth at most in a step */
 #define SHRUNK 0.03      /* ratio of pivots relative to that when the order was chosen */
 

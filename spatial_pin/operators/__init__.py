@@ -1,15 +1,4 @@
-"""The operators of the textbooks: finite displacements in the plane and in space, and back.
-
-Sources cited in this package:
-
-- [Chasles1830] M. Chasles, Bulletin des sciences mathematiques 14, 321-326, 1830.
-- [Craig2005] J. J. Craig, Introduction to Robotics: Mechanics and Control, 3rd ed., 2005.
-- [EMT2431] W. Nyaga, Spatial Mechanisms, lecture notes EMT 2431.
-- [Pham] V.-S. Pham, L. Nguyen, A Novel Method for Spatial Structural Kinematic Analysis.
-- [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1, 1978.
-- [Umeyama1991] S. Umeyama, Least-squares estimation of transformation parameters between two point
-  patterns, IEEE Trans. PAMI 13, 1991.
-"""
+"""The operators of the textbooks: finite displacements in the plane and in space, and back."""
 
 from spatial_pin.operators.angular import (
     body_angular_acceleration,

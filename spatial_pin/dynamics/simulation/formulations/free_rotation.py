@@ -2,7 +2,7 @@
 
 A body that is symmetric about the line through its two ball joints (u, fixed in the body) keeps
 the angular velocity about it, and the rest of the mechanism does not feel how it is turned about
-it [Routh; Goldstein2002, 5.7]. With sigma that angular velocity, d = R u the line, R the body's
+it [Routh1905; Goldstein2002, 5.7]. With sigma that angular velocity, d = R u the line, R the body's
 rotation relative to the one before it, all seen from there, and w(s) the relative angular velocity
 per unit of the coordinate s at which the body has no spin,
 
