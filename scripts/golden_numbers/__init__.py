@@ -1,0 +1,5 @@
+"""What `scripts/golden.py` computes and compares: answers, verbs, files, comparison.
+
+To add a verb: a function of a freshly loaded mechanism in `verbs` that returns an `answer.Answer`,
+and an entry in `verbs.VERBS`.
+"""
