@@ -1,5 +1,5 @@
 # Sourced by the scripts beside it: makes .venv with the library and the extras named in $1.
-# A second call with nothing changed takes no time.
+# A second call with nothing changed takes no time; changed C files are compiled by it.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -21,9 +21,11 @@ if [ ! -x .venv/bin/python ]; then
   fi
 fi
 
+what_is_installed() { cat pyproject.toml scripts/build_kernel.py spatial_pin/kernel/*.[ch]; }
+
 stamp=.venv/installed-$1
-if [ ! -f "$stamp" ] || ! cmp -s pyproject.toml "$stamp"; then
-  echo "installing into .venv (once) ..." >&2
+if ! ls spatial_pin/kernel/_kernel.* >/dev/null 2>&1 || ! what_is_installed | cmp -s - "$stamp"; then
+  echo "installing into .venv ..." >&2
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".${1:+[$1]}"
-  cp pyproject.toml "$stamp"
+  what_is_installed > "$stamp"
 fi

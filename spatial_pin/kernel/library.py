@@ -3,32 +3,50 @@
 from __future__ import annotations
 
 import ctypes
-import sys
 from functools import cache
 from pathlib import Path
 
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.sources import LIBRARY, source_hash
 
-SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 CODES = ("done", "arrays that do not fit together", "no memory left", "a singular system",
          "not converged", "an unsafe step", "not finite")
 INT, REALS, POINTER = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p
+REMEDY = "install the package with pip, or run `python scripts/build_kernel.py` in its source tree"
 
 
-@cache
-def library() -> ctypes.CDLL:
-    """Return the compiled kernel.
+def opened(path: Path) -> ctypes.CDLL:
+    """Open the library of a file.
 
     Raises:
-        SpatialPinError: if it is missing: the package was copied, not installed.
+        SpatialPinError: if it is missing (the package was copied, not installed), if this machine
+            cannot load it, or if the C files beside it are not those it was compiled from.
     """
-    path = Path(__file__).with_name(f"_kernel{SUFFIX}")
     try:
         found = ctypes.CDLL(str(path))
     except OSError as error:
         raise SpatialPinError(
-            f"the compiled kernel {path} cannot be loaded ({error}): install the package with pip,"
-            " or run `python scripts/build_kernel.py` in its source tree") from error
+            f"the compiled kernel {path} cannot be loaded ({error}): {REMEDY}") from error
+    now = source_hash(path.parent)
+    if now and now != compiled_from(found):
+        raise SpatialPinError(
+            f"the compiled kernel {path} is older than the C files beside it: {REMEDY}")
+    return found
+
+
+def compiled_from(found: ctypes.CDLL) -> str:
+    """Return the hash of the C files that a library was compiled from; nothing if it has none."""
+    try:
+        text = (ctypes.c_char * 16).in_dll(found, "kernel_source_hash")
+    except ValueError:
+        return ""
+    return text.raw.decode(errors="replace")
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """Return the compiled kernel; raises as `opened`."""
+    found = opened(Path(__file__).with_name(LIBRARY))
     found.kernel_destroy.restype = None
     found.kernel_destroy.argtypes = [POINTER]
     found.kernel_create.argtypes = [POINTER, INT, POINTER, INT, POINTER]

@@ -6,6 +6,12 @@
 
 #include "kernel.h"
 
+#ifndef SOURCE_HASH
+#define SOURCE_HASH "0123456789abcdef" /* whoever compiles these files says which they are */
+#endif
+EXPORT extern const char kernel_source_hash[];
+const char kernel_source_hash[] = SOURCE_HASH;
+
 #define MOST 100000000 /* of anything counted: products of two counts stay far below 2^63 */
 
 void *kernel_memory(Kernel *k, Int count, size_t size)
