@@ -16,8 +16,7 @@ MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py
 
 
 def layer_of(module: str) -> int:
-    room = module.split(".")[1]
-    return LAYERS.index("kinematics" if room == "kernel" else room)
+    return LAYERS.index(module.split(".")[1])
 
 
 def imports_of(path: Path) -> list[str]:
