@@ -51,7 +51,7 @@ class Case(NamedTuple):
         duration: how long [s].
         read: returns the answers of a simulation by name, those of its last row.
         answers: by name.
-        accuracy: how exact the answers are, by their sizes.
+        accuracy: how exact the answers are relative to their sizes.
         settings: accuracy settings that reach it.
     """
 
@@ -70,7 +70,7 @@ class Outcome(NamedTuple):
     """A case as simulated.
 
     Attributes:
-        error: largest error of an answer, by its size.
+        error: largest error of an answer relative to its size.
         seconds: time that it took.
         closure_error: the largest [-].
         energy_drift: see `Simulation`.

@@ -15,7 +15,7 @@ TIME_TOLERANCES = {  # by formulation and integrator
     ("independent", "BDF"): (1e-4, 1e-6),
     ("projected", "DOP853"): (1e-4, 1e-6, 1e-8, 1e-10),
 }
-STEPS = {  # fixed steps, by the mean step of the reference
+STEPS = {  # fixed steps relative to the mean step of the reference
     ("independent", "RK4"): (4.0, 2.0, 1.0, 0.5),
     ("independent", "Gauss"): (4.0, 1.0),
     ("projected", "RK4"): (2.0,),

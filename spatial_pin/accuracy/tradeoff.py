@@ -71,7 +71,7 @@ class Measured:
 
     @property
     def spread(self) -> float | None:
-        """Difference of the quartiles of the runs, by their median; None for one run."""
+        """Difference of the quartiles of the runs relative to their median; None for one run."""
         if len(self.seconds) < 2:
             return None
         low, middle, high = np.percentile(self.seconds, [25, 50, 75])

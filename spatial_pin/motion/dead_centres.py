@@ -11,8 +11,8 @@ from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
-STILL = 1e-9  # rate of an output, by the fastest joint's, that is none
-ROUND_OFF = 1e-12  # rate in one row, by the largest, that is none
+STILL = 1e-9  # rate of an output relative to the fastest joint's, that is none
+ROUND_OFF = 1e-12  # rate in one row relative to the largest, that is none
 
 
 @checked

@@ -16,7 +16,7 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 
 TURN = 2 * math.pi  # how far a driver turns [rad]
-SLIDE = 0.15  # how far it slides, by the characteristic length
+SLIDE = 0.15  # how far it slides relative to the characteristic length
 ROWS = 361
 
 

@@ -35,7 +35,7 @@ from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
 
-SAME = 1e-12  # difference of lengths, by the characteristic length, or of directions
+SAME = 1e-12  # difference of lengths relative to the characteristic length, or of directions
 CONSTANT = 1e-11  # the same of what random configurations show not to change
 FLAT = 0.25  # least sine of the angle of two axes whose points' distance stands for it
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 VALUES = 361  # driver values by default
 MARGIN = 0.05  # part of a driver's range that is left out at a limit
-ROOM = 0.5  # range of a slide either way, at most, by the characteristic length
+ROOM = 0.5  # largest range of a slide either way, relative to the characteristic length
 ROWS = 5  # at which forward dynamics is compared
 EVENTS = ("limit", "singular", "branch point", "lost")
 
@@ -36,7 +36,7 @@ class Difference(NamedTuple):
         output: coordinate, frame, or LINK.com.
         driver: what was swept; or "forward dynamics".
         position: [rad], or [m] by the characteristic length.
-        rate: of velocities, by the largest there is, or 1 rad/s, characteristic length per s.
+        rate: of velocities relative to the largest, or to 1 rad/s, characteristic length per s.
         acceleration: likewise.
     """
 

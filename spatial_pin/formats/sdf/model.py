@@ -98,7 +98,7 @@ class Model:
                     pose(stated, f"{self.where}: {kind} {name!r}"), attached)
 
     def _put_model(self) -> None:
-        """Place the model in the world, by its own frame or by another of its frames."""
+        """Place the model in the world: its own frame, or another of its frames."""
         stated = self.model.find("pose")
         relative = self.frames.relative_to(stated, "world")
         if relative not in WORLDS:

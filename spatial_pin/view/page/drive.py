@@ -23,7 +23,7 @@ from spatial_pin.rates.rates import driven_coordinates
 from spatial_pin.settings import Accuracy
 
 TURN = 2 * np.pi  # either way, that a driver without limits can be moved by hand [rad]
-SLIDE = 0.5  # the same of one that slides, by the characteristic length
+SLIDE = 0.5  # the same of one that slides relative to the characteristic length
 FARTHEST = 20.0  # turns, or characteristic lengths, that one move may go
 BESIDE = 1e-5  # distance from a limit that the next move begins at [rad, characteristic lengths]
 FIRM = 1e-4  # smallest over largest pivot that a move may begin with

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 ROWS = 121  # that the way of one driver is shown by; of many drivers together
 FEWEST_ROWS = 13  # of one of many drivers, either way
-ROOM = 0.04  # how far a slider goes beyond a limit, by its length
+ROOM = 0.04  # how far a slider goes beyond a limit relative to its length
 PATIENCE = 100  # starts without a new assembly mode after which there are no more
 MOST_STARTS = 3000  # for assembly modes: about a second
 

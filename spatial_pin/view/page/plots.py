@@ -27,8 +27,8 @@ Array = NDArray[np.floating]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # of Okabe and Ito: x, y, z
 INK, FAINT = "#2b3138", "#d5d9de"
-NEGLIGIBLE = 1e-9  # variation, by the largest value, that is round-off and not blown up
-NARROW = 1e-3  # range of the abscissa, by its values, whose labels take room
+NEGLIGIBLE = 1e-9  # variation relative to the largest value, that is round-off and not blown up
+NARROW = 1e-3  # range of the abscissa relative to its values, whose labels take room
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
 # events of a simulation that have a time

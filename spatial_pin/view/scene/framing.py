@@ -14,7 +14,7 @@ from spatial_pin.view.scene.film import nice
 FIELD_OF_VIEW = 35.0  # vertical [deg]
 ASPECT = 4 / 3  # width by height that the picture is made to fit
 MARGIN = 1.15  # room round the picture, for what is written over it
-FLATTEST = 0.4  # least component of the viewing direction, by the largest
+FLATTEST = 0.4  # least component of the viewing direction relative to the largest
 ROWS_LOOKED_AT = 121
 
 
@@ -25,7 +25,7 @@ class Framing(NamedTuple):
         centre: of what is seen, shape (3,) [m].
         radius: of the sphere about it that holds all [m].
         floor: height of the lowest point [m].
-        camera: position from the centre, by the radius, shape (3,) [-].
+        camera: position from the centre relative to the radius, shape (3,) [-].
         cell: width of a cell of the ground grid [m].
     """
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 LOADS = {"reaction": ("force", "N", slice(0, 3)), "moment": ("moment", "N·m", slice(3, 6))}
 KINDS = ("velocity", "acceleration", "angular_velocity", "angular_acceleration")
-LONGEST = 0.6  # arrow, at most, by the size of the scene; all sizes below too
+LONGEST = 0.6  # longest arrow relative to the size of the scene; all sizes below too
 SHAFT, HEAD, HEAD_LENGTH = 0.011, 0.028, 0.08  # radius, radius, length
 OTHER = (0.13, 0.15, 0.18, 1.0)
 COLOURS: dict[str, Colour] = {

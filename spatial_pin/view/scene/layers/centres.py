@@ -9,7 +9,7 @@ from spatial_pin.view.scene.quiet_meshcat import mg
 from spatial_pin.view.scene.shapes import Solid
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage
 
-RADIUS = 0.026  # of a mark, by the size of the scene
+RADIUS = 0.026  # of a mark relative to the size of the scene
 DARK, LIGHT = (0.08, 0.09, 0.11, 1.0), (0.97, 0.97, 0.97, 1.0)
 STEPS = 6  # facets along the edge of an octant
 

@@ -16,8 +16,8 @@ from spatial_pin.view.scene.shapes import ball, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod_between
 
 COLOUR = (1.0, 0.0, 0.62, 1.0)
-BALL, ROD = 0.02, 0.009  # radius, by the size of the scene
-POINTER = 0.16  # length of the directions that should agree, by the size of the scene
+BALL, ROD = 0.02, 0.009  # radius relative to the size of the scene
+POINTER = 0.16  # length of the directions that should agree relative to the size of the scene
 DIGITS = 3  # that a gap is told with
 
 

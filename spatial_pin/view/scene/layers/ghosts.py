@@ -17,7 +17,7 @@ from spatial_pin.view.scene.layers.bodies import body_items
 from spatial_pin.view.scene.stage import Colour, Entry, Item, Label, Layer, Stage
 
 OPACITY = 0.28
-SPACING = 1.12  # from one picture to the next, by their width and height
+SPACING = 1.12  # from one picture to the next relative to their width and height
 LABEL_COLOUR = (0.75, 0.78, 0.81, 1.0)
 
 

@@ -18,7 +18,7 @@ from spatial_pin.view.scene.layers.places import Place, places
 from spatial_pin.view.scene.shapes import Solid, ball, bar, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
-UNIT = 0.05  # size of a sign, by the size of the scene
+UNIT = 0.05  # size of a sign relative to the size of the scene
 CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
 MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
 THROUGH = 0.72  # opacity of signs that are seen through bodies

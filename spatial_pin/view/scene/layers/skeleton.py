@@ -8,10 +8,10 @@ import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
 
-THICKNESS = 0.013  # radius of a stick, by the longest
+THICKNESS = 0.013  # radius of a stick relative to the longest
 SPREAD = 0.4  # how much thicker the thickest is: sticks of different bodies may coincide
 GOLDEN = 0.5 * (5**0.5 - 1)  # multiples of it never come together again, but for whole numbers
-SAME = 1e-6  # distance of points that are drawn as one, by the longest stick
+SAME = 1e-6  # distance of points that are drawn as one relative to the longest stick
 
 
 def _ends(model: pin.Model) -> list[tuple[int, Array]]:

@@ -8,7 +8,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.shapes import Solid, tube
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
-WIRE, COIL = 0.006, 0.03  # radius of wire and coil, by the size of the scene
+WIRE, COIL = 0.006, 0.03  # radius of wire and coil relative to the size of the scene
 TURNS, POINTS = 8, 14  # turns of a coil, points to a turn
 STRAIGHT = 0.12  # part of the length at each end that is straight
 COLOUR = (0.30, 0.33, 0.37, 1.0)

@@ -9,7 +9,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.shapes import Solid, ball, tube
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage
 
-RADIUS = 0.006  # of a tube, by the size of the scene
+RADIUS = 0.006  # of a tube relative to the size of the scene
 BEHIND = 0.35  # opacity where bodies stand before it
 COLOURS = (
     (0.55, 0.08, 0.45, 1.0),
