@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, still_entries
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
@@ -22,6 +21,7 @@ from spatial_pin.mechanism.coordinates import (
     with_values,
 )
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.numerics.dense import cholesky_solve
 from spatial_pin.numerics.linalg import (
     EPS,
     RANK_TOLERANCE,
@@ -161,7 +161,7 @@ def _far_steps(rows: Array, residual: Array, cut: float) -> Callable[[float], Ar
 
     def step(damping: float) -> Array:
         square[diagonal, diagonal] = sizes + max(damping, least)
-        x = lapack.dposv(square, right)[1] if len(square) else right
+        x = cholesky_solve(square, right)[1]
         return -(rows.T @ x if wide else x)
 
     return step

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.errors import SingularError
+from spatial_pin.numerics import dense
 
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
@@ -67,8 +67,11 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
         return Decomposition(np.empty((0, 0)), np.empty(0), np.eye(n), 0)
     if n == 0:
         return Decomposition(np.empty((m, 0)), np.empty(0), np.empty((0, 0)), 0)
-    u, s, vt, info = lapack.dgesdd(a, 1, m < n)  # vt is to span the null space too
-    if info:
+    try:
+        u, s, vt = np.linalg.svd(a, full_matrices=m < n)  # vt is to span the null space too
+    except np.linalg.LinAlgError:  # as some machines' libraries tell it
+        s = np.array([np.nan])
+    if not s[0] < np.inf:
         raise SingularError("the equations have entries that are no finite numbers: a position or "
                             "a rate has grown beyond all numbers")
     rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF)))
@@ -138,10 +141,10 @@ def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.
     """
     if not a.size:
         return np.empty(0, dtype=np.intp)
-    qr, pivots, _, _, _ = lapack.dgeqp3(a.T)
+    qr, order, _ = dense.qr(a.T)
     d = np.abs(np.diagonal(qr))
     r = int(np.count_nonzero(d > max(tolerance * d[0], ROUND_OFF))) if d.size else 0
-    return np.sort(pivots[:r] - 1)
+    return np.sort(order[:r])
 
 
 def common_rows(a: Array, given: Array, count: int) -> list[int]:
@@ -175,8 +178,8 @@ def determinant_signs(a: Array) -> list[int]:
     return [int(x) for x in np.linalg.slogdet(a)[0]]
 
 
-def pivots_of(lu: Array, pivots: NDArray[np.int32]) -> tuple[int, float]:
-    """Return the sign of the determinant from LAPACK's LU factors, and smallest over largest pivot.
+def pivots_of(lu: Array, pivots: dense.Order) -> tuple[int, float]:
+    """Return the sign of the determinant from LU factors, and smallest over largest pivot.
 
     Both are 0 for a singular matrix, both 1 for an empty one.
     """
@@ -194,52 +197,14 @@ def pivots_of(lu: Array, pivots: NDArray[np.int32]) -> tuple[int, float]:
     return sign, smallest / largest
 
 
-def rows_factored(a: Array) -> tuple[Array, NDArray[np.int32], bool]:
-    """Return LAPACK's LU factors of the transpose of `a` (n, n), row order, and if it is regular.
-
-    A transpose of C order is one of Fortran order: LAPACK copies it once. It does not return from
-    a matrix that is empty.
-    """
-    if not len(a):
-        return a, np.empty(0, dtype=np.int32), True
-    lu, order, info = lapack.dgetrf(a.T)
-    return lu, order, info == 0
+def rows_factored(a: Array) -> tuple[Array, dense.Order, bool]:
+    """Return LU factors of the transpose of `a` (n, n), row order, and if it is regular."""
+    return dense.lu(a.T)
 
 
-def rows_solved(lu: Array, order: NDArray[np.int32], b: Array) -> Array:
+def rows_solved(lu: Array, order: dense.Order, b: Array) -> Array:
     """Return the solution of a x = b, (n,) or (n, k), from `rows_factored` of a."""
-    if not b.size:
-        return b
-    return _solved(lu, order, b, 1)
-
-
-def _solved(lu: Array, order: NDArray[np.int32], b: Array, transposed: int) -> Array:
-    """Return the solution for right-hand sides (n,) or (n, k), one after the other.
-
-    For two or more, however short, OpenBLAS asks its threads to help: on a busy machine they take
-    milliseconds to come.
-    """
-    if b.ndim == 1:
-        x: Array = lapack.dgetrs(lu, order, b, transposed)[0]
-        return x
-    columns = [lapack.dgetrs(lu, order, column, transposed)[0] for column in b.T]
-    return np.array(columns).T
-
-
-def upper_solved(upper: Array, b: Array, transposed: bool = False) -> Array:
-    """Return R^-1 b, or R^-T b, for an upper triangular R (n, n) and b (n,)."""
-    if not b.size:
-        return b
-    x: Array = lapack.dtrtrs(upper, b, trans=int(transposed))[0]
-    return x
-
-
-def upper_inverse(upper: Array) -> Array:
-    """Return the inverse of an upper triangular matrix (n, n)."""
-    if not upper.size:
-        return upper
-    x: Array = lapack.dtrtri(upper)[0]
-    return x
+    return dense.lu_solve(lu, order, b, transposed=True)
 
 
 class Factors:
@@ -249,17 +214,17 @@ class Factors:
         pivot: smallest over largest pivot, 0 if the matrix is singular.
     """
 
-    def __init__(self, a: Array, overwrite: bool = False) -> None:
-        self.pivot = 1.0
-        if len(a):
-            self._lu, self._order, info = lapack.dgetrf(a, overwrite_a=overwrite)
-            self.pivot = 0.0 if info else pivots_of(self._lu, self._order)[1]
+    def __init__(self, a: Array) -> None:
+        self._lu, self._order, is_regular = dense.lu(a)
+        self.pivot = pivots_of(self._lu, self._order)[1] if is_regular else 0.0
 
     def solve(self, b: Array) -> Array:
         """Return the solution for right-hand sides (n,) or (n, k)."""
-        if not b.size:
-            return b
-        return _solved(self._lu, self._order, b, 0)
+        return dense.lu_solve(self._lu, self._order, b)
+
+    def inverse_norm(self) -> float:
+        """Return the 1-norm of the inverse, or nearly so and never more."""
+        return dense.inverse_norm(self._lu, self._order)
 
     def blur(self, x: Array, known: Array, rounding: float) -> Array:
         """Return bounds on the errors of a solution, entry by entry [Higham2002, 7.2, 9.3].
@@ -280,8 +245,9 @@ class Factors:
     @cached_property
     def _inverse(self) -> Array:
         """Sizes (n, n) of the entries of the inverse; infinite where there is none."""
-        inverse, info = lapack.dgetri(self._lu, self._order)
-        return np.full_like(inverse, np.inf) if info else np.abs(inverse)
+        if not self.pivot:
+            return np.full_like(self._lu, np.inf)
+        return np.abs(self.solve(np.eye(len(self._lu))))
 
     @cached_property
     def _grown(self) -> Array:
@@ -296,22 +262,20 @@ class Factors:
 
 def weighty_rows(a: Array, count: int) -> NDArray[np.intp]:
     """Return the sorted indices of `count` independent rows of `a`, the longest first chosen."""
-    return np.sort(lapack.dgeqp3(a.T)[1][:count] - 1)
+    return np.sort(dense.qr(a.T)[1][:count])
 
 
 def determinant_sign_of(a: Array) -> int:
     """Return the sign (-1, 0, 1) of the determinant of `a` (n, n)."""
-    if not len(a):
-        return 1
-    lu, pivots, _ = lapack.dgetrf(a)
-    return pivots_of(lu, pivots)[0]
+    lu, order, _ = dense.lu(a)
+    return pivots_of(lu, order)[0]
 
 
 class StackedLU:
     """LU factors of many small matrices of one kind, the matrices along the last axis.
 
     Rows are exchanged alike in all of them, as partial pivoting exchanges those of the middle
-    one; where that lets factors grow, LAPACK takes over, matrix by matrix.
+    one; where that lets factors grow, NumPy takes over, matrix by matrix.
 
     Attributes:
         sign: (m,) of the determinants, 0 where singular.
@@ -367,7 +331,7 @@ class StackedLU:
 def _pivot_order(a: Array) -> tuple[NDArray[np.intp], float]:
     """Return the order of rows that partial pivoting chooses, and the sign of that permutation."""
     order, parity = np.arange(len(a)), 1.0
-    for i, p in enumerate(lapack.dgetrf(a)[1].tolist() if len(a) else ()):
+    for i, p in enumerate(dense.lu(a)[1].tolist()):
         if i != p:
             order[[i, p]] = order[[p, i]]
             parity = -parity
@@ -382,6 +346,6 @@ def _slogdet(matrices: Array) -> tuple[Array, Array]:
 
 def _solve_apart(matrices: Array, rhs: Array, sign: Array) -> Array:
     a = matrices.transpose(2, 0, 1).copy()
-    a[sign == 0.0] = np.eye(a.shape[1])  # leave LAPACK something regular to do
+    a[sign == 0.0] = np.eye(a.shape[1])  # leave something regular to do
     x = np.linalg.solve(a, rhs.T[:, :, None])[:, :, 0].T
     return np.where(sign == 0.0, np.nan, x)

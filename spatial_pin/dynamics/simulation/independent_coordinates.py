@@ -14,7 +14,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from spatial_pin.assembly.newton import rank_loss
 from spatial_pin.assembly.state import State
@@ -23,11 +22,13 @@ from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import (
     Array,
+    Factors,
     decompose,
     independent_rows,
     pivots_of,
     rows_factored,
     rows_solved,
+    weighty_rows,
 )
 
 MOST_CORRECTIONS = 8
@@ -142,7 +143,7 @@ class Embedding:
         """
         self._ahead = self.columns = self._solve(self.units)
         if not self.linear:
-            self._chart = lapack.dgesv(self._ahead[self.held], self.units[len(self.rows) :])[2]
+            self._chart = Factors(self._ahead[self.held]).solve(self.units[len(self.rows) :])
             self.columns = np.dot(self._ahead, self._chart)
 
     def coordinates(self, q: Array) -> Array:
@@ -318,8 +319,7 @@ def best_coordinates(state: State, prescribed: Sequence[int]) -> list[int]:
     freedoms = _freedoms(state, drive)
     if not len(freedoms):
         return []
-    _, pivots, *_ = lapack.dgeqp3(np.asfortranarray(freedoms))
-    return sorted(int(p) - 1 for p in pivots[: len(freedoms)])
+    return weighty_rows(freedoms.T, len(freedoms)).tolist()
 
 
 def plain_coordinates(state: State, apart: Array) -> list[int]:

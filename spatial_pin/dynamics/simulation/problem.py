@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
@@ -22,6 +21,7 @@ from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix, refuse_nega
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.numerics.dense import cholesky_solve
 from spatial_pin.numerics.linalg import Array
 
 ALIKE = 1e-4  # of a freedom's inertia that others leave it, below which digits would be lost
@@ -144,8 +144,8 @@ class Problem:
         if len(own) == 1:
             return force / own
         unit = 1.0 / np.sqrt(own)
-        factor, found, singular = lapack.dposv(unit[:, None] * inertia * unit, unit * force)
-        if singular or not factor.diagonal().min() ** 2 > ALIKE:
+        factor, found, is_positive = cholesky_solve(unit[:, None] * inertia * unit, unit * force)
+        if not is_positive or not factor.diagonal().min() ** 2 > ALIKE:
             return None
         answer: Array = unit * found
         return answer

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from spatial_pin.numerics.linalg import EPS, Array, Factors, independent_rows
 
@@ -71,7 +70,7 @@ class SaddlePoint:
         self._scale, self._unit, self._own = scale, scale * unit, unit
         self._moved = np.zeros(nv)
         self._square = np.outer(self._unit, self._unit)
-        self._jacobian, self._k = np.zeros((len(rows), nv)), np.zeros((n, n), order="F")
+        self._jacobian, self._k = np.zeros((len(rows), nv)), np.zeros((n, n))
         self._mass, self._zero = self._k[:nv, :nv], self._k[nv:, nv:]
         self._down, self._right = self._k[nv:, :nv], self._k[:nv, nv:]
 
@@ -82,10 +81,10 @@ class SaddlePoint:
         From the pivots and, for exchanges of rows may hide how small they are, from the condition;
         in the own units of freedoms, of which light ones have larger ones.
         """
-        if not self.pivot or not len(self._lu):
+        if not self.pivot or not len(self._k):
             return round_off(self.pivot)
-        rcond, _ = lapack.dgecon(self._lu, self._norm)
-        told = max(round_off(self.pivot), len(self._lu) * EPS / max(rcond, EPS))
+        rcond = 1.0 / (self._norm * self._factors.inverse_norm())
+        told = max(round_off(self.pivot), len(self._k) * EPS / max(rcond, EPS))
         size = float((self._own * self._moved).max(initial=0.0))
         return told * float(self._own.max()) * float(self._moved.max()) / size if size else told
 
@@ -94,7 +93,8 @@ class SaddlePoint:
     ) -> tuple[Array, Array]:
         """Return accelerations (nv,), and multipliers (rows,) of the Jacobian's rows.
 
-        Or those of many right-hand sides, (nv, k) and (rows, k).
+        Or those of many right-hand sides, (nv, k) and (rows, k). All are zero where the matrix is
+        singular: where `pivot` is.
 
         Args:
             mass: (nv, nv).
@@ -103,8 +103,8 @@ class SaddlePoint:
             gamma: (n_rows,) second derivatives of the rows without acceleration.
         """
         nv, unit, size = len(self._unit), self._unit, self._size
-        if not nv:  # LAPACK asks for one equation at least
-            self.pivot, self._lu = 1.0, self._k
+        if not nv:
+            self.pivot = 1.0
             return work, gamma[:0]
         rows = scaled.take(self.rows, 0, self._jacobian, "clip")
         rows *= self._weight
@@ -112,12 +112,12 @@ class SaddlePoint:
         self._down[:] = rows
         self._right[:] = rows.T
         self._zero[:] = 0.0
-        self._norm = float(lapack.dlange("1", self._k)) if len(self._k) else 0.0
+        self._norm = float(np.abs(self._k).sum(axis=0).max())
         rhs = np.concatenate((unit * work.T, gamma.take(self.rows, 0).T / -size), -1).T
-        lu, _, x, info = lapack.dgesv(self._k, rhs, overwrite_a=True)
-        sizes = [abs(d) for d in lu.diagonal().tolist()]
-        self.pivot = min(sizes) / max(sizes) if sizes and not info else float(not sizes)
-        self._lu, self._moved = lu, np.abs(x[:nv])
+        self._factors = Factors(self._k)
+        self.pivot = self._factors.pivot
+        x = self._factors.solve(rhs) if self.pivot else np.zeros_like(rhs)
+        self._moved = np.abs(x[:nv])
         return (unit * x[:nv].T).T, (x[nv:].T / -size).T
 
     def forces(self, multipliers: Array) -> Array:

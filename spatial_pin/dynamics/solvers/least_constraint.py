@@ -19,18 +19,16 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from spatial_pin.dynamics.solvers.kkt import HOLDS, ROUNDING, Blurred
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.dense import qr, qr_turn, upper_solve
 from spatial_pin.numerics.linalg import (
     EPS,
     Array,
     decompose,
     null_space,
     row_space,
-    upper_inverse,
-    upper_solved,
 )
 
 
@@ -307,10 +305,11 @@ class _Fit:
             rows, known = (np.vstack([x, np.zeros((n - m, n))]) for x in (rows, known))
         known = known + ROUNDING * np.abs(rows).max(axis=1, initial=0.0)[:, None]
         self._rows, self._known = rows, known
-        qr, pivots, self._tau, _, _ = lapack.dgeqp3(np.asfortranarray(rows))
-        self._qr, self._order, self._upper = qr, pivots - 1, np.triu(qr[:n])
-        self._basis = lapack.dorgqr(qr[:, :n], self._tau)[0]
-        rank, motions = n, self._following(n)
+        self._qr, self._order, self._tau = qr(rows)
+        self._upper = np.triu(self._qr[:n])
+        self._basis = qr_turn(self._qr, self._tau, np.eye(len(rows), n))
+        rank = int(np.count_nonzero(self._upper.diagonal()))  # of the rest nothing at all is left
+        motions = self._following(rank)
         while rank:  # the last unknowns are left out while they move nothing for certain
             found = self._following(rank - 1)
             off = known @ np.abs(found)
@@ -332,11 +331,11 @@ class _Fit:
 
     def _solve(self, rank: int, b: Array, transposed: bool = False) -> Array:
         """Return R^-1 b, or R^-T b, (rank,) of the first unknowns."""
-        return upper_solved(self._upper[:rank, :rank], b, transposed)
+        return upper_solve(self._upper[:rank, :rank], b, transposed)
 
     def _inverse(self, rank: int) -> Array:
         """Return R^-1 (rank, rank) of the first unknowns."""
-        return upper_inverse(self._upper[:rank, :rank])
+        return upper_solve(self._upper[:rank, :rank], np.eye(rank))
 
     def _pseudo(self, rank: int) -> Array:
         """Return the sizes (rank, m) of the pseudo-inverse of the first unknowns' columns."""
@@ -348,17 +347,12 @@ class _Fit:
         z = np.zeros(n)
         if r:
             full = np.concatenate([rest, np.zeros(len(self._rows) - len(rest))])
-            turned, pull = self._turned(full, "T"), self._solve(r, load[first], transposed=True)
+            turned = qr_turn(self._qr, self._tau, full, transposed=True)
+            pull = self._solve(r, load[first], transposed=True)
             z[first] = self._solve(r, turned[:r] + pull)
             turned[:r] = -pull
-            self._left = self._turned(turned, "N")
+            self._left = qr_turn(self._qr, self._tau, turned)
         return z - self.still.T @ (self.still @ z)
-
-    def _turned(self, x: Array, way: str) -> Array:
-        """Return Q x (m,), or Q^T x."""
-        turned: Array = lapack.dormqr(
-            "L", way, self._qr, self._tau, x[:, None], 64 * len(self._order))[0][:, 0]
-        return turned
 
     def error(self, z: Array, rest_known: Array, load_known: Array) -> Array:
         """Return bounds (n,) on the error of the last solution, of first order [Higham2002, 20.1].

@@ -8,7 +8,6 @@ from typing import Any
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import is_file, shown
-from spatial_pin.formats.xacro.yaml_files import read_yaml
 
 
 def table_of(path: Path) -> dict[str, Any]:
@@ -17,6 +16,8 @@ def table_of(path: Path) -> dict[str, Any]:
     Raises:
         MechanismFileError: it cannot be read.
     """
+    from spatial_pin.formats.xacro.yaml_files import read_yaml  # on use: yaml takes 20 ms to import
+
     content = read_yaml(path, float)
     return content if isinstance(content, dict) else {}
 

@@ -1,0 +1,140 @@
+"""Compiled dense factorisations: what they give is what they factored, for all sizes and scales."""
+
+import numpy as np
+import pytest
+
+from spatial_pin.numerics import dense
+from spatial_pin.numerics.linalg import Factors, decompose, independent_rows, pivots_of
+
+EPS = np.finfo(float).eps
+SIZES = [1, 2, 3, 5, 12, 40]
+
+
+def random(*shape, seed=0):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+def graded(n):
+    """A matrix whose rows and columns differ in size by 1e24 each."""
+    scale = np.logspace(-12, 12, n)
+    return scale[:, None] * random(n, n, seed=n) * scale[::-1]
+
+
+@pytest.mark.parametrize("n", SIZES)
+@pytest.mark.parametrize("columns", [(), (1,), (3,)])
+@pytest.mark.parametrize("transposed", [False, True])
+def test_lu_solves(n, columns, transposed):
+    a, b = random(n, n), random(n, *columns, seed=1)
+    kept = a.copy(), b.copy()
+    factors, order, is_regular = dense.lu(a)
+    x = dense.lu_solve(factors, order, b, transposed)
+    assert is_regular and x.shape == b.shape
+    matrix = a.T if transposed else a
+    assert np.abs(matrix @ x - b).max() <= 10 * n * EPS * np.abs(matrix).max() * np.abs(x).max() * n
+    assert np.array_equal(a, kept[0]) and np.array_equal(b, kept[1])
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_lu_is_the_matrix_with_its_rows_exchanged(n):
+    a = random(n, n)
+    factors, order, _ = dense.lu(a)
+    for k, p in enumerate(order):
+        a[[k, p]] = a[[p, k]]
+    lower = np.tril(factors, -1) + np.eye(n)
+    assert np.abs(lower).max() <= 1.0
+    assert lower @ np.triu(factors) == pytest.approx(a, abs=n * EPS * 8)
+    assert pivots_of(*dense.lu(random(n, n))[:2])[0] == np.sign(np.linalg.det(random(n, n)))
+
+
+def test_rows_are_exchanged_where_scales_differ():
+    a = graded(9)
+    x = dense.lu_solve(*dense.lu(a)[:2], a @ np.ones(9) * 1.0)
+    assert np.abs(a @ (x - 1.0)).max() <= 100 * EPS * np.abs(a).max()
+
+
+def test_a_singular_matrix_is_told():
+    a = random(4, 4)
+    a[2] = 0.0
+    assert not dense.lu(a)[2]
+    assert not dense.lu(np.zeros((3, 3)))[2]
+    assert not dense.lu(np.full((3, 3), np.nan))[2]
+    assert Factors(a).pivot == 0.0
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_norm_of_the_inverse(n):
+    for seed in range(20):
+        a = random(n, n, seed=seed)
+        exact = np.abs(np.linalg.inv(a)).sum(axis=0).max()
+        found = dense.inverse_norm(*dense.lu(a)[:2])
+        assert exact / 3.0 < found <= exact * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_cholesky_solves(n):
+    root, b = random(n, n + 2), random(n, seed=1)
+    a = root @ root.T
+    factor, x, is_positive = dense.cholesky_solve(a, b)
+    assert is_positive
+    assert np.tril(factor) @ np.tril(factor).T == pytest.approx(a, abs=1e-13)
+    assert a @ x == pytest.approx(b, abs=1e-9)
+    assert not dense.cholesky_solve(a - 2.0 * np.trace(a) * np.eye(n), b)[2]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 5), (5, 3), (12, 12), (40, 7), (7, 40)])
+def test_qr_is_the_matrix_with_its_columns_in_order(shape):
+    a = random(*shape)
+    factors, order, tau = dense.qr(a)
+    m, n = shape
+    k = min(m, n)
+    q = dense.qr_turn(factors, tau, np.eye(m))
+    assert q @ q.T == pytest.approx(np.eye(m), abs=1e-14)
+    assert q[:, :k] @ np.triu(factors)[:k] == pytest.approx(a[:, order], abs=1e-13)
+    diagonal = np.abs(np.diagonal(factors))
+    assert np.all(diagonal[1:] <= diagonal[:-1] * (1.0 + 1e-7))
+    x = random(m, seed=2)
+    assert dense.qr_turn(factors, tau, dense.qr_turn(factors, tau, x, True)) == pytest.approx(x)
+
+
+def test_rank_shows_in_qr_whatever_the_scale():
+    a = random(6, 3) @ random(3, 8, seed=1)
+    for scale in (1.0, 1e-300, 1e300):
+        diagonal = np.abs(np.diagonal(dense.qr(scale * a)[0])) / scale
+        assert diagonal[2] > 1e-2 and diagonal[3] < 1e-14
+
+
+def test_round_off_does_not_choose_among_equal_columns():
+    """As in a mechanism that is its own mirror image: the first of them is taken."""
+    a = np.eye(5)[:, [0, 1, 2, 3, 4, 0, 1]]
+    for seed in range(20):
+        noisy = a * (1.0 + 4 * EPS * random(5, 7, seed=seed))
+        assert sorted(dense.qr(noisy)[1][:5]) == [0, 1, 2, 3, 4]
+        assert independent_rows(noisy.T).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_triangles():
+    upper, b = random(6, 6) + 4.0 * np.eye(6), random(6, 2, seed=1)
+    assert np.triu(upper) @ dense.upper_solve(upper, b) == pytest.approx(b)
+    assert np.triu(upper).T @ dense.upper_solve(upper, b, True) == pytest.approx(b)
+    assert np.triu(upper) @ dense.upper_solve(upper, b[:, 0]) == pytest.approx(b[:, 0])
+
+
+def test_nothing_to_factor():
+    none = np.empty((0, 0))
+    assert dense.lu(none)[2]
+    assert dense.lu_solve(*dense.lu(none)[:2], np.empty(0)).shape == (0,)
+    assert dense.lu_solve(*dense.lu(np.eye(2))[:2], np.empty((2, 0))).shape == (2, 0)
+    assert dense.inverse_norm(*dense.lu(none)[:2]) == 0.0
+    assert dense.qr(np.empty((3, 0)))[1].shape == (0,)
+    assert dense.qr(np.empty((0, 3)))[1].tolist() == [0, 1, 2]
+    assert dense.cholesky_solve(none, np.empty(0))[2]
+
+
+def test_entries_that_are_no_numbers_are_refused():
+    from spatial_pin import SingularError
+
+    for bad in (np.nan, np.inf):
+        a = random(3, 4)
+        a[1, 1] = bad
+        with pytest.raises(SingularError, match="no finite numbers"):
+            decompose(a)
