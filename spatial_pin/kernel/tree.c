@@ -179,7 +179,7 @@ static void normalize_quaternion(Real *x)
         x[i] /= size;
 }
 
-/* sin(t)/t, (1 - cos t)/t², (t - sin t)/t³ as series for small angles, where t² is `square`. */
+/* b = (1 - cos t)/t² and c = (t - sin t)/t³ where t² is `square`; series for small angles. */
 static void exponential_factors(Real square, Real *b, Real *c)
 {
     if (square < 1e-2) { /* the terms left out are below 1e-17 of the first */
@@ -221,6 +221,15 @@ static void turn_quaternion(Real *x, const Real *w)
     normalize_quaternion(x);
 }
 
+/* Of the two quaternions of a rotation take the one nearer to that before the turn w: Pinocchio
+ * does so for free joints, not for balls. */
+static void stay_near(Real *x, const Real *w)
+{
+    if (cos(0.5 * sqrt(dot3(w, w))) < 0.0)
+        for (int i = 0; i < 4; i++)
+            x[i] = -x[i];
+}
+
 void tree_integrate(const Kernel *k, Real *q, const Real *step)
 {
     for (Int j = 1; j < k->n_joints; j++) {
@@ -229,8 +238,9 @@ void tree_integrate(const Kernel *k, Real *q, const Real *step)
         switch (k->kind[j]) {
         case FREE:
             slide_along(x + 3, s, s + 3, x);
-            x += 3, s += 3;
-            /* fall through */
+            turn_quaternion(x + 3, s + 3);
+            stay_near(x + 3, s + 3);
+            break;
         case BALL:
             turn_quaternion(x, s);
             break;

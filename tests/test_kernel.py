@@ -1,0 +1,288 @@
+"""The compiled kernel against Pinocchio and NumPy: the same numbers to round-off, whatever was asked
+before and by however many at once; and arrays that nobody packed, which it refuses."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import mechanisms
+import numpy as np
+import odd_mechanisms
+import pinocchio as pin
+import pytest
+import scipy.linalg
+from mechanisms import between, closure, coupling, floating, load, point
+from test_closures import JOINTS, KEYS, TYPES, pose, refinement, somewhere, tree_with
+
+import spatial_pin as sp
+from spatial_pin.constraints.closure_equations import Constraints, Evaluation
+from spatial_pin.kernel.kernel import Kernel, address
+from spatial_pin.kernel.library import CODES, library
+
+SCRIPTS = Path(__file__).parent.parent / "scripts"
+ROUND_OFF = 1e-14
+LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*.toml"))
+
+
+# ---------------------------------------------------------------- mechanisms
+
+
+def everything(folder: Path, seed: int, size: float = 1.0) -> sp.Mechanism:
+    """A random tree with a joint of every kind, a closure of every kind between any two bodies."""
+    rng = np.random.default_rng(seed)
+    tree = toml = ""
+    bodies = ["ground"]
+    for k, kind in enumerate(rng.permutation(JOINTS + ["revolute", "prismatic"])):
+        place = pose(rng)
+        tree += floating(f"to_{k}", str(rng.choice(bodies[-4:])), f"body_{k}",
+                         size * place["xyz"], place["rpy"])
+        text = refinement(f"to_{k}", str(kind), rng)
+        toml += text.replace("lead = 0.023", f"lead = {0.023 * size!r}")
+        bodies.append(f"body_{k}")
+    for k, kind in enumerate([*TYPES, "between"]):
+        names = []
+        for i, body in enumerate(rng.choice(bodies, 4, replace=False)):
+            names.append(f"at_{k}_{i}")
+            place = pose(rng)
+            tree += point(names[-1], body, size * place["xyz"], place["rpy"])
+        keys = {name: size * value for name, value in KEYS.get(kind, {}).items()}
+        toml += (between(f"c_{k}", names[:2], names[2:]) if kind == "between"
+                 else closure(f"c_{k}", kind, *names[:2], **keys))
+    turns = [name for name, joint in tomllib.loads(toml)["joints"].items()
+             if joint["type"] in ("revolute", "prismatic", "screw")]
+    a, b, c = (str(n) for n in rng.choice(turns, 3, replace=False))
+    toml += coupling("gear", a, b, 1.7, 0.3) + coupling("rack", b, c, -0.4 * size)
+    toml += f'[passive.spin]\nbody = "{bodies[-1]}"\naxis = ["tip", "tail"]\n'
+    tree += "".join(point(end, bodies[-1], size * rng.normal(size=3)) for end in ("tip", "tail"))
+    return load(folder, "everything", tree, toml)
+
+
+# ---------------------------------------------------------------- Pinocchio is the authority
+
+
+def asked_at(mechanism: sp.Mechanism, rng: np.random.Generator):
+    """A configuration and velocities of ordinary size for the mechanism."""
+    scale = mechanism.velocity_scale
+    q = pin.integrate(mechanism.model, mechanism.neutral,
+                      rng.uniform(-1.3, 1.3, mechanism.model.nv) * scale)
+    return q, scale * rng.normal(size=mechanism.model.nv)
+
+
+def assert_near(ours: np.ndarray, theirs: np.ndarray, size: float, what: str) -> None:
+    """Equal to round-off of numbers of a size."""
+    assert ours.shape == theirs.shape, what
+    worst = float(np.abs(ours - theirs).max(initial=0.0))
+    assert worst <= ROUND_OFF * size, f"{what}: {worst / size:.2g} of {size:.3g}"
+
+
+def reach(mechanism: sp.Mechanism, places: np.ndarray) -> float:
+    """Length that placements are rounded by: how far bodies stand from the world's origin [m]."""
+    return max(mechanism.characteristic_length, float(np.abs(places).max(initial=0.0)))
+
+
+def assert_same_as_pinocchio(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarray) -> None:
+    judge, kernel = Evaluation(Constraints(mechanism)), Kernel(mechanism)
+    judge.update(q)
+    turns = judge.angles + 2.0 * np.pi * np.arange(1, len(judge.angles) + 1)
+    judge.turns[:] = turns
+    judge.update(q)
+    bias = judge.bias(q, v)
+    found = kernel.evaluate(q, v, turns)
+    rotations = np.array([m.rotation for m in judge.data.oMi])
+    places = np.array([m.translation for m in judge.data.oMi])
+    assert_near(found.rotations, rotations, 1.0, "rotations")
+    far = reach(mechanism, places)
+    assert_near(found.translations, places, far, "translations")
+    # equations are products of lengths relative to the characteristic one, and of unit vectors
+    far = 1.0 + far / mechanism.characteristic_length
+    steep = far * (1.0 + float(np.abs(judge.jacobian).max(initial=0.0)))
+    assert_near(found.residual, judge.residual, steep, "residual")
+    assert_near(found.angles, judge.angles, 10.0 * (1.0 + np.abs(turns).max(initial=0.0)), "angles")
+    assert_near(found.jacobian, judge.jacobian, steep, "Jacobian")
+    speed = 1.0 + float(np.abs(v / mechanism.velocity_scale).max(initial=0.0))
+    assert_near(found.bias, bias, speed**2 * steep + np.abs(bias).max(initial=0.0), "bias")
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_every_joint_with_every_closure(tmp_path, joint):
+    for seed, kind in enumerate(TYPES):
+        mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, seed)
+        for _ in range(3):
+            assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e-6, 1.0, 1e6, 1e30])
+def test_all_kinds_together_at_every_size(tmp_path, size):
+    for seed in range(6):
+        mechanism, rng = everything(tmp_path, seed, size), np.random.default_rng(seed)
+        for _ in range(3):
+            assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_random_mechanisms(tmp_path, monkeypatch, first):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    from fuzzing.files import write
+    from fuzzing.generate import make
+
+    for seed in range(first, first + 10):
+        mechanism, rng = sp.load(write(make(seed), tmp_path)), np.random.default_rng(seed)
+        assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_the_library(name):
+    mechanism, rng = sp.load(name), np.random.default_rng(1)
+    assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+    assert_same_as_pinocchio(mechanism, sp.assemble(mechanism).q, np.zeros(mechanism.model.nv))
+
+
+@pytest.mark.parametrize("builders", [
+    {name: known.build for name, known in mechanisms.KNOWN.items()}, odd_mechanisms.EMPTY,
+    odd_mechanisms.FREE], ids=["known", "empty", "free"])
+def test_mechanisms_of_other_tests(tmp_path, builders):
+    rng = np.random.default_rng(1)
+    for build in builders.values():
+        mechanism = build(tmp_path)
+        assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-9, 1e-4, 1.0, 3.0, 100.0])
+def test_displacements_are_pinocchios(tmp_path, size):
+    mechanism, rng = everything(tmp_path, 1), np.random.default_rng(5)
+    kernel = Kernel(mechanism)
+    for _ in range(20):
+        q, step = somewhere(mechanism, rng), size * rng.normal(size=mechanism.model.nv)
+        expected = pin.integrate(mechanism.model, q, step)
+        moved = integrated(kernel, q, step)
+        assert_near(moved, expected, 1.0 + float(np.abs(expected).max()), f"step of {size}")
+
+
+def integrated(kernel: Kernel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+    moved = q.copy()
+    library().kernel_integrate(kernel.handle, address(moved), address(step))
+    return moved
+
+
+# ---------------------------------------------------------------- the square system
+
+
+def square_system(mechanism: sp.Mechanism, rng: np.random.Generator):
+    """A kernel, q, and equations, driven freedoms and filled rows that determine everything."""
+    kernel = Kernel(mechanism)
+    q, v = asked_at(mechanism, rng)
+    jacobian = kernel.evaluate(q, v, np.zeros(kernel.n_angles)).jacobian
+    closures, idle = jacobian[: kernel.n_rows], jacobian[kernel.n_rows :]
+    kept = independent(closures, rng.permutation(kernel.n_rows), idle)
+    rows = np.vstack([closures[kept], idle])
+    missing = kernel.nv - len(rows)
+    driven = independent(np.eye(kernel.nv), rng.permutation(kernel.nv), rows)[: missing // 2]
+    rows = np.vstack([rows, np.eye(kernel.nv)[driven]])
+    fill = scipy.linalg.null_space(rows).T if len(rows) else np.eye(kernel.nv)
+    return kernel, q, kept, driven, np.ascontiguousarray(fill), np.vstack([rows, fill])
+
+
+def independent(rows: np.ndarray, order: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Numbers of rows that are well independent of each other and of those beside them."""
+    basis, kept = list(beside), []
+    for i in order:
+        if np.linalg.svd(np.array([*basis, rows[i]]), compute_uv=False).min(initial=1.0) > 0.02:
+            basis.append(rows[i])
+            kept.append(i)
+        if len(basis) == rows.shape[1]:
+            break
+    return np.sort(np.array(kept, np.int64))
+
+
+def solved(kernel: Kernel, q, kept, driven, fill, right) -> np.ndarray:
+    """Choose the square system anew and solve it."""
+    c, x, turns = library(), right.copy(), np.zeros(kernel.n_angles)
+    assert c.system_set(kernel.handle, address(kept), len(kept), address(driven), len(driven),
+                        address(fill), len(fill)) == 0
+    assert c.kernel_solve(kernel.handle, address(q), address(turns), address(x)) == 0
+    return x
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_square_systems_are_solved_as_by_numpy(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    mechanism = everything(tmp_path, seed)
+    for _ in range(3):
+        kernel, q, kept, driven, fill, matrix = square_system(mechanism, rng)
+        idle = kernel.n_passive
+        right = rng.normal(size=kernel.nv)
+        x = solved(kernel, q, kept, driven, fill, right)
+        # rows: chosen, idle, driven, filled; backward error, then the solution itself
+        order = np.arange(len(matrix))
+        assert np.array_equal(order[: len(kept) + idle], np.arange(len(kept) + idle))
+        condition = np.linalg.cond(matrix)
+        assert np.abs(matrix @ x - right).max() < 1e-13 * (1.0 + np.abs(matrix).sum(axis=1).max()
+                                                           * np.abs(x).max())
+        other = np.linalg.solve(matrix, right)
+        assert np.abs(x - other).max() < 1e-15 * condition * len(x) * np.abs(other).max()
+
+
+def test_a_system_without_solution_is_singular(tmp_path):
+    mechanism = everything(tmp_path, 3)
+    kernel, q, kept, driven, fill, _ = square_system(mechanism, np.random.default_rng(3))
+    twice = np.array([kept[0], *kept[:-1]])
+    c, x, turns = library(), np.ones(kernel.nv), np.zeros(kernel.n_angles)
+    assert c.system_set(kernel.handle, address(twice), len(twice), address(driven), len(driven),
+                        address(fill), len(fill)) == 0
+    code = c.kernel_solve(kernel.handle, address(q), address(turns), address(x))
+    assert CODES[code] == "a singular system"
+
+
+# ---------------------------------------------------------------- who asks, and after what
+
+
+def answers(kernel: Kernel, mechanism: sp.Mechanism, seed: int) -> bytes:
+    """All that a kernel says of some configurations, bit by bit."""
+    rng, said = np.random.default_rng(seed), []
+    for _ in range(5):
+        q, v = asked_at(mechanism, rng)
+        said += kernel.evaluate(q, v, np.zeros(kernel.n_angles))
+        said.append(integrated(kernel, q, v))
+    fresh, q, *system, _ = square_system(mechanism, rng)
+    said.append(solved(kernel, q, *system, np.ones(fresh.nv)))
+    return b"".join(np.ascontiguousarray(x).tobytes() for x in said)
+
+
+def test_answers_do_not_depend_on_what_was_asked_before(tmp_path):
+    mechanism = everything(tmp_path, 2)
+    used, c = Kernel(mechanism), library()
+    first = answers(used, mechanism, 1)
+    assert answers(Kernel(mechanism), mechanism, 1) == first
+    answers(used, mechanism, 2)
+    bad = np.full(used.nq, np.nan)
+    used.evaluate(bad, np.full(used.nv, np.inf), np.zeros(used.n_angles))
+    x, turns = np.ones(used.nv), np.full(used.n_angles, 1e300)
+    c.kernel_solve(used.handle, address(bad), address(turns), address(x))
+    other = used.packed.reals * 3.0
+    used.set_numbers(other)
+    used.evaluate(mechanism.neutral, np.ones(used.nv), np.zeros(used.n_angles))
+    used.set_numbers(used.packed.reals)
+    assert answers(used, mechanism, 1) == first
+
+
+def test_two_threads_with_a_kernel_each_answer_as_one(tmp_path):
+    assert not isinstance(library(), ctypes.PyDLL)  # that is: the interpreter is let go
+    made = [everything(tmp_path, seed) for seed in (4, 5)]
+    alone = [answers(Kernel(m), m, 7) for m in made]
+    kernels = [Kernel(m) for m in made]
+
+    def ask(k: int) -> list[bytes]:
+        return [answers(kernels[k], made[k], 7) for _ in range(8)]
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            found = list(pool.map(ask, (0, 1)))
+    finally:
+        sys.setswitchinterval(before)
+    assert [set(f) for f in found] == [{a} for a in alone]
