@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.holding import still_entries
-from spatial_pin.assembly.newton import close
 from spatial_pin.assembly.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.rounding import allowed_from, cut_of, may_be_rounded, rounded
 from spatial_pin.assembly.state import State, all_angles

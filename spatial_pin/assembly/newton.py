@@ -1,30 +1,22 @@
-"""Closing loops: damped least motion far from closure, and the square system near it."""
+"""The square system of a closed mechanism, and what is wrong where there is none."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from spatial_pin.assembly.close import close, scaled_row
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, still_entries
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.frame_rotations import Rotations, rotations_of
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.coordinates import (
-    coordinate_bias,
-    coordinate_row,
-    with_values,
-)
+from spatial_pin.mechanism.coordinates import coordinate_bias
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
-from spatial_pin.numerics.dense import cholesky_solve
 from spatial_pin.numerics.linalg import (
     EPS,
-    RANK_TOLERANCE,
     ROUND_OFF,
     Array,
     Factors,
@@ -37,16 +29,10 @@ from spatial_pin.numerics.linalg import (
     rows_solved,
 )
 
-NOTHING: Mapping[str, float] = MappingProxyType({})
-MAX_STEP = 0.5  # rad, or characteristic lengths, in one damped step
-STALLED, LEFT = 10, 0.9  # steps after which more than that part of a residual will not vanish
-SQUARED = 1e2 * EPS  # of J Jᵀ by its size: redundant rows leave it singular
-NEAR = 1e-2  # closure error from which the products lead where the logarithms do
 # A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
 # and its rates to round-off over s squared: below this nothing is left of them.
 SINGULAR_PIVOT = 1e-7
 NEARLY = 1e-5  # singular values below this fraction of the largest are all but zero
-POLISHED = 30  # undamped steps at most: near a dead centre, each leaves a quarter of the error
 CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
 # A trial step from a configuration: long beside the square root of round-off, to which singular
 # ones are known, and short beside the way to other branches.
@@ -57,167 +43,6 @@ CORRECTIONS = 8  # Newton steps to it, of which four do as a rule
 TRIALS = 4  # of which one nearly always closes
 SURE = 0.25  # part of the way on which the rows would turn to dependence that one is sure of
 FARTHEST = 0.1  # rad, characteristic lengths, of it at most
-
-
-def close(
-    evaluation: Evaluation,
-    q: Array,
-    free: NDArray[np.bool_],
-    tolerance: float,
-    iterations: int = 60,
-    pinned: Mapping[str, float] = NOTHING,
-    cut: float = RANK_TOLERANCE,
-) -> tuple[Array, float]:
-    """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
-
-    Levenberg-Marquardt on the configuration manifold with damping proportional to the residual
-    (quadratic near a solution even when rows are redundant [YamashitaFukushima2001]), then
-    undamped minimum-norm steps down to round-off. Where frames of closures are turned far against
-    each other, the logarithms of their rotations lead first, see `rotations`: products would lead
-    to mirror images. Coordinates that are `pinned` have their values
-    exactly: components of balls and floating joints, which no velocity belongs to. Singular values
-    below `cut` times the largest move nothing: the rows are closed as well as the others can.
-
-    Returns:
-        The configuration and its closure error, small or not; `evaluation` is left there.
-    """
-    q = with_values(evaluation.mechanism, q, pinned) if pinned else q
-    rotations = rotations_of(evaluation)
-    evaluation.update(q)
-    if rotations and rotations.are_far():
-        q = _descend(evaluation, q, free, NEAR, iterations, pinned, cut, rotations)
-    q = _descend(evaluation, q, free, tolerance, iterations, pinned, cut)
-    return _polish(evaluation, q, free, evaluation.mechanism.velocity_scale[free], pinned, cut)
-
-
-def _descend(
-    evaluation: Evaluation,
-    q: Array,
-    free: NDArray[np.bool_],
-    tolerance: float,
-    iterations: int,
-    pinned: Mapping[str, float],
-    cut: float,
-    rotations: Rotations | None = None,
-) -> Array:
-    """Take damped steps from q (nq,) until the equations hold to a tolerance, or no step helps.
-
-    The logarithms of rotations, if there are any, stand in the place of the products.
-    """
-    model, scale = evaluation.model, evaluation.mechanism.velocity_scale[free]
-    put = rotations.put if rotations else _nothing
-    step = np.zeros(model.nv)
-    damping = 1e-2
-    evaluation.update(q)
-    put()
-    error = float(np.linalg.norm(evaluation.residual))
-    marked = np.inf
-    for k in range(iterations):
-        if k % STALLED == 0:
-            if error > LEFT * marked:
-                break
-            marked = error
-        if error <= tolerance:
-            break
-        steps = (_far_steps if rotations else _near_steps)(
-            *pinned_rows(evaluation, free, pinned), cut)
-        improved = False
-        for _ in range(12):
-            x = steps(damping * error)
-            x *= min(1.0, MAX_STEP / max(float(np.abs(x).max(initial=0.0)), 1e-300))
-            step[free] = scale * x
-            trial = pin.integrate(model, q, step)
-            trial = with_values(evaluation.mechanism, trial, pinned) if pinned else trial
-            evaluation.update(trial)
-            put()
-            trial_error = float(np.linalg.norm(evaluation.residual))
-            if trial_error < error:
-                improved = trial_error < 0.9999 * error
-                q, error = trial, trial_error
-                damping = max(damping * 0.1, 1e-12)
-                break
-            damping = max(damping * 8.0, 1e-6)
-        if not improved:
-            break
-    return q
-
-
-def _near_steps(rows: Array, residual: Array, cut: float) -> Callable[[float], Array]:
-    """Return the least step as a function of the damping, down to none, of rows of any rank."""
-    svd = decompose(rows, cut)
-    s, r = svd.s[: svd.rank], svd.rank
-    weights = s * (svd.u[:, :r].T @ residual)
-    return lambda damping: -svd.vt[:r].T @ (weights / (s * s + damping))
-
-
-def _far_steps(rows: Array, residual: Array, cut: float) -> Callable[[float], Array]:
-    """Return the same for steps whose last digits do not matter, at a tenth of the cost."""
-    wide = rows.shape[0] <= rows.shape[1]
-    square = rows @ rows.T if wide else rows.T @ rows
-    right = residual if wide else rows.T @ residual
-    diagonal = np.arange(len(square))
-    sizes = square[diagonal, diagonal].copy()
-    least = max(SQUARED, cut * cut) * float(sizes.max(initial=EPS))
-
-    def step(damping: float) -> Array:
-        square[diagonal, diagonal] = sizes + max(damping, least)
-        x = cholesky_solve(square, right)[1]
-        return -(rows.T @ x if wide else x)
-
-    return step
-
-
-def _nothing() -> None:
-    """Leave the products where they are."""
-
-
-def pinned_rows(
-    evaluation: Evaluation, free: NDArray[np.bool_], pinned: Mapping[str, float]
-) -> tuple[Array, Array]:
-    """Return the closure rows over the `free` velocities, scaled, and their residual.
-
-    Those of pinned coordinates, which stand where they should, come after them.
-    """
-    n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
-    rows = evaluation.jacobian[:n, free]
-    if not pinned:
-        return rows, evaluation.residual
-    more = [scaled_row(mechanism, mechanism.coordinate_table[name], evaluation.q)[free]
-            for name in pinned]
-    return np.vstack([rows, *more]), np.append(evaluation.residual, np.zeros(len(more)))
-
-
-def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
-    """Return the derivative (nv,) of a coordinate by its size with respect to scaled velocities."""
-    size = mechanism.velocity_scale
-    row: Array = coordinate_row(mechanism, coordinate, q) * size / size[coordinate.v]
-    return row
-
-
-def _polish(
-    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], scale: Array,
-    pinned: Mapping[str, float], cut: float = RANK_TOLERANCE,
-) -> tuple[Array, float]:
-    """Undamped minimum-norm Newton steps while they make the closure error smaller."""
-    n = evaluation.constraints.n_rows
-    evaluation.update(q)
-    error = evaluation.closure_error
-    step = np.zeros(evaluation.model.nv)
-    for _ in range(POLISHED):
-        if error <= EPS or not n:
-            break
-        rows, residual = pinned_rows(evaluation, free, pinned)
-        step[free] = -scale * decompose(rows, cut).minimum_norm(residual)
-        trial = pin.integrate(evaluation.model, q, step)
-        trial = with_values(evaluation.mechanism, trial, pinned) if pinned else trial
-        evaluation.update(trial)
-        if not evaluation.closure_error < 0.5 * error:
-            if evaluation.closure_error < error:
-                return trial, evaluation.closure_error
-            break
-        q, error = trial, evaluation.closure_error
-    evaluation.update(q)
-    return q, error
 
 
 class SquareSystem:

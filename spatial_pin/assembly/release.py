@@ -14,11 +14,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.newton import MAX_STEP, close, pinned_rows, scaled_row
+from spatial_pin.assembly.close import close, pinned_rows, scaled_row
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.mechanism.coordinates import coordinate_bias, coordinate_value
 from spatial_pin.numerics.linalg import EPS, Array, decompose, rank
 
+MAX_STEP = 0.5  # rad, or characteristic lengths, in one of them
 STEPS = 60  # of Newton's method; a minimum takes five to ten
 FLAT = 1e-8  # curvature of the motion, of its largest or of 1, below which nothing is told by it
 SLOW = 1e-4  # speed of drivers, by that of all joints, at which they stand at a dead centre

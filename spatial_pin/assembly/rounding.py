@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import (
     Constraints,

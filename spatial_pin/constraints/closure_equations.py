@@ -339,12 +339,10 @@ class Evaluation:
         wrenches: (rows, 6) force and moment about the world origin of each product row.
         placements: (njoints, 4, 3) view on the joint placements.
         regular: the last configuration that was found to be regular, see `newton.rank_loss`.
-        rotations: what closes loops from afar, see `rotations`.
     """
 
     def __init__(self, constraints: Constraints) -> None:
         self.regular: Any = None
-        self.rotations: Any = None
         self.constraints = c = constraints
         self.mechanism = c.mechanism
         self.model = model = c.mechanism.model

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.newton import SquareSystem, close
+from spatial_pin.assembly.close import close
+from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.continuation.singular_points import located, room_after
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from spatial_pin.assembly.assemble import ACCEPTED, nearest_turn
-from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError

@@ -59,6 +59,7 @@ class Kernel:
 
     Attributes:
         handle: of the C structure.
+        library: the compiled functions.
         packed: what it was made of.
     """
 
@@ -68,13 +69,13 @@ class Kernel:
         self.packed: Packed = packed(mechanism)
         self.nq, self.nv = mechanism.model.nq, mechanism.model.nv
         self.n_rows, self.n_passive, self.n_angles = c.n_rows, c.n_passive, c.n_angles
-        self._library = library()
+        self.library = library()
         handle = ctypes.c_void_p()
         ints, reals = self.packed.ints, self.packed.reals
-        check(self._library.kernel_create(
+        check(self.library.kernel_create(
             address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
         self.handle = handle
-        weakref.finalize(self, self._library.kernel_destroy, handle)
+        weakref.finalize(self, self.library.kernel_destroy, handle)
 
     def evaluate(self, q: Array, v: Array, turns: Array) -> Evaluated:
         """Return placements, closure equations, Jacobian and bias at q (nq,), v (nv,).
@@ -90,7 +91,7 @@ class Kernel:
         rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
         residual, angles = np.empty(self.n_rows), np.empty(self.n_angles)
         jacobian, bias = np.empty((equations, self.nv)), np.empty(equations)
-        self._library.kernel_evaluate(self.handle, *map(address, (
+        self.library.kernel_evaluate(self.handle, *map(address, (
             q, v, turns, rotations, translations, residual, angles, jacobian, bias)))
         carriers = self.packed.carriers
         in_pin = np.einsum("jki,jlk->jil", rotations, self.packed.frames)[carriers]
@@ -99,7 +100,7 @@ class Kernel:
     def set_numbers(self, reals: Array) -> None:
         """Take the numbers of other dimensions, as `packed` gives them for such a mechanism."""
         reals = numbers(reals, self.packed.reals.shape)
-        check(self._library.kernel_set_numbers(self.handle, address(reals), len(reals)))
+        check(self.library.kernel_set_numbers(self.handle, address(reals), len(reals)))
 
 
 def check(code: int) -> None:

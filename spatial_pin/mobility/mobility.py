@@ -11,8 +11,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import ACCEPTED, assembled
+from spatial_pin.assembly.close import close, scaled_row
 from spatial_pin.assembly.holding import free_bases, still_entries
-from spatial_pin.assembly.newton import close, scaled_row
 from spatial_pin.assembly.passive_freedoms import (
     chain_links,
     driven_groups,
@@ -50,6 +50,7 @@ FAR = 0.3  # rad, characteristic lengths, that a body idles on without opening a
 SMALL_PROBE = 0.005  # the same at a configuration that was reached by the longest
 TRIALS = 6  # trial motions for each instantaneous freedom
 ALGEBRA_TOLERANCE = 1e-8
+SIDE = 1e-9  # component of a direction that is round-off
 IDLE = 1e-7  # speed by that of the fastest that is none: passive freedoms are known to 1e-8
 MAX_NAMES = 8
 
@@ -495,11 +496,11 @@ def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
                 if f.type == pin.FrameType.BODY and f.parentJoint == i)
     spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length
     if spin < 1e-6 * float(np.linalg.norm(twist[:3])):
-        axis = twist[:3] / np.linalg.norm(twist[:3])
+        axis = _of_one_sense(twist[:3] / np.linalg.norm(twist[:3]))
         return PassiveFreedom(link, "slide", axis, evaluation.data.oMi[i].translation.copy(),
                               f"{link} slides along {_direction(axis)} in joint {joint}")
     omega = float(np.linalg.norm(twist[3:]))
-    axis = twist[3:] / omega
+    axis = _of_one_sense(twist[3:] / omega)
     advance = abs(float(axis @ twist[:3])) / (omega * mechanism.characteristic_length)
     point = np.cross(twist[3:], twist[:3]) / omega**2
     through = _pairs_on_axis(evaluation, i, axis, point)
@@ -508,6 +509,11 @@ def _describe(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     if through:
         text += f" through {' and '.join(through)}"
     return PassiveFreedom(link, kind, axis, point, text)
+
+
+def _of_one_sense(axis: Array) -> Array:
+    """Return an axis (3,) or its opposite, which mean the same: round-off has no say in it."""
+    return -axis if axis[np.abs(axis) > SIDE][0] > 0.0 else axis
 
 
 def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array) -> list[str]:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import nearest_turn
-from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import chain_links
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of

@@ -17,7 +17,6 @@ from spatial_pin.assembly.assemble import (
     standing_drivers,
     tell,
 )
-from spatial_pin.assembly.close_many import close_many
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.state import State
@@ -25,6 +24,7 @@ from spatial_pin.checks import checked, generator, mapping, positive_number
 from spatial_pin.constraints.closure_equations import Constraints
 from spatial_pin.constraints.stacked import Batch
 from spatial_pin.errors import AssemblyError, ContinuumError
+from spatial_pin.kernel.closer import Closer
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
     finite_number,
@@ -202,6 +202,7 @@ class _Search:
         if not isinstance(constraints.c_abx, np.ndarray):
             constraints.c_abx = constraints.c_abx.toarray()
         self.batch = Batch(constraints)
+        self.closer = Closer(core.mechanism)
         self.base = with_values(
             mechanism, _read_guess(mechanism, mechanism.start(check.held)).q, check.held)
         table = core.mechanism.coordinate_table
@@ -251,7 +252,7 @@ class _Search:
         starts = _random_starts(self.core.mechanism, self.held, rng, m)
         if self.slides and np.isfinite(self.low).all():
             starts[self.slides, 1::2] = self._slides_near(rng, m // 2)
-        q, error = close_many(self.batch, starts, self.free, TOLERANCE, ITERATIONS)
+        q, error = self._descended(starts)
         closed = np.flatnonzero(error <= SAME * SAME)
         ends = q[self.slides][:, closed]
         self.low = np.minimum(self.low, ends.min(axis=1, initial=np.inf))
@@ -262,6 +263,11 @@ class _Search:
             self._learn(q[:, closed])
         if self.marks is not None:
             self._sort(q[:, closed], self._signatures(q[:, closed]), at + closed)
+
+    def _descended(self, q: Array) -> tuple[Array, Array]:
+        """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
+        found, error = self.closer.descend(q.T, self.free, TOLERANCE, ITERATIONS)
+        return found.T, error
 
     def _slides_near(self, rng: np.random.Generator, m: int) -> Array:
         """Return slides (n, m) in the range of closed configurations, and a part of it beyond.
@@ -351,7 +357,7 @@ class _Search:
         step[self.free] = vectors.T
         step *= SMALL_PROBE / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
         pushed = self.batch.tree.displace(q, scale * step)
-        found, error = close_many(self.batch, pushed, self.free, TOLERANCE, ITERATIONS)
+        found, error = self._descended(pushed)
         left = _apart(self._signatures(found), signatures)
         asked = _apart(self._signatures(pushed), signatures)
         moving: NDArray[np.bool_] = ((width - ranks > self.usual) & (error <= SAME * SAME)

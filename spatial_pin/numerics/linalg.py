@@ -17,6 +17,8 @@ EPS = float(np.finfo(float).eps)
 RANK_TOLERANCE = 1e-10  # singular values below this fraction of the largest count as zero
 ROUND_OFF = 1e-13  # as do all below this: matrices are scaled to order one
 LARGEST_STACKED = 14  # rows of matrices that are factored together faster than one by one
+NOT_FINITE = ("the equations have entries that are no finite numbers: a position or a rate has "
+              "grown beyond all numbers")
 GROWN = 30.0  # entries of L above which rows should have been exchanged otherwise
 
 
@@ -72,8 +74,7 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
     except np.linalg.LinAlgError:  # as some machines' libraries tell it
         s = np.array([np.nan])
     if not s[0] < np.inf:
-        raise SingularError("the equations have entries that are no finite numbers: a position or "
-                            "a rate has grown beyond all numbers")
+        raise SingularError(NOT_FINITE)
     rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF)))
     return Decomposition(u, s, vt, rank)
 

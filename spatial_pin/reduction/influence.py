@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.assemble import ACCEPTED
-from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.errors import UnknownNameError

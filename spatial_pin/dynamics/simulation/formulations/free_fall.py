@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.dynamics.simulation.problem import Problem

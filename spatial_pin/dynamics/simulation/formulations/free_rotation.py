@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.newton import close
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedoms
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of

@@ -1,0 +1,73 @@
+"""Closing loops from a guess, by the least motion: the kernel's, and its last digits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.closer import closer_of
+from spatial_pin.mechanism.coordinates import coordinate_row
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.numerics.linalg import NOT_FINITE, RANK_TOLERANCE, Array
+
+NOTHING: Mapping[str, float] = MappingProxyType({})
+
+
+def close(
+    evaluation: Evaluation,
+    q: Array,
+    free: NDArray[np.bool_],
+    tolerance: float,
+    iterations: int = 60,
+    pinned: Mapping[str, float] = NOTHING,
+    cut: float = RANK_TOLERANCE,
+) -> tuple[Array, float]:
+    """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
+
+    Damped steps, then undamped ones of least norm down to round-off, see `kernel/closing.c`. Where
+    frames of closures are turned far against each other, the logarithms of their rotations lead
+    first: products would lead to mirror images. Coordinates that are `pinned` have their values
+    exactly: components of balls and floating joints, which no velocity belongs to. Singular values
+    below `cut` times the largest move nothing: the rows are closed as well as the others can.
+
+    Returns:
+        The configuration and its closure error, small or not; `evaluation` is left there.
+
+    Raises:
+        SingularError: positions have grown beyond all numbers.
+    """
+    with closer_of(evaluation.mechanism, pinned) as closer:
+        found, _ = closer.close(q, free, evaluation.turns, tolerance, iterations, pinned.values(),
+                                cut)
+    evaluation.update(found)
+    if not np.isfinite(evaluation.closure_error):
+        raise SingularError(NOT_FINITE)
+    return found, evaluation.closure_error
+
+
+def pinned_rows(
+    evaluation: Evaluation, free: NDArray[np.bool_], pinned: Iterable[str]
+) -> tuple[Array, Array]:
+    """Return the closure rows over the `free` velocities, scaled, and their residual.
+
+    Those of pinned coordinates, which stand where they should, come after them.
+    """
+    n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
+    rows = evaluation.jacobian[:n, free]
+    if not pinned:
+        return rows, evaluation.residual
+    more = [scaled_row(mechanism, mechanism.coordinate_table[name], evaluation.q)[free]
+            for name in pinned]
+    return np.vstack([rows, *more]), np.append(evaluation.residual, np.zeros(len(more)))
+
+
+def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
+    """Return the derivative (nv,) of a coordinate by its size with respect to scaled velocities."""
+    size = mechanism.velocity_scale
+    row: Array = coordinate_row(mechanism, coordinate, q) * size / size[coordinate.v]
+    return row

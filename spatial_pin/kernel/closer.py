@@ -1,0 +1,113 @@
+"""Closing loops in the kernel, see `closing.c`."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.kernel.kernel import Kernel, address, check
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.workspaces import lent
+from spatial_pin.numerics.linalg import Array
+
+AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
+EQUATIONS = {1: 2, 3: 3}  # of directions that say so
+
+
+class Closer:
+    """Closes the loops of a mechanism with some coordinates pinned; one caller at a time.
+
+    Args:
+        mechanism: the mechanism.
+        pinned: names of components of balls and floating joints.
+    """
+
+    def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
+        self._kernel = kernel = Kernel(mechanism)  # whose memory holds this one's
+        self._library = kernel.library
+        rotations = np.array(list(_rotations(mechanism)), np.int64).reshape(-1, 2).T.copy()
+        pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
+        self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
+        pins = pins[self._order]
+        handle = ctypes.c_void_p()
+        check(self._library.closer_create(
+            kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
+            ctypes.byref(handle)))
+        self._handle = handle
+        self._q, self._free = np.empty(kernel.nq), np.empty(kernel.nv, np.int64)
+        self._turns, self._pinned = np.empty(kernel.n_angles), np.empty(len(pins))
+        self._error = np.empty(1)
+        self._at = [address(x) for x in (self._q, self._free, self._pinned, self._turns)]
+        self._error_at = address(self._error)
+
+    def close(
+        self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
+        pinned: Iterable[float], cut: float,
+    ) -> tuple[Array, float]:
+        """Return q (nq,) closed as well as it can be, and its closure error.
+
+        Args:
+            q: where to start.
+            free: (nv,) velocities that may move.
+            turns: (n_angles,) from which the angles of screws count [rad].
+            tolerance: length of the residual from which steps are undamped.
+            iterations: damped steps at most.
+            pinned: values of the pinned coordinates, in the order of their names.
+            cut: size of the equations, by the largest, below which they move nothing.
+        """
+        self._q[:], self._free[:], self._turns[:] = q, free, turns
+        if len(self._order):
+            self._pinned[:] = np.array(list(pinned))[self._order]
+        self._library.closer_close(self._handle, 1, *self._at, tolerance, iterations, cut,
+                                   self._error_at)
+        return self._q.copy(), float(self._error[0])
+
+    def descend(
+        self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
+    ) -> tuple[Array, Array]:
+        """Return configurations q (m, nq) after damped steps, and the lengths of residuals (m,).
+
+        By products alone; the angles of screws count from zero.
+        """
+        q, errors = np.array(q, order="C"), np.empty(len(q))
+        self._free[:] = free
+        self._library.closer_descend(self._handle, len(q), address(q), self._at[1], tolerance,
+                                     iterations, address(errors))
+        return q, errors
+
+
+@contextmanager
+def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> Iterator[Closer]:
+    """Lend what closes the loops of a mechanism with coordinates pinned, as if newly made."""
+    names = tuple(pinned)
+    with lent(mechanism, ("closer", names), lambda: Closer(mechanism, names)) as closer:
+        yield closer
+
+
+def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
+    """Yield the first equation of directions, and how many axes they make agree, of closures."""
+    at = 0
+    for closure in mechanism.closures:
+        if closure.type == COUPLING:
+            continue
+        rows = at + np.flatnonzero([row.w is not None for row in closure.rows])
+        at += closure.n_rows
+        axes = AGREEING.get(closure.pair.aligned, 0)
+        if axes and len(rows) == EQUATIONS[axes]:
+            yield int(rows[0]), axes
+
+
+def _pin(mechanism: Mechanism, name: str) -> tuple[int, int, int, int]:
+    """Return first place in q and v, component, and whether it turns, of a pinned coordinate."""
+    c = mechanism.coordinate_table[name]
+    i = mechanism.joint_id(c.joint)
+    q, v = int(mechanism.model.idx_qs[i]), int(mechanism.model.idx_vs[i])
+    is_free = mechanism.model.nqs[i] == 7
+    if is_free and c.place < 3:
+        return q, v, c.place, 0
+    return q + 3 * is_free, v + 3 * is_free, c.place % 3, 1

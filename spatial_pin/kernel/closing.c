@@ -1,0 +1,451 @@
+/* Closing the loops from a guess, by the least motion.
+ *
+ * Levenberg and Marquardt's method on the configuration manifold, with damping proportional to the
+ * residual: quadratic near a solution even where equations are redundant [YamashitaFukushima2001].
+ * Then undamped steps down to round-off. A step is -Jᵀ (J Jᵀ + damping)⁻¹ r: the shortest that does
+ * what it does (least_motion.c), of many equations by the sparse squares (envelope.c). Where frames are turned far against each other, the logarithms of their rotations
+ * lead first (far_rotations.c).
+ *
+ * Components of balls and floating joints, which no velocity belongs to, can be pinned: after each
+ * step they are given their values, and each has an equation, zero there, that keeps steps from
+ * moving it. */
+#include <float.h>
+#include <string.h>
+
+#include "envelope.h"
+#include "far_rotations.h"
+#include "least_motion.h"
+
+#define NEAR 1e-2      /* residual from which products lead where the logarithms do */
+#define DAMPING 1e-2   /* times the residual, at first */
+#define SOFTER 0.1     /* damping after a good step ... */
+#define SOFTEST 1e-12
+#define HARDER 8.0     /* ... and after a bad one */
+#define HARDEST 1e-6   /* at least, after a bad one */
+#define TRIALS 12      /* of a damping, of which the last is 8^12 times the first */
+#define STALLED 10     /* steps after which ... */
+#define LEFT 0.9       /* ... more than that part of a residual will not vanish */
+#define WORTHWHILE 0.9999 /* part of a residual that a step leaves, at most, to be followed by one */
+#define MAX_STEP 0.5   /* rad, or characteristic lengths, in one step */
+#define POLISHED 30    /* undamped steps at most: near a dead centre each leaves a quarter */
+#define SQUARED (1e2 * DBL_EPSILON) /* of J Jᵀ by its size: redundant equations leave it singular */
+/* Equations up to which steps are worked out without squares, whole: 0.5 ms each. Squares are
+   sparse, and for many loops the only way. */
+#define FEW 100
+
+typedef struct {
+    Int q, v, component, turns; /* first place of its kind, x y or z, whether of the rotation */
+} Pin;
+
+typedef struct {
+    Kernel *k;
+    Rotations rotations;
+    Int n_pins;
+    const Pin *pin;
+    Int n;                       /* equations, pinned coordinates behind the loops' */
+    Int *start, *column;         /* pattern of their derivatives */
+    Real *value, *residual, *multiplier;
+    Envelope square;
+    LeastMotion whole;           /* of few equations */
+    Real *dense, *few;           /* (n, nv), (nv) of free velocities */
+    Int *place;                  /* (nv) of each velocity among the free ones */
+    Real *q, *trial, *step;
+    /* ---- of the call ---- */
+    const Int *free;     /* (nv) velocities that may move */
+    const Real *wanted;  /* values of pinned coordinates */
+    Real cut;            /* size of equations, by the largest, that move nothing */
+    int squares;         /* whether steps are worked out by squares */
+} Closer;
+
+/* How a descent ends, and what leads it. */
+typedef struct {
+    Real tolerance;
+    Int iterations;
+    int far;     /* the logarithms of rotations lead */
+    int counts;  /* angles of screws count turns from step to step */
+} Descent;
+
+/* ---------------------------------------------------------------- pinned coordinates */
+
+/* Rotation vector, of length up to pi, of a quaternion x, y, z, w. */
+static void rotation_vector(const Real *quaternion, Real *phi)
+{
+    const Real w = quaternion[3], sine = sqrt(dot3(quaternion, quaternion));
+    const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(w)) / sine : 2.0;
+    for (int i = 0; i < 3; i++)
+        phi[i] = (w < 0.0 ? -factor : factor) * quaternion[i];
+}
+
+static void quaternion_of(const Real *phi, Real *quaternion)
+{
+    const Real angle = sqrt(dot3(phi, phi));
+    const Real factor = angle > 0.0 ? sin(0.5 * angle) / angle : 0.5;
+    for (int i = 0; i < 3; i++)
+        quaternion[i] = factor * phi[i];
+    quaternion[3] = cos(0.5 * angle);
+}
+
+/* Give pinned coordinates their values: those of one rotation vector together. */
+static void put_pinned(const Closer *c, Real *q)
+{
+    for (Int i = 0; i < c->n_pins; i++) {
+        const Pin *pin = c->pin + i;
+        if (!pin->turns) {
+            q[pin->q + pin->component] = c->wanted[i];
+            continue;
+        }
+        Real phi[3];
+        rotation_vector(q + pin->q, phi);
+        for (;; i++) {
+            phi[c->pin[i].component] = c->wanted[i];
+            if (i + 1 == c->n_pins || c->pin[i + 1].q != pin->q)
+                break;
+        }
+        quaternion_of(phi, q + pin->q);
+    }
+}
+
+/* Derivative of a component of a rotation vector with respect to the angular velocity in the axes
+   of what turns: a row of I + [phi]/2 + (1 - (t/2) cot(t/2)) / t^2 [phi]^2, t its length. */
+static void rotation_row(const Real *q, Int component, Real *row)
+{
+    Real phi[3], axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
+    rotation_vector(q, phi);
+    const Real square = dot3(phi, phi), half = 0.5 * sqrt(square);
+    const Real factor = square > 1e-6 ? (1.0 - half / tan(half)) / square : 1.0 / 12.0;
+    axis[component] = 1.0;
+    cross3(axis, phi, once);
+    cross3(once, phi, twice);
+    for (int i = 0; i < 3; i++)
+        row[i] = axis[i] + 0.5 * once[i] + factor * twice[i];
+}
+
+/* Derivative of a component of a position with respect to the velocity in the axes of what moves:
+   a row of the rotation matrix of the quaternion behind it. */
+static void position_row(const Real *q, Int component, Real *row)
+{
+    const Real *u = q + 3, w = q[6];
+    Real axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
+    axis[component] = 1.0;
+    cross3(axis, u, once); /* turned back by the quaternion: a + 2 w a x u + 2 (a x u) x u */
+    cross3(once, u, twice);
+    for (int i = 0; i < 3; i++)
+        row[i] = axis[i] + 2.0 * w * once[i] + 2.0 * twice[i];
+}
+
+static void put_pinned_rows(Closer *c)
+{
+    Real *row = c->value + c->k->entry_start[c->k->n_closure];
+    for (Int i = 0; i < c->n_pins; i++, row += 3) {
+        const Pin *pin = c->pin + i;
+        const Real *scale = c->k->scale + pin->v;
+        (pin->turns ? rotation_row : position_row)(c->q + pin->q, pin->component, row);
+        for (int x = 0; x < 3; x++)
+            row[x] *= scale[x] / scale[pin->component];
+    }
+}
+
+/* ---------------------------------------------------------------- steps */
+
+static Real length(const Real *x, Int n)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < n; i++)
+        sum += x[i] * x[i];
+    return sqrt(sum);
+}
+
+/* Evaluate the equations at q; returns the length of the residual. */
+static Real residual_at(Closer *c, const Real *q, int far)
+{
+    equations_values(c->k, q);
+    if (far)
+        rotations_put_values(c->k, &c->rotations);
+    return length(c->k->residual, c->k->n_closure);
+}
+
+/* The derivatives with respect to free velocities as a matrix; returns the number of these. What
+   is held takes no part: it is to stand to the last bit. */
+static Int fill_dense(Closer *c)
+{
+    Int m = 0;
+    for (Int v = 0; v < c->k->nv; v++)
+        c->place[v] = c->free[v] ? m++ : -1;
+    memset(c->dense, 0, (size_t)(c->n * m) * sizeof(Real));
+    for (Int r = 0; r < c->n; r++)
+        for (Int i = c->start[r]; i < c->start[r + 1]; i++)
+            if (c->place[c->column[i]] >= 0)
+                c->dense[r * m + c->place[c->column[i]]] = c->value[i];
+    return m;
+}
+
+/* Linearise the equations where they were evaluated last, at c->q. */
+static void linearise(Closer *c, int far)
+{
+    const Kernel *k = c->k;
+    equations_jacobian(c->k);
+    if (far)
+        rotations_put_entries(c->k, &c->rotations);
+    memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
+    memcpy(c->value, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
+    put_pinned_rows(c);
+    for (Int i = 0; i < c->start[c->n]; i++)
+        c->value[i] = c->free[c->column[i]] ? c->value[i] : 0.0;
+    if (c->squares) {
+        envelope_square(&c->square, c->value);
+        return;
+    }
+    const Int m = fill_dense(c);
+    least_motion_factor(&c->whole, c->dense, m, c->cut);
+}
+
+/* The step -Jᵀ (J Jᵀ + damping)⁻¹ r by the sparse squares; 0 where there is none. */
+static int step_by_squares(Closer *c, Real damping)
+{
+    const Real part = c->cut * c->cut > SQUARED ? c->cut * c->cut : SQUARED;
+    const Real least = part * c->square.largest;
+    if (!envelope_factor(&c->square, damping > least ? damping : least))
+        return 0;
+    envelope_solve(&c->square, c->residual, c->multiplier);
+    memset(c->step, 0, (size_t)c->k->nv * sizeof(Real));
+    for (Int r = 0; r < c->n; r++)
+        for (Int i = c->start[r]; i < c->start[r + 1]; i++)
+            c->step[c->column[i]] -= c->value[i] * c->multiplier[r];
+    return 1;
+}
+
+/* The same of few equations, and those that hang on others, to the last digits. */
+static int step_of_few(Closer *c, Real damping)
+{
+    least_motion_solve(&c->whole, damping, c->residual, c->few);
+    for (Int v = 0; v < c->k->nv; v++)
+        c->step[v] = c->place[v] >= 0 ? c->few[c->place[v]] : 0.0;
+    return 1;
+}
+
+/* Put the configuration a step away into c->trial; 0 where there is no such step. */
+static int try_step(Closer *c, Real damping, Real longest)
+{
+    const Int nv = c->k->nv;
+    if (!(c->squares ? step_by_squares : step_of_few)(c, damping))
+        return 0;
+    Real size = 0.0;
+    for (Int v = 0; v < nv; v++)
+        size = fabs(c->step[v]) > size ? fabs(c->step[v]) : size;
+    const Real part = size > longest ? longest / size : 1.0;
+    for (Int v = 0; v < nv; v++)
+        c->step[v] *= part * c->k->scale[v];
+    memcpy(c->trial, c->q, (size_t)c->k->nq * sizeof(Real));
+    tree_integrate(c->k, c->trial, c->step);
+    put_pinned(c, c->trial);
+    return 1;
+}
+
+static void accept(Closer *c)
+{
+    Real *q = c->q;
+    c->q = c->trial;
+    c->trial = q;
+}
+
+/* Take the longest step, of some, that makes the residual shorter. Whether a next one is worth it. */
+static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
+{
+    for (int trial = 0; trial < TRIALS; trial++) {
+        if (try_step(c, *damping * *error, MAX_STEP)) {
+            const Real there = residual_at(c, c->trial, d->far);
+            if (there < *error) {
+                const int worthwhile = there < WORTHWHILE * *error;
+                accept(c);
+                if (d->counts)
+                    memcpy(c->k->turns, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
+                *error = there;
+                *damping = *damping * SOFTER > SOFTEST ? *damping * SOFTER : SOFTEST;
+                return worthwhile;
+            }
+        }
+        *damping = *damping * HARDER > HARDEST ? *damping * HARDER : HARDEST;
+    }
+    return 0;
+}
+
+/* Damped steps from c->q until the residual is as short as asked for, or no step helps. */
+static Real descend(Closer *c, const Descent *d)
+{
+    Real damping = DAMPING, error = residual_at(c, c->q, d->far), marked = INFINITY;
+    for (Int i = 0; i < d->iterations && error > d->tolerance; i++) {
+        if (i % STALLED == 0) {
+            if (error > LEFT * marked)
+                break;
+            marked = error;
+        }
+        linearise(c, d->far);
+        if (!damped_step(c, d, &error, &damping))
+            break;
+    }
+    return error;
+}
+
+/* Undamped steps while they make the closure error smaller; returns it. */
+static Real polish(Closer *c)
+{
+    Kernel *k = c->k;
+    residual_at(c, c->q, 0);
+    Real error = equations_error(k);
+    for (int i = 0; i < POLISHED && error > DBL_EPSILON && k->n_closure; i++) {
+        linearise(c, 0);
+        if (!try_step(c, 0.0, INFINITY))
+            break;
+        residual_at(c, c->trial, 0);
+        const Real there = equations_error(k), before = error;
+        if (there < before) {
+            accept(c);
+            error = there;
+        }
+        if (!(there < 0.5 * before))
+            break;
+    }
+    return error;
+}
+
+static Real close_one(Closer *c, Real tolerance, Int iterations)
+{
+    Descent d = {NEAR, iterations, 1, 0};
+    put_pinned(c, c->q);
+    residual_at(c, c->q, 0);
+    if (rotations_are_far(c->k, &c->rotations))
+        descend(c, &d);
+    d.far = 0;
+    d.tolerance = tolerance;
+    descend(c, &d);
+    return polish(c);
+}
+
+/* ---------------------------------------------------------------- what Python calls */
+
+static int pins_are_sound(const Kernel *k, const Pin *pin, Int n)
+{
+    for (Int i = 0; i < n; i++) {
+        const Pin *p = pin + i;
+        const Int last = p->q + (p->turns ? 4 : 7), width = p->turns ? 3 : 6;
+        if (p->q < 0 || last > k->nq || p->v < 0 || p->v + width > k->nv || p->component < 0 ||
+            p->component > 2)
+            return 0;
+    }
+    return 1;
+}
+
+static int take(Kernel *k, const Int *from, Int n, const Int **to)
+{
+    Int *copy = kernel_memory(k, n, sizeof(Int));
+    if (copy && n)
+        memcpy(copy, from, (size_t)n * sizeof(Int));
+    *to = copy;
+    return copy != NULL;
+}
+
+/* The pattern of all equations: of the loops as in the kernel, of a pinned coordinate three. */
+static int make_pattern(Closer *c)
+{
+    Kernel *k = c->k;
+    const Int closures = k->n_closure, entries = k->entry_start[closures];
+    c->n = closures + c->n_pins;
+    c->start = kernel_memory(k, c->n + 1, sizeof(Int));
+    c->column = kernel_memory(k, entries + 3 * c->n_pins, sizeof(Int));
+    c->value = kernel_memory(k, entries + 3 * c->n_pins, sizeof(Real));
+    if (!c->start || !c->column || !c->value)
+        return NO_MEMORY;
+    memcpy(c->start, k->entry_start, (size_t)(closures + 1) * sizeof(Int));
+    memcpy(c->column, k->entry_v, (size_t)entries * sizeof(Int));
+    for (Int i = 0; i < c->n_pins; i++) {
+        for (int x = 0; x < 3; x++)
+            c->column[entries + 3 * i + x] = c->pin[i].v + x;
+        c->start[closures + i + 1] = entries + 3 * i + 3;
+    }
+    return envelope_create(k, c->n, c->start, c->column, &c->square);
+}
+
+static int make_room(Closer *c)
+{
+    Kernel *k = c->k;
+    c->residual = kernel_memory(k, c->n, sizeof(Real)); /* that of pinned ones stays zero */
+    c->multiplier = kernel_memory(k, c->n, sizeof(Real));
+    c->q = kernel_memory(k, k->nq, sizeof(Real));
+    c->trial = kernel_memory(k, k->nq, sizeof(Real));
+    c->step = kernel_memory(k, k->nv, sizeof(Real));
+    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step)
+        return NO_MEMORY;
+    if (c->n > FEW)
+        return DONE;
+    c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
+    c->few = kernel_memory(k, k->nv, sizeof(Real));
+    c->place = kernel_memory(k, k->nv, sizeof(Int));
+    return c->dense && c->few && c->place ? least_motion_create(k, c->n, k->nv, &c->whole) : NO_MEMORY;
+}
+
+/* Memory to close the loops of a kernel, freed with it.
+
+   rotations: (n_rotations) first equations of closures, then whether 1 or 3 of their axes agree;
+   pins: (n_pins, 4) see Pin, those of one joint side by side. */
+EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
+                         Int n_pins, Closer **out)
+{
+    Closer *c = kernel_memory(k, 1, sizeof *c);
+    const Int *pin = NULL;
+    *out = NULL;
+    if (!c || n_rotations < 0 || n_pins < 0)
+        return c ? BAD_ARRAYS : NO_MEMORY;
+    c->k = k;
+    c->rotations.n = n_rotations;
+    c->n_pins = n_pins;
+    if (!take(k, rotations, n_rotations, &c->rotations.first) ||
+        !take(k, rotations + n_rotations, n_rotations, &c->rotations.axes) ||
+        !take(k, pins, 4 * n_pins, &pin))
+        return NO_MEMORY;
+    c->pin = (const Pin *)pin;
+    if (!rotations_are_sound(k, &c->rotations) || !pins_are_sound(k, c->pin, n_pins))
+        return BAD_ARRAYS;
+    const int code = make_pattern(c);
+    if (code == DONE && make_room(c) == DONE)
+        *out = c;
+    return *out ? DONE : NO_MEMORY;
+}
+
+/* Close the loops from configurations q (m, nq), one after the other.
+
+   free: (nv) the velocities that may move; pinned: values of pinned coordinates; turns: (n_angles)
+   from which the angles of screws count; cut: size of the equations, by the largest, below which
+   they move nothing; error: (m) closure errors. */
+EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *free, const Real *pinned,
+                         const Real *turns, Real tolerance, Int iterations, Real cut, Real *error)
+{
+    const size_t nq = (size_t)c->k->nq;
+    c->free = free;
+    c->wanted = pinned;
+    c->cut = cut;
+    c->squares = c->n > FEW;
+    memcpy(c->k->turns, turns, (size_t)c->k->n_angles * sizeof(Real));
+    for (Int i = 0; i < m; i++) {
+        memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
+        error[i] = close_one(c, tolerance, iterations);
+        memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
+    }
+}
+
+/* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of
+   screws counting from zero; error: (m) these lengths. */
+EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tolerance,
+                           Int iterations, Real *error)
+{
+    const size_t nq = (size_t)c->k->nq;
+    const Descent d = {tolerance, iterations, 0, 1};
+    c->free = free;
+    c->cut = 0.0;
+    c->squares = 1; /* which leave enough digits for a start */
+    for (Int i = 0; i < m; i++) {
+        memset(c->k->turns, 0, (size_t)c->k->n_angles * sizeof(Real));
+        memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
+        error[i] = descend(c, &d);
+        memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
+    }
+}

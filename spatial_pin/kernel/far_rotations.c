@@ -1,0 +1,137 @@
+/* Products of directions x1 . y2 ... of a closure vanish where its axes are opposite, too, and grow
+ * no more beyond a right angle: far from closure they lead to mirror images. There the rotation
+ * vector phi that takes the axes of frame 1 to those of frame 2 stands in their place: of three
+ * axes the logarithm of the relative rotation, of one axis the shortest turn. Near closure both are
+ * the same to first order:
+ *
+ *     x1 . y2 = -phi_z    y1 . z2 = -phi_x    z1 . x2 = -phi_y    (three axes)
+ *     x1 . z2 =  phi_y    y1 . z2 = -phi_x                        (one axis, z)
+ *
+ * The relative angular velocity stands in the place of the derivative of phi. For |phi|^2 / 2 that
+ * gives the exact gradient at any angle, half a turn included, where the derivative of phi itself
+ * has no bound. */
+#include "far_rotations.h"
+
+#define FAR 0.1        /* rad; the products of smaller angles differ from them in the third digit */
+#define OPPOSITE 1e-8  /* sine of the angle of opposite axes, between which no turn is shortest */
+#define NEARLY_HALF 1e-2 /* rad short of half a turn, from where the axis is told by the squares */
+
+static Int n_rows(Int axes) { return axes == 3 ? 3 : 2; }
+
+static Int product_of(const Kernel *k, Int equation) { return k->equation_int[4 * equation]; }
+
+int rotations_are_sound(const Kernel *k, const Rotations *rotations)
+{
+    for (Int i = 0; i < rotations->n; i++) {
+        const Int axes = rotations->axes[i], first = rotations->first[i];
+        if ((axes != 1 && axes != 3) || first < 0 || first + n_rows(axes) > k->n_closure)
+            return 0;
+        for (Int e = first; e < first + n_rows(axes); e++) {
+            const Int p = product_of(k, e), entries = k->entry_start[e + 1] - k->entry_start[e];
+            if (k->equation_kind[e] != PRODUCT ||
+                k->support_start[p + 1] - k->support_start[p] != entries)
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* The rotation vector of R, given by its columns' rows r[3 * i + j], as Pinocchio's log3. */
+static void logarithm(const Real *r, Real *phi)
+{
+    const Real trace = r[0] + r[4] + r[8];
+    const Real angle = trace >= 3.0 ? 0.0 : trace <= -1.0 ? PI : acos(0.5 * (trace - 1.0));
+    const Real sines[3] = {r[7] - r[5], r[2] - r[6], r[3] - r[1]};
+    if (angle >= PI - NEARLY_HALF) {
+        const Real cosine = -0.5 * (trace - 1.0);
+        for (int i = 0; i < 3; i++) {
+            const Real square = (r[4 * i] + cosine) * angle * angle / (1.0 + cosine);
+            phi[i] = (sines[i] > 0.0 ? 1.0 : -1.0) * (square > 0.0 ? sqrt(square) : 0.0);
+        }
+        return;
+    }
+    const Real factor = 0.5 * (angle > 1e-8 ? angle / sin(angle) : 1.0);
+    for (int i = 0; i < 3; i++)
+        phi[i] = factor * sines[i];
+}
+
+/* The rotation vector of the shortest turn that takes the z axis to `z`. */
+static void shortest_turn(const Real *z, Real *phi)
+{
+    const Real sine = hypot(z[0], z[1]), angle = atan2(sine, z[2]);
+    phi[2] = 0.0;
+    if (sine > OPPOSITE) {
+        phi[0] = -z[1] * (angle / sine);
+        phi[1] = z[0] * (angle / sine);
+        return;
+    }
+    phi[0] = z[2] < 0.0 ? angle : -z[1];
+    phi[1] = z[2] > 0.0 ? z[0] : 0.0;
+}
+
+/* The rotation vector of a closure, in the axes of frame 1. */
+static void rotation_vector(const Kernel *k, Int first, Int axes, Real *phi)
+{
+    const Real *one[3], *two[3];
+    for (Int i = 0; i < n_rows(axes); i++) {
+        one[i] = k->B + 3 * product_of(k, first + i);
+        two[(i + 1) % 3] = k->A + 3 * product_of(k, first + i);
+    }
+    if (axes == 3) {
+        Real relative[9];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                relative[3 * i + j] = dot3(one[i], two[j]);
+        logarithm(relative, phi);
+        return;
+    }
+    Real z1[3], z[3];
+    cross3(one[0], one[1], z1);
+    z[0] = dot3(one[0], two[1]);
+    z[1] = dot3(one[1], two[1]);
+    z[2] = dot3(z1, two[1]);
+    shortest_turn(z, phi);
+}
+
+int rotations_are_far(const Kernel *k, const Rotations *rotations)
+{
+    for (Int i = 0; i < rotations->n; i++) {
+        Real phi[3];
+        rotation_vector(k, rotations->first[i], rotations->axes[i], phi);
+        if (dot3(phi, phi) > FAR * FAR)
+            return 1;
+    }
+    return 0;
+}
+
+/* The component of phi that stands for an equation is sign * phi[axis], see above. */
+static int axis_of(Int axes, Int i) { return axes == 3 ? (int)((i + 2) % 3) : (int)(1 - i); }
+
+static Real sign_of(Int axes, Int i) { return axes == 1 && i == 0 ? 1.0 : -1.0; }
+
+void rotations_put_values(Kernel *k, const Rotations *rotations)
+{
+    for (Int i = 0; i < rotations->n; i++) {
+        const Int axes = rotations->axes[i], first = rotations->first[i];
+        Real phi[3];
+        rotation_vector(k, first, axes, phi);
+        for (Int r = 0; r < n_rows(axes); r++)
+            k->residual[first + r] = sign_of(axes, r) * phi[axis_of(axes, r)];
+    }
+}
+
+void rotations_put_entries(Kernel *k, const Rotations *rotations)
+{
+    for (Int i = 0; i < rotations->n; i++) {
+        const Int axes = rotations->axes[i], first = rotations->first[i];
+        for (Int r = 0; r < n_rows(axes); r++) {
+            /* the B of equation x1, y1, z1 is that axis of frame 1 */
+            const Real *axis = k->B + 3 * product_of(k, first + axis_of(axes, r));
+            const Int p = product_of(k, first + r), to = k->entry_start[first + r];
+            for (Int s = k->support_start[p]; s < k->support_start[p + 1]; s++)
+                k->entry[to + s - k->support_start[p]] =
+                    sign_of(axes, r) * k->support_sign[s] *
+                    dot3(axis, k->angular + 3 * k->support_v[s]);
+        }
+    }
+}

@@ -1,0 +1,159 @@
+/* A complete orthogonal decomposition [GolubVanLoan2013, 5.5]: Jᵀ P = Q R with the longest column left
+ * first, cut where the pivots end; then of [Rᵀ; sqrt(damping)], which has full rank. Steps leave
+ * alone what no equation moves, and equations that follow from others change nothing: to the last
+ * digits, where a factor of J Jᵀ + damping knows both by their squares only. */
+#include <string.h>
+
+#include "least_motion.h"
+
+#define ROUND_OFF 1e-13 /* a pivot that is none: equations are of order one */
+
+static Int smaller(Int a, Int b) { return a < b ? a : b; }
+
+int least_motion_create(Kernel *k, Int n, Int most, LeastMotion *e)
+{
+    const Int r = smaller(n, most);
+    e->n = n, e->m = most, e->rank = 0;
+    e->pivot = kernel_memory(k, n, sizeof(Int));
+    e->vectors = kernel_memory(k, n * most, sizeof(Real));
+    e->factor = kernel_memory(k, 2 * r, sizeof(Real));
+    e->R = kernel_memory(k, r * n, sizeof(Real));
+    e->tall = kernel_memory(k, r * (n + r), sizeof(Real));
+    e->right = kernel_memory(k, n + most, sizeof(Real));
+    e->left = kernel_memory(k, n, sizeof(Real));
+    return e->pivot && e->vectors && e->factor && e->R && e->tall && e->right && e->left
+               ? DONE
+               : NO_MEMORY;
+}
+
+static Real dot(const Real *a, const Real *b, Int n)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+/* Turn x (n) into the Householder vector that takes it to (head, 0 ...); its factor is left. */
+static Real reflect(Real *x, Int n, Real *factor)
+{
+    const Real length = sqrt(dot(x, x, n)), head = x[0] > 0.0 ? -length : length;
+    *factor = 0.0;
+    if (!(length > 0.0))
+        return 0.0;
+    x[0] -= head;
+    *factor = -1.0 / (head * x[0]);
+    return head;
+}
+
+static void apply(const Real *vector, Real factor, Real *x, Int n)
+{
+    const Real part = factor * dot(vector, x, n);
+    for (Int i = 0; i < n; i++)
+        x[i] -= part * vector[i];
+}
+
+/* The column that is longest below row `step`; lengths are summed anew: columns are short. */
+static Int longest(LeastMotion *e, Int step)
+{
+    Int best = step;
+    for (Int j = step; j < e->n; j++) {
+        const Real *column = e->vectors + j * e->m + step;
+        e->left[j] = dot(column, column, e->m - step);
+        if (e->left[j] > e->left[best])
+            best = j;
+    }
+    return best;
+}
+
+static void exchange(LeastMotion *e, Int i, Int j)
+{
+    const Int pivot = e->pivot[i];
+    e->pivot[i] = e->pivot[j];
+    e->pivot[j] = pivot;
+    for (Int v = 0; v < e->m && i != j; v++) {
+        const Real x = e->vectors[i * e->m + v];
+        e->vectors[i * e->m + v] = e->vectors[j * e->m + v];
+        e->vectors[j * e->m + v] = x;
+    }
+}
+
+/* Householder vectors of the columns in the order of pivots, down to those that are none. */
+static void decompose(LeastMotion *e, const Real *J, Real cut)
+{
+    const Int n = e->n, m = e->m;
+    Real least = ROUND_OFF;
+    memcpy(e->vectors, J, (size_t)(n * m) * sizeof(Real));
+    for (Int i = 0; i < n; i++)
+        e->pivot[i] = i;
+    e->rank = 0;
+    for (Int step = 0; step < smaller(n, m); step++) {
+        exchange(e, step, longest(e, step));
+        Real *own = e->vectors + step * m;
+        const Real head = reflect(own + step, m - step, e->factor + step);
+        if (step == 0 && cut * fabs(head) > least)
+            least = cut * fabs(head);
+        if (!(fabs(head) > least))
+            return;
+        for (Int j = step + 1; j < n; j++)
+            apply(own + step, e->factor[step], e->vectors + j * m + step, m - step);
+        e->R[step * n + step] = head;
+        e->rank = step + 1;
+    }
+}
+
+/* The rows of R: its diagonal is there, the rest stands above the vectors of the columns. */
+static void gather(LeastMotion *e)
+{
+    for (Int s = 0; s < e->rank; s++)
+        for (Int j = 0; j < e->n; j++)
+            if (j != s)
+                e->R[s * e->n + j] = j < s ? 0.0 : e->vectors[j * e->m + s];
+}
+
+void least_motion_factor(LeastMotion *e, const Real *J, Int m, Real cut)
+{
+    e->m = m;
+    decompose(e, J, cut);
+    gather(e);
+}
+
+/* z that minimises |Rᵀ z + b|^2 + damping |z|^2, b in the order of pivots: Householder's method on
+   columns (row of R, then sqrt(damping) at their own place). */
+static void solve_tall(LeastMotion *e, Real damping, const Real *residual, Real *z)
+{
+    const Int n = e->n, r = e->rank, rows = n + r;
+    Real *right = e->right, *factor = e->factor + smaller(n, e->m);
+    for (Int i = 0; i < n; i++)
+        right[i] = -residual[e->pivot[i]];
+    memset(right + n, 0, (size_t)r * sizeof(Real));
+    for (Int c = 0; c < r; c++) {
+        Real *column = e->tall + c * rows;
+        memcpy(column, e->R + c * n, (size_t)n * sizeof(Real));
+        memset(column + n, 0, (size_t)r * sizeof(Real));
+        column[n + c] = sqrt(damping);
+    }
+    for (Int c = 0; c < r; c++) {
+        Real *own = e->tall + c * rows + c;
+        const Int height = n + (damping > 0.0 ? c + 1 : 0) - c; /* below it all are zero */
+        const Real head = reflect(own, height, factor + c);
+        for (Int j = c + 1; j < r; j++)
+            apply(own, factor[c], e->tall + j * rows + c, height);
+        apply(own, factor[c], right + c, height);
+        z[c] = head;
+    }
+    for (Int c = r - 1; c >= 0; c--) {
+        Real sum = right[c];
+        for (Int j = c + 1; j < r; j++)
+            sum -= e->tall[j * rows + c] * z[j];
+        z[c] = sum / z[c];
+    }
+}
+
+void least_motion_solve(LeastMotion *e, Real damping, const Real *residual, Real *x)
+{
+    memset(x, 0, (size_t)e->m * sizeof(Real));
+    solve_tall(e, damping, residual, x);
+    for (Int step = e->rank - 1; step >= 0; step--)
+        apply(e->vectors + step * e->m + step, e->factor[step], x + step, e->m - step);
+}

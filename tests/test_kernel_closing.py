@@ -1,0 +1,112 @@
+"""Closing in the kernel: steps against singular values, closed configurations, what is held."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from mechanisms import KNOWN
+
+import spatial_pin as sp
+from spatial_pin.assembly.close import close, pinned_rows
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.kernel.closer import Closer
+from spatial_pin.numerics.linalg import decompose
+
+LIBRARY = sp.list_mechanisms()
+MOVED = 0.02  # rad, characteristic lengths, from a closed configuration
+FAR_DAMPING = 1e-2  # times the residual: the first step's
+
+
+def _near(mechanism: sp.Mechanism, seed: int, size: float) -> np.ndarray:
+    """Return a configuration (nq,) beside the assembled one."""
+    q = sp.assemble(mechanism).q
+    step = np.random.default_rng(seed).uniform(-size, size, mechanism.model.nv)
+    return pin.integrate(mechanism.model, q, mechanism.velocity_scale * step)
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_first_step_is_that_of_singular_values(name: str) -> None:
+    mechanism = sp.load(name)
+    q, free = _near(mechanism, 1, MOVED), np.ones(mechanism.model.nv, dtype=bool)
+    free[::3] = False
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.update(q)
+    rows, residual = pinned_rows(evaluation, free, {})
+    svd = decompose(rows)
+    length = float(np.linalg.norm(residual))
+    s, r = svd.s[: svd.rank], svd.rank
+    step = np.zeros(len(free))
+    step[free] = -svd.vt[:r].T @ (s * (svd.u[:, :r].T @ residual) / (s * s + FAR_DAMPING * length))
+    expected = pin.integrate(mechanism.model, q, mechanism.velocity_scale * step)
+    closer = Closer(mechanism)
+    found, left = closer.descend(q[None], free, 0.0, 1)
+    evaluation.update(expected)
+    assert left[0] <= length
+    if float(np.linalg.norm(evaluation.residual)) < length:  # else it is damped more
+        assert np.abs(found[0] - expected).max() <= 1e-11
+        assert left[0] == pytest.approx(float(np.linalg.norm(evaluation.residual)), abs=1e-13)
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_loops_are_closed_by_little_motion_and_what_is_held_stands(name: str) -> None:
+    mechanism = sp.load(name)
+    q, free = _near(mechanism, 2, MOVED), np.ones(mechanism.model.nv, dtype=bool)
+    held = [mechanism.coordinate(d) for d in mechanism.drivers][:1]
+    free[[c.v for c in held]] = False
+    evaluation = Evaluation(constraints_of(mechanism))
+    found, error = close(evaluation, q, free, 1e-13)
+    assert error <= 1e-14
+    moved = pin.difference(mechanism.model, q, found) / mechanism.velocity_scale
+    assert np.abs(moved).max(initial=0.0) <= 20.0 * MOVED
+    assert all(found[c.q] == q[c.q] for c in held)
+    assert not np.abs(moved[~free]).any()
+
+
+@pytest.mark.parametrize("case", KNOWN)
+def test_cases_close_to_the_branch_they_are_moved_from(case: str, tmp_path: Path) -> None:
+    known = KNOWN[case]
+    mechanism = known.build(tmp_path)
+    state = sp.assemble(mechanism, {known.driver: float(known.values[len(known.values) // 2]),
+                                    **known.hold})
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[[mechanism.coordinate(n).v for n in (known.driver, *known.hold)]] = False
+    step = np.random.default_rng(3).uniform(-1e-4, 1e-4, mechanism.model.nv) * free
+    start = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.turns[:] = state.angles
+    found, error = close(evaluation, start, free, 1e-13)
+    assert error <= 1e-14
+    apart = pin.difference(mechanism.model, state.q, found) / mechanism.velocity_scale
+    assert np.abs(apart).max() <= 1e-2
+
+
+def test_answer_does_not_depend_on_what_was_closed_before() -> None:
+    mechanism = sp.load("rssr")
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    q = _near(mechanism, 4, 0.3)
+    fresh = Closer(mechanism).close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+    used = Closer(mechanism)
+    for seed in range(3):
+        used.close(_near(mechanism, seed, 1.0), free, np.empty(0), 1e-13, 60, (), 1e-10)
+    again = used.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+    assert np.array_equal(fresh[0], again[0])
+    assert fresh[1] == again[1]
+
+
+def test_many_loops_close_as_few_do() -> None:
+    """Sparse squares, which many equations are closed by, and orthogonal factors lead alike."""
+    mechanism = sp.load("stewart")
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[[mechanism.coordinate(d).v for d in mechanism.drivers]] = False
+    q = _near(mechanism, 5, MOVED)
+    closer = Closer(mechanism)
+    few, error = closer.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+    q[[mechanism.coordinate(d).q for d in mechanism.drivers]] = few[
+        [mechanism.coordinate(d).q for d in mechanism.drivers]]
+    many, left = closer.descend(q[None], free, 1e-13, 60)
+    assert error <= 1e-15
+    assert left[0] <= 1e-13
+    assert np.abs(many[0] - few).max() <= 1e-11
