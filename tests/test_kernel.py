@@ -1,5 +1,7 @@
-"""The compiled kernel against Pinocchio and NumPy: the same numbers to round-off, whatever was asked
-before and by however many at once; and arrays that nobody packed, which it refuses."""
+"""The compiled kernel: Pinocchio's and NumPy's numbers to round-off, whatever was asked before.
+
+Arrays that nobody packed it refuses.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,7 @@ def everything(folder: Path, seed: int, size: float = 1.0) -> sp.Mechanism:
     rng = np.random.default_rng(seed)
     tree = toml = ""
     bodies = ["ground"]
-    for k, kind in enumerate(rng.permutation(JOINTS + ["revolute", "prismatic"])):
+    for k, kind in enumerate(rng.permutation([*JOINTS, "revolute", "prismatic"])):
         place = pose(rng)
         tree += floating(f"to_{k}", str(rng.choice(bodies[-4:])), f"body_{k}",
                          size * place["xyz"], place["rpy"])
@@ -235,6 +237,102 @@ def test_a_system_without_solution_is_singular(tmp_path):
                         address(fill), len(fill)) == 0
     code = c.kernel_solve(kernel.handle, address(q), address(turns), address(x))
     assert CODES[code] == "a singular system"
+
+
+# ---------------------------------------------------------------- arrays of nobody
+
+
+HEAD = 10  # counts that begin the integers, see `read_structure` in model.c
+WILD = np.array([0, 1, -1, 2, 3, 4, 5, 6, 7, 100, -100, 10**5, 10**8, 10**8 + 1, 2**31, 2**32,
+                 2**62, 2**63 - 1, -(2**63)])
+ODD = np.array([0.0, -0.0, 1.0, -1.0, 1e308, -1e308, 1e-308, 5e-324, np.nan, np.inf, -np.inf, 1e20])
+
+
+def made_of(ints: np.ndarray, reals: np.ndarray) -> tuple[str, ctypes.c_void_p]:
+    """What the kernel says of arrays, and the kernel if it takes them."""
+    # copies of their own: a sanitizer then notices a single entry read beyond the end
+    ints, reals, handle = ints.astype(np.int64), reals.astype(float), ctypes.c_void_p()
+    code = library().kernel_create(address(ints), len(ints), address(reals), len(reals),
+                                   ctypes.byref(handle))
+    assert (code == 0) == bool(handle)
+    return CODES[code], handle
+
+
+def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> set[str]:
+    """Ask everything of a kernel of arrays, at any configuration; how that ended."""
+    c = library()
+    n, nq, nv, _, _, n_closure, n_idle, n_angles = (int(x) for x in ints[:8])
+    q, v, turns = rng.normal(size=nq), rng.normal(size=nv), rng.normal(size=n_angles)
+    if rng.random() < 0.3 and nq:
+        q[rng.integers(nq)] = rng.choice(ODD)
+    sizes = (9 * n, 3 * n, n_closure, n_angles, (n_closure + n_idle) * nv, n_closure + n_idle)
+    out = [np.empty(size) for size in sizes]
+    ends = {c.kernel_evaluate(handle, *map(address, (q, v, turns, *out)))}
+    c.kernel_integrate(handle, address(q), address(v))
+    chosen = rng.integers(-1, n_closure + 1, max(nv - n_idle, 0))
+    chosen, driven = np.split(chosen, [rng.integers(len(chosen) + 1)])
+    driven, fill = np.split(driven, [rng.integers(len(driven) + 1)])
+    if rng.random() < 0.7:
+        chosen, driven = np.unique(np.abs(chosen)), np.unique(np.abs(driven))
+    fill = rng.choice(ODD, (max(nv - n_idle - len(chosen) - len(driven), 0), nv))
+    ends.add(c.system_set(handle, address(chosen), len(chosen), address(driven), len(driven),
+                          address(fill), len(fill)))
+    ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
+    reals = mutated(reals, ODD, rng).astype(float)
+    ends.add(c.kernel_set_numbers(handle, address(reals), len(reals)))
+    ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
+    c.kernel_destroy(handle)
+    return {CODES[end] for end in ends}
+
+
+def mutated(array: np.ndarray, values: np.ndarray, rng) -> np.ndarray:
+    """An array with some entries replaced, or shortened or lengthened."""
+    out = array.copy()
+    for _ in range(rng.integers(1, 4)):
+        out[rng.integers(len(out))] = rng.choice(values)
+    if rng.random() < 0.1:
+        out = out[: rng.integers(len(out) + 1)]
+    elif rng.random() < 0.1:
+        out = np.append(out, rng.choice(values, rng.integers(1, 5)))
+    return out
+
+
+def test_every_integer_is_looked_at(tmp_path):
+    """Whichever is wild, the arrays are refused, or make a kernel that answers."""
+    kernel = Kernel(everything(tmp_path, 6))
+    ints, reals = kernel.packed.ints, kernel.packed.reals
+    rng, ends = np.random.default_rng(1), set()
+    for at in range(len(ints)):
+        for value in [*rng.choice(WILD, 2), ints[at] + 1, ints[at] - 1]:
+            wild = ints.copy()
+            wild[at] = value
+            end, handle = made_of(wild, reals)
+            ends |= {end} | (use(handle, wild, reals, rng) if handle else set())
+    assert ends >= {"done", "arrays that do not fit together", "a singular system"}
+
+
+@pytest.mark.parametrize("build", [mechanisms.rssp, mechanisms.geared_five_bar,
+                                   mechanisms.press_closure, everything])
+def test_damaged_arrays_are_refused_or_answered(tmp_path, build):
+    kernel = Kernel(build(tmp_path, *[1][: build is everything]))
+    ints, reals = kernel.packed.ints, kernel.packed.reals
+    rng, ends = np.random.default_rng(2), set()
+    for _ in range(1500):
+        bad = mutated(ints, np.append(WILD, rng.choice(ints, 20)), rng)
+        numbers = reals if rng.random() < 0.5 else mutated(reals, ODD, rng)
+        for wild in (bad, ints):
+            end, handle = made_of(wild, numbers)
+            ends |= {end} | (use(handle, wild, numbers, rng) if handle else set())
+    assert ends >= {"done", "arrays that do not fit together", "not finite"}
+
+
+def test_arrays_that_end_early_or_late_are_refused(tmp_path):
+    kernel = Kernel(everything(tmp_path, 1))
+    ints, reals = kernel.packed.ints, kernel.packed.reals
+    cuts = [*((ints[:n], reals) for n in range(len(ints))),
+            *((ints, reals[:n]) for n in range(len(reals))),
+            (np.append(ints, 0), reals), (ints, np.append(reals, 0.0))]
+    assert {made_of(*cut)[0] for cut in cuts} == {"arrays that do not fit together"}
 
 
 # ---------------------------------------------------------------- who asks, and after what

@@ -221,14 +221,14 @@ static int equation_is_sound(const Kernel *k, Int i)
         return 0;
     const Int extra = kind == SCREW_ANGLE; /* the cosine's product follows the sine's */
     for (int p = 0; p < TABLE[kind].n_products; p++)
-        if (of[p] < 0 || of[p] + (p ? extra : 0) >= k->n_products || !covers(k, i, of[p]) ||
+        if (!within(of[p], k->n_products - (p ? extra : 0)) || !covers(k, i, of[p]) ||
             (p && extra && !covers(k, i, of[p] + 1)))
             return 0;
     for (int c = 0; c < TABLE[kind].n_coordinates; c++)
-        if (of[2 * c] < 0 || of[2 * c] >= k->nq || of[2 * c + 1] < 0 || of[2 * c + 1] >= k->nv ||
+        if (!within(of[2 * c], k->nq) || !within(of[2 * c + 1], k->nv) ||
             !holds(k, i, of[2 * c + 1]))
             return 0;
-    if (kind == SCREW_ANGLE && (of[2] < 0 || of[2] >= k->n_angles))
+    if (kind == SCREW_ANGLE && !within(of[2], k->n_angles))
         return 0;
     if (kind == PRODUCT || kind == IDLE) { /* their entries are written in the support's order */
         const Int n = k->support_start[of[0] + 1] - k->support_start[of[0]];
@@ -240,6 +240,8 @@ static int equation_is_sound(const Kernel *k, Int i)
 
 int equations_are_sound(const Kernel *k)
 {
+    if (k->n_angles > k->n_closure) /* each is of an equation */
+        return 0;
     for (Int i = 0; i < k->n_equations; i++)
         if (!equation_is_sound(k, i))
             return 0;

@@ -139,6 +139,7 @@ void tree_normalize(const Kernel *k, Real *q);
 /* first and second derivatives of the entries of q at joint rates v and accelerations a */
 void tree_entry_rates(const Kernel *k, const Real *q, const Real *v, const Real *a, Real *first,
                       Real *second);
+static inline int within(Int index, Int n) { return index >= 0 && index < n; }
 static inline int joint_nv(Int kind) { return kind == FREE ? 6 : kind == BALL ? 3 : 1; }
 static inline int joint_nq(Int kind) { return kind == FREE ? 7 : kind == BALL ? 4 : 1; }
 
@@ -170,6 +171,6 @@ void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa,
 int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
                const Real *value);
 int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
-void lu_solve(const SparseLU *lu, const Real *right, Real *x); /* right and x may not be the same */
+void lu_solve(const SparseLU *lu, const Real *right, Real *x); /* right and x may be the same */
 
 #endif

@@ -82,8 +82,6 @@ static int read_structure(Kernel *k, Ints from)
            k->entry_start[ne] == n_entries;
 }
 
-static int within(Int index, Int n) { return index >= 0 && index < n; }
-
 /* Whether every freedom and every entry of q belongs to exactly one joint, parents come first. */
 static int tree_is_sound(Kernel *k)
 {

@@ -11,7 +11,8 @@
 
 #define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
 #define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev1980] */
-#define MULTIPLIER 100.0 /* largest multiplier: 2 digits of growth at most in a step */
+#define GROWN 100.0      /* of a pivot, that an entry of its row may be: 2 digits lost at most in a
+                            step; 1 / NOT_SMALL = 10 when the order was chosen */
 #define SHRUNK 0.03      /* ratio of pivots relative to that when the order was chosen */
 
 /* Column numbers and values of a row (or row numbers of a column) that grows. */
@@ -195,7 +196,7 @@ static int choose(const Search *s, Int *row, Int *entry)
     for (Int count = 1; count <= s->n && seen < SEARCHED; count++)
         for (Int i = s->first[count]; i >= 0 && seen < SEARCHED; i = s->next[i]) {
             look_at_row(s, i, row, entry, &cost, &size);
-            if (*row >= 0 && cost <= (count - 1) * (count - 1) && cost == 0)
+            if (*row >= 0 && cost == 0)
                 return 1;
             seen += *row >= 0;
         }
@@ -437,9 +438,10 @@ int lu_factor(SparseLU *lu, const Real *entry)
         most = fmax(most, size);
         multiply_determinant(lu, size);
         lu->inverse[step] = 1.0 / pivot;
+        for (Int u = first; u < end; u++)
+            largest = fmax(largest, fabs(value[lu->upper_at[u]] * lu->inverse[step]));
         for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
             const Real factor = value[lu->lower_at[l]] *= lu->inverse[step];
-            largest = fmax(largest, fabs(factor));
             for (Int u = first; u < end; u++)
                 value[*target++] -= factor * value[lu->upper_at[u]];
         }
@@ -447,7 +449,7 @@ int lu_factor(SparseLU *lu, const Real *entry)
     lu->ratio = lu->n ? least / most : 1.0;
     if (lu->first_ratio == 0.0)
         lu->first_ratio = lu->ratio;
-    return largest < MULTIPLIER && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
+    return largest < GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
 }
 
 void lu_solve(const SparseLU *lu, const Real *right, Real *x)

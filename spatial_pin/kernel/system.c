@@ -5,8 +5,6 @@
 
 #include "kernel.h"
 
-static int within(Int index, Int n) { return index >= 0 && index < n; }
-
 static int indices_are_sound(const Int *index, Int n, Int below)
 {
     for (Int i = 0; i < n; i++)
@@ -123,9 +121,7 @@ int system_factor(Kernel *k)
 
 void system_solve(const Kernel *k, Real *x)
 {
-    Real *right = k->scratch_v;
-    memcpy(right, x, (size_t)k->nv * sizeof *x);
-    lu_solve(k->lu, right, x);
+    lu_solve(k->lu, x, x);
 }
 
 /* Gram-Schmidt on the rows of the closure equations, the longest one left first: `chosen` becomes
