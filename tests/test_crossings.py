@@ -16,6 +16,8 @@ from scipy.optimize import brentq
 from test_linkages import delta
 
 import spatial_pin as sp
+from spatial_pin.accuracy import models
+from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.view.page.drive import Drive
 
 HELD = [(0.0, 0.0), (-0.1, 0.2), (-0.2, 0.3), (0.3, -0.3)]  # arms 2 and 3 [rad]
@@ -244,6 +246,114 @@ def test_two_parallelograms_thrown_turn_at_a_constant_pace(tmp_path, lead, secon
     rows = [int(np.searchsorted(exact, x)) for x in flat(1.0, 10.0, lead)]
     assert [e.kind for e in motion.events] == ["branch point"] * len(rows)
     assert np.abs(np.array([e.row for e in motion.events]) - rows).max() <= 1
+
+
+# ---------------------------------------------------------------- chains that go flat together
+
+CHAIN = pytest.mark.parametrize("windows", [5, 10, pytest.param(40, marks=pytest.mark.slow)])
+
+
+def upright(mech, angle):
+    """All rods parallel, couplers level."""
+    return {c: angle if c.startswith("pin") else -angle for c in mech.coordinates}
+
+
+def level(first, last):
+    """Where a chain lies flat between two angles of its rods, in order."""
+    places = (np.arange(-12, 12) + 0.5) * np.pi
+    found = places[(places > min(first, last)) & (places < max(first, last))]
+    return found if last > first else found[::-1]
+
+
+def rods(motion):
+    return np.array([motion.coordinate(c).value for c in motion.mechanism.coordinates
+                     if c.startswith("pin")])
+
+
+@CHAIN
+@pytest.mark.parametrize("values", [[0.5, 7.0], np.linspace(-1.0, -8.0, 30),
+                                    np.linspace(0.5, 7.0, 361), [1.4, 1.6, 1.5, 1.65]],
+                         ids=["one step", "few", "many", "to and fro"])
+def test_windows_that_go_flat_together_go_straight_on(windows, values):
+    """As many equations are lost at one place as there are windows: one event, in its place."""
+    mech = models.ladder(windows)
+    motion = sp.sweep(mech, "pin_0", values, guess=upright(mech, values[0]))
+    assert np.abs(rods(motion) - motion.driver).max() < 1e-11
+    expected = [x for k in range(1, len(values)) for x in level(values[k - 1], values[k])]
+    assert {e.kind for e in motion.events} == {"branch point"}
+    np.testing.assert_allclose([e.value for e in motion.events], expected, atol=1e-11)
+
+
+@CHAIN
+@pytest.mark.parametrize("accuracy", ["draft", "engineering"])
+def test_windows_thrown_through_their_flat_positions_meet_each_once(windows, accuracy):
+    mech = models.ladder(windows)
+    start = sp.solve_rates(mech, sp.assemble(mech, {"pin_0": 0.0}), {"pin_0": -5.0})
+    motion = sp.simulate(mech, start, 2.0, accuracy=sp.Accuracy.named(accuracy))
+    angles = rods(motion)
+    assert np.ptp(angles, axis=0).max() < 1e-11
+    assert {e.kind for e in motion.events} == {"branch point"}
+    met = sorted(abs(e.value) for e in motion.events)  # told as the angle of any of the joints
+    np.testing.assert_allclose(met, np.abs(level(0.0, angles[0, -1])), atol=1e-9)
+    assert len(met) > 1
+
+
+@CHAIN
+def test_limits_and_trace_of_windows_that_go_flat_together(windows):
+    """A step of arc length moves every one of the many joints by a small part of it only."""
+    mech = models.ladder(windows)
+    found = sp.limits(mech, "pin_0", upright(mech, 0.3))
+    assert (found.lower.kind, found.upper.kind) == ("branch point",) * 2
+    assert found.lower.value == pytest.approx(-np.pi / 2, abs=1e-9)
+    assert found.upper.value == pytest.approx(np.pi / 2, abs=1e-9)
+    motion = sp.trace(mech, "pin_0", upright(mech, 0.3), step=0.1)
+    assert motion.driver[-1] == pytest.approx(0.3 + TURN, abs=1e-12)
+    assert np.diff(motion.driver)[-1] < 0.1
+    np.testing.assert_allclose([e.value for e in motion.events], level(0.3, 0.3 + TURN), atol=1e-9)
+
+
+def test_the_traced_sarrus_linkage_comes_round():
+    """Five joints and a platform share the arc length: after three steps it had seemed back."""
+    motion = sp.trace(sp.load("sarrus"), "arm", step=0.2)
+    assert motion.driver[-1] - motion.driver[0] == pytest.approx(TURN, abs=1e-12)
+    met = [0.5 * np.pi * k for k in (1, 2, 3, 4)]
+    np.testing.assert_allclose([e.value for e in motion.events], met, atol=1e-8)
+
+
+# ---------------------------------------------------------------- singular places of matrices
+
+SAMPLES = np.linspace(-0.3, 0.5, 12)
+
+
+def matrices(values):
+    """Matrices (k, n, n) that vary smoothly, singular where a value (k, m) is 0."""
+    rng, size = np.random.default_rng(2), values.shape[1] + 4
+    left, right, bent = np.eye(size) + rng.uniform(-0.3, 0.3, (3, size, size)) / size**0.5
+    middle = np.array([np.diag([*row, 1.0, 2.0, 1.5, 0.7]) for row in values])
+    turned = left + 0.2 * np.sin(SAMPLES)[:, None, None] * bent
+    return turned @ middle @ right
+
+
+@pytest.mark.parametrize("fold", [1, 2, 5, 20])
+def test_a_place_where_many_ranks_are_lost_keeps_its_digits(fold):
+    speeds = np.linspace(0.3, 2.0, fold)
+    values = np.sin(SAMPLES - 0.1)[:, None] * speeds
+    assert zeros(SAMPLES, matrices(values)) == pytest.approx([0.1], abs=1e-11)
+
+
+@pytest.mark.parametrize("apart", [0.3, 0.03, 1e-3])
+def test_places_where_ranks_are_lost_are_told_apart(apart):
+    values = np.stack([np.sin(SAMPLES - x) for x in (0.1, 0.1, 0.1 + apart)], axis=1)
+    assert zeros(SAMPLES, matrices(values)) == pytest.approx([0.1, 0.1 + apart], abs=1e-11)
+
+
+def test_a_place_where_a_matrix_only_touches_singularity_is_found():
+    values = np.sin(SAMPLES - 0.1)[:, None] ** 2
+    assert zeros(SAMPLES, matrices(values)) == pytest.approx([0.1], abs=1e-6)
+
+
+def test_matrices_that_are_nowhere_singular_have_no_such_place():
+    assert zeros(SAMPLES, matrices(1.0 + SAMPLES[:, None] ** 2)) == []
 
 
 # ---------------------------------------------------------------- parallelograms, all but exactly

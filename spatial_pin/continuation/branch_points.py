@@ -136,11 +136,11 @@ class Strip(NamedTuple):
         off = pin.difference(branch.model, other, branch.q) / branch.scale
         return bool(np.abs(branch.residual).max(initial=0.0) < CLOSED and np.abs(off).max() < KNOWN)
 
-    def determinants(self, branch: Branch, values: Array) -> Array:
-        """Return the determinants of rows and tangent at driver values, up to a factor."""
+    def matrices(self, branch: Branch, values: Array) -> Array:
+        """Return the matrices (k, nv, nv) of rows and tangent at driver values (k,)."""
         curve = Curve(branch.system, ROUND_OFF)
-        return curve.determinants((self.configuration(branch, x), self.t(x) / branch.scale)
-                                  for x in values.tolist())
+        return curve.matrices((self.configuration(branch, x), self.t(x) / branch.scale)
+                              for x in values.tolist())
 
     def configuration(self, branch: Branch, value: float) -> Array:
         """Return the configuration (nq,) at a driver value between the ends."""
@@ -250,6 +250,6 @@ def _joined(branch: Branch, near: _Side, far: _Side) -> Strip | None:
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
     if not all(found.is_told(branch, x, fewer) for x in between[1::3].tolist()):
         return None
-    crossings = zeros(between, found.determinants(branch, between))
+    crossings = zeros(between, found.matrices(branch, between))
     crossings = [x for x in crossings if found.holds(x)]
     return found._replace(crossings=crossings) if crossings else None

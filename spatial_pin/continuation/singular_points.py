@@ -1,12 +1,15 @@
 """Where the rows of a curve lose their rank: told from places before, nothing can be solved there.
 
-The determinant of rows and tangent is a smooth function of the place. It vanishes where branches
-cross, as often as they do, and can be continued to there.
+The matrix of rows and tangent is a smooth function of the place and can be continued to there. It
+is singular where branches cross. Loops of a chain that go flat together lose one rank each at one
+place: there the determinant has a zero of that order, which round-off scatters, but the place is
+an eigenvalue of the matrix function, which keeps its digits [Ruhe1973].
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array
@@ -16,7 +19,11 @@ VIEW = 8e-3, 2e-2  # least and most distance from a crossing that its place is t
 PROBE = 1e-4  # length over which the rows' loss of rank is judged
 APPROACHES = 64  # steps to such a distance
 PLACES = 0.16 * np.arange(6)  # parts of the way to a crossing that its place is told from
-TOGETHER = 1e-4  # part of the way over which zeros of a determinant are one: round-off parts them
+TOGETHER = 1e-4  # part of the way over which singular places are one: round-off parts them
+# parts of half the way: the matrices are interpolated to some hundred times machine epsilon
+SETTLED = 1e-13
+BEYOND = 1.0  # part of half the way outside of it that places are continued to
+NEARER = 0.6  # next step by this one, at most: one half where the matrix only touches singularity
 
 
 def through(x: Array, y: Array) -> np.polynomial.Polynomial:
@@ -24,12 +31,58 @@ def through(x: Array, y: Array) -> np.polynomial.Polynomial:
     return np.polynomial.Polynomial.fit(x, y, len(x) - 1)
 
 
-def zeros(x: Array, y: Array) -> list[float]:
-    """Return the real zeros of the polynomial through (x, y), rising, several at a place as one."""
-    span = float(np.ptp(x))
-    roots = through(x, y).roots()
-    real = np.sort(roots[np.abs(roots.imag) < TOGETHER * span].real)
-    groups = np.split(real, np.flatnonzero(np.diff(real) > TOGETHER * span) + 1)
+class _Interpolated:
+    """The polynomial through matrices (k, n, n) at places (k,), with places scaled to [-1, 1]."""
+
+    def __init__(self, places: Array, matrices: Array) -> None:
+        self.shape = matrices.shape[1:]
+        basis = chebyshev.chebvander(places, len(places) - 1)
+        self.values = np.linalg.solve(basis, matrices.reshape(len(places), -1))
+        self.slopes = chebyshev.chebder(self.values)
+
+    def steps(self, place: float) -> Array:
+        """Return the steps, complex, after which the tangent to the matrices is singular."""
+        value, slope = (chebyshev.chebval(place, x).reshape(self.shape)
+                        for x in (self.values, self.slopes))
+        try:
+            inverse = np.linalg.eigvals(np.linalg.solve(value, slope))
+        except np.linalg.LinAlgError:  # singular right there
+            return np.zeros(1)
+        return -1.0 / inverse[inverse != 0.0]
+
+    def singular(self, place: float, reach: float) -> list[float]:
+        """Return the singular places about a place, as far as `reach`.
+
+        By successive linear problems: every step leaves an error of the square of its length. Where
+        the matrix only touches singularity it goes half the way, until round-off has the say.
+        """
+        away = self.steps(place)
+        steps = np.sort_complex(away[np.abs(away) <= reach])
+        if not steps.size:
+            return [place] if reach < TOGETHER else []
+        found = []
+        for group in np.split(steps, np.flatnonzero(np.diff(steps.real) > 0.1 * reach) + 1):
+            step, apart = group.real.mean(), np.ptp(group.real)
+            if np.abs(group.real).max() <= SETTLED:
+                found += [place] if np.abs(group.imag).min() < TOGETHER else []
+            else:
+                within = max(NEARER * np.abs(group).max(), apart)
+                found += self.singular(place + step, min(within, 0.9 * reach))
+        return found
+
+
+def zeros(x: Array, matrices: Array) -> list[float]:
+    """Return the places where the polynomial through matrices (k, n, n) at x (k,) is singular.
+
+    Rising, and several that are as good as one as one.
+    """
+    middle, half = 0.5 * (x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
+    places = (x - middle) / half
+    curve = _Interpolated(places, matrices)
+    gaps = np.concatenate([[BEYOND], np.diff(places), [BEYOND]])
+    found = np.sort([middle + half * place for k, start in enumerate(places.tolist())
+                     for place in curve.singular(start, float(gaps[k : k + 2].max()))])
+    groups = np.split(found, np.flatnonzero(np.diff(found) > 2.0 * TOGETHER * abs(half)) + 1)
     return [float(group.mean()) for group in groups if group.size]
 
 
@@ -80,8 +133,8 @@ def room_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
 def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
     """Return what is met where the rows lose their rank ahead of a point, and the driver value.
 
-    There nothing can be solved: the place is that where the determinant of rows and tangent, a
-    smooth function of the arc length, vanishes if continued from places before it; so are driver
+    There nothing can be solved: the place is that where the matrix of rows and tangent, a smooth
+    function of the arc length, is singular if continued from places before it; so are driver
     value and how fast it still changes. A driver that comes to rest there has reached its limit;
     else branches cross.
     """
@@ -96,8 +149,8 @@ def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
     if len(found) < len(places):
         return None
     tangents = [curve.direction(x, base.t)[0] for x in found]
-    determinants = curve.determinants(zip(found, tangents, strict=True))
-    first = next((x for x in zeros(lengths, determinants) if x > 0.0), None)
+    matrices = curve.matrices(zip(found, tangents, strict=True))
+    first = next((x for x in zeros(lengths, matrices) if x > 0.0), None)
     if first is None:
         return None
     value = float(through(lengths, np.array([x[at] for x in found]))(first))

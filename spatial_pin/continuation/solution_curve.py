@@ -118,15 +118,12 @@ class Curve:
     def _sigma(self, s: Array) -> float:
         return float(s[-1] / np.hypot(s[0], self.system.size)) if s.size else 1.0
 
-    def determinants(self, places: Iterable[tuple[Array, Array]]) -> Array:
-        """Return the determinants of [regular rows; tangent], up to a factor, at (q, t) places.
+    def matrices(self, places: Iterable[tuple[Array, Array]]) -> Array:
+        """Return the matrices (k, nv, nv) of [regular rows; unit tangent] at (q, t) places.
 
-        A smooth function of the place, which vanishes where branches cross.
+        Smooth functions of the place, singular where branches cross.
         """
-        matrices = np.array([np.vstack([self.rows(q), t / np.linalg.norm(t)]) for q, t in places])
-        sign, magnitude = np.linalg.slogdet(matrices)
-        found: Array = sign * np.exp(magnitude - magnitude.max())
-        return found
+        return np.array([np.vstack([self.rows(q), t / np.linalg.norm(t)]) for q, t in places])
 
     def curvature(self, point: CurvePoint) -> Array:
         """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""

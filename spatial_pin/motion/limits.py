@@ -33,6 +33,9 @@ REPEATED = 1e-6  # difference of placements that are the same again
 MOST_TURNS = 100  # turns of a driver that leads elsewhere with every turn
 SAME = 1e-6  # difference of crossings seen from either side that are one [rad or m]
 BESIDE = 0.05  # arc length that a start on a dead centre is moved by
+# Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
+# along the last step as in the first; two and a half, as they do not.
+STEPS_NEAR = 2.5
 
 
 @checked
@@ -155,7 +158,7 @@ def trace(
                 f"{ahead.value:.12g}: {ahead.kind}", motion=motion,
             )
         point = ahead
-        if len(rows.points) > 2 and rows.is_back(point, step):
+        if rows.is_back(point, step):
             rows.add_first_again()
             break
         rows.add(point)
@@ -275,6 +278,7 @@ class _TracedRows:
         self.places: list[Array] = []
         self.events: list[Event] = []
         self.room = np.inf  # arc length ahead to where the closure rows would lose their rank
+        self.near, self.has_left = np.inf, False  # how near to the first place counts as back there
 
     def add(self, point: CurvePoint) -> None:
         """Keep a point, with the second derivative of the curve there."""
@@ -290,12 +294,19 @@ class _TracedRows:
     def is_back(self, point: CurvePoint, step: float) -> bool:
         """Whether all bodies are within a step of where they began, moving the same way.
 
-        But for those that spin freely, whose joints have other axes then.
+        But for those that spin freely, whose joints have other axes then. Where many joints share
+        a step of arc length, bodies move by a small part of it only.
         """
         self.curve.rows(point.q)
-        gap = np.abs(_body_places(self.curve.evaluation, self.bodies) - self.first_place).max()
+        places = _body_places(self.curve.evaluation, self.bodies)
+        gap = float(np.abs(places - self.first_place).max())
+        if len(self.points) == 1:
+            self.near = min(step, STEPS_NEAR * gap)
+        if gap >= self.near:
+            self.has_left = True
         now, first = (x.t[self.own] for x in (point, self.points[0]))
-        return bool(gap < step and now @ first > 0.5 * np.sqrt((now @ now) * (first @ first)))
+        same_way = now @ first > 0.5 * np.sqrt((now @ now) * (first @ first))
+        return bool(self.has_left and gap < self.near and same_way)
 
     def add_first_again(self) -> None:
         """End with the first configuration, angles counted on."""
