@@ -716,3 +716,30 @@ def test_settings_know_the_names_of_what_there_is():
         replace(sp.Accuracy(), formulation="Foo")
     with pytest.raises(ValueError, match="no integrator None; there are DOP853"):
         sp.Accuracy(integrator=None)
+
+
+# ---------------------------------------------------------------- coarse, and overconstrained
+
+LUMP = (1.0, (0.1, 0.02, 0.03), (1e-2, 2e-2, 3e-2))
+
+
+def bennett_with_a_pendulum(folder):
+    """Bennett's linkage, three of whose equations follow from the others, and one link more."""
+    mech = known.bennett(folder)
+    path = folder / f"{mech.name}.urdf"
+    hung = known.turning("hang", "link3", "bob", (0.3, 0.1, 0), axis=(0.3, 0.5, 0.8))
+    tree = path.read_text(encoding="utf-8").replace("</robot>", hung + "</robot>")
+    path.write_text(heavy(tree, link1=LUMP, link2=LUMP, link3=LUMP, bob=LUMP), encoding="utf-8")
+    return sp.load(folder / f"{mech.name}.toml")
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_coarse_steps_do_not_hide_which_equations_depend_on_others(formulation, tmp_path):
+    """Loops open by 1e-8 seem to have more equations; the linkage loses none on its way."""
+    mech = bennett_with_a_pendulum(tmp_path)
+    draft = replace(sp.Accuracy.named("draft"), formulation=formulation)
+    coarse, fine = (sp.simulate(mech, sp.assemble(mech), 8.0, accuracy=accuracy)
+                    for accuracy in (draft, None))
+    assert coarse.closure_error.max() < 1e-12
+    assert coarse.energy_drift < 1e-6
+    assert np.abs(coarse.q - fine.q).max() < 1e-3

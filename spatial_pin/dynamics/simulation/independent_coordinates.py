@@ -18,6 +18,7 @@ import pinocchio as pin
 from spatial_pin.assembly.newton import rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import (
@@ -54,7 +55,8 @@ class Embedding:
         state: a closed configuration.
         independent: velocity entries that are free.
         prescribed: velocity entries that follow laws.
-        tolerance: closure residual to reach [-].
+        tolerance: closure residual to reach [-]; loops with redundant equations are closed to
+            1e-12 at least.
 
     Attributes:
         q: (nq,) present configuration.
@@ -65,7 +67,7 @@ class Embedding:
         self, state: State, independent: Sequence[int], prescribed: Sequence[int],
         tolerance: float,
     ) -> None:
-        self.mechanism, self.tolerance = state.mechanism, max(tolerance, 1e-14)
+        self.mechanism, self._wanted = state.mechanism, max(tolerance, 1e-14)
         self.model = state.mechanism.model
         self.scale = state.mechanism.velocity_scale
         self.evaluation = Evaluation(constraints_of(state.mechanism))
@@ -90,6 +92,8 @@ class Embedding:
         self.evaluation.update(self.q)
         self.rows = independent_rows(self.evaluation.jacobian[: self.n_rows])
         self.whole = len(self.rows) == self.n_rows
+        # open loops hide which equations depend on others, when the next chart is begun
+        self.tolerance = self._wanted if self.whole else min(self._wanted, TIGHT)
         n, r = len(self.scale), len(self.rows)
         if r + len(self.held) != n:
             raise SingularError(

@@ -19,6 +19,7 @@ import pinocchio as pin
 from spatial_pin.assembly.newton import rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem, Row
 from spatial_pin.dynamics.simulation.result import Projection
@@ -67,6 +68,8 @@ class Projected:
         self.q0 = np.array(state.q)
         self.evaluation.update(self.q0)
         self.selected = independent_rows(self.evaluation.jacobian[: self.n_rows])
+        wanted = problem.tolerance  # open loops hide which equations depend on others
+        self.tolerance = wanted if len(self.selected) == self.n_rows else min(wanted, TIGHT)
         if rank_loss(self.evaluation, self.q0, len(self.selected)):
             raise SingularError(
                 f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
@@ -244,7 +247,7 @@ class Projected:
                 raise Lost
             self._corrections, last = k, CONTRACTION * worst
             svd = decompose(evaluation.jacobian[self.selected])
-            if worst <= self.problem.tolerance:
+            if worst <= self.tolerance:
                 break
             q = pin.integrate(self.model, q,
                               -self.scale * svd.minimum_norm(evaluation.residual[self.selected]))
