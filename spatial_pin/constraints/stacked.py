@@ -1,7 +1,7 @@
 """Closure rows, their Jacobians and rates of many configurations of one branch together.
 
-The same equations as `kinematics.constraints` evaluates one configuration at a time, over flat
-arrays with the configurations along the last axis (`kinematics.flat`).
+The same equations as `constraints.closure_equations` evaluates one configuration at a time, over
+flat arrays with the configurations along the last axis (`constraints.vectorised_tree`).
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def _related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 class PiecewiseRows:
-    """Closure rows as `kinematics.constraints.Evaluation` has them, sparse and piece by piece.
+    """Closure rows as `constraints.closure_equations.Evaluation` has them, sparse, piece by piece.
 
     Attributes:
         pieces: the tree.

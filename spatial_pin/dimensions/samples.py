@@ -1,8 +1,8 @@
 """Many mechanisms that differ in their dimensions, closed together near one configuration.
 
 `dimension_path` from that configuration is the specification: damped least motion, then Newton.
-Here all samples take the same steps over flat arrays (`kinematics.batch`), each with its own
-geometry (`kinematics.geometry`). A sample that does not go straight to its closed configuration is
+Here all samples take the same steps over flat arrays (`constraints.stacked`), each with its own
+geometry (`dimensions.geometry`). A sample that does not go straight to its closed configuration is
 taken there by sets of dimensions between; one that comes to a singular configuration is left to
 `dimension_path`.
 """

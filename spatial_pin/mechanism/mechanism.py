@@ -209,7 +209,7 @@ class Mechanism:
         notices: faults of the file that it was loaded with, a sentence for each kind.
         free_flyer: whether `load` put a floating joint below its root link.
         whole: the mechanism as its file has it, where this one is without equations that the
-            file's rounded numbers contradict, see `kinematics.rounding`; else None.
+            file's rounded numbers contradict, see `assembly.rounding`; else None.
         kept: which equations of the `whole` it has.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """

@@ -5,8 +5,8 @@ Rows are products A . B of vectors linear in the stacked placements G, so that
     d r'' = dA'' . B + A'' . dB + 2 (dA' . B' + A' . dB') + dA . B'' + A . dB''
 
 with dG, dG' and dG'' from Pinocchio's derivatives of twists and accelerations, on joints whose
-motion subspace is constant (`kinematics.split`). As r'' = J a for v = 0, the same function gives
-the derivatives of J column by column.
+motion subspace is constant (`constraints.composite_joints`). As r'' = J a for v = 0, the same
+function gives the derivatives of J column by column.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 The equations M a + b - f - J^T lambda = 0 and r'' = J a + gamma = 0 are differentiated with
 respect to q, v and f; the unknown derivatives of a and lambda solve the same linear system as a and
 lambda do. Those of M a + b are Pinocchio's, on joints whose motion subspace is constant
-(`kinematics.split`), those of the rows `row_derivatives`. `computeConstraintDynamicsDerivatives` is
-not used: in Pinocchio 4.1 its derivatives by q differ from the differences of its own accelerations
-on trees with composite joints, and on the RSSR.
+(`constraints.composite_joints`), those of the rows `derivatives.closures`.
+`computeConstraintDynamicsDerivatives` is not used: in Pinocchio 4.1 its derivatives by q differ
+from the differences of its own accelerations on trees with composite joints, and on the RSSR.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What a table is made of: everything about a mechanism of one freedom at nodes of a piece.
 
-Nodes that lie ahead on a plain stretch of the branch are closed together (`kinematics.nodes`);
-those near a crossing come from its strip, and those that are left one after the other.
+Nodes that lie ahead on a plain stretch of the branch are closed together
+(`continuation.collocation`); those near a crossing come from its strip, and those that are left
+one after the other.
 """
 
 from __future__ import annotations
