@@ -11,7 +11,7 @@ PACKAGE = Path(sp.__file__).parent
 LAYERS = ["errors", "outputs", "checks", "settings", "units", "numerics", "operators", "mechanism",
           "formats", "constraints", "kernel", "assembly", "rates", "mobility", "continuation",
           "motion", "dimensions", "dynamics", "reduction", "accuracy", "view", "cli", "__main__"]
-UPWARD = {"mechanism.mechanism": "formats", "constraints.stacked": "continuation"}  # yet to be cut
+UPWARD = {"mechanism.mechanism": "formats"}  # yet to be cut
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 
 

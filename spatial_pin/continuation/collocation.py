@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.constraints.stacked import BranchBatch, Placed
+from spatial_pin.constraints.stacked import Placed
 from spatial_pin.constraints.vectorised_tree import WRAPPED, cross, dot, turned_back
 from spatial_pin.continuation.branch import Branch
+from spatial_pin.continuation.stacked_branch import BranchBatch
 from spatial_pin.mechanism.coordinates import blur
 from spatial_pin.numerics.interpolation import NodeCurve, integrals
 from spatial_pin.numerics.linalg import Array, StackedLU

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.constraints.stacked import BranchBatch
 from spatial_pin.continuation import collocation
 from spatial_pin.continuation.branch import Branch
 from spatial_pin.continuation.collocation import Points, Skeleton
+from spatial_pin.continuation.stacked_branch import BranchBatch
 from spatial_pin.numerics.linalg import Array
 
 REST = 8  # rows step by step after a failure

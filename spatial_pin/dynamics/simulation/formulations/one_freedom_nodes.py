@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.stacked import BranchBatch
 from spatial_pin.continuation import collocation, vectorised_path
+from spatial_pin.continuation.stacked_branch import BranchBatch
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.formulations.one_freedom_path import Path
