@@ -27,8 +27,8 @@ import pinocchio as pin
 
 import spatial_pin as sp
 from spatial_pin.accuracy.models import ladder
+from spatial_pin.dynamics.solvers.choose import equations_of
 from spatial_pin.dynamics.solvers.constraint_dynamics import NativeDynamics, native_models
-from spatial_pin.dynamics.solvers.equations import equations_of
 from spatial_pin.mechanism.inertia import MassMatrix
 
 # joints of a pair about and along z, and their coordinates among (3 angles, 3 lengths)

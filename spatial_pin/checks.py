@@ -7,13 +7,12 @@ import math
 import os
 import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from spatial_pin.numerics.linalg import Array
-
+Array = NDArray[np.floating[Any]]  # as in `numerics.linalg`, which is above
 Row = TypeVar("Row")
 Function = TypeVar("Function", bound=Callable[..., Any])
 LARGEST = 2**63  # of whole numbers: what NumPy counts with

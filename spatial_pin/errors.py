@@ -6,11 +6,10 @@ import difflib
 import sys
 import warnings
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from spatial_pin.assembly.state import State
-    from spatial_pin.motion.motion import Motion
+State = Any  # a `spatial_pin.State`, and
+Motion = Any  # a `spatial_pin.Motion`: errors keep them, and know nothing of them
 
 
 class SpatialPinError(Exception):

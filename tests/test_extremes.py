@@ -12,7 +12,7 @@ from masses import energy_rate
 import spatial_pin as sp
 from spatial_pin.accuracy.models import inertial, joint, made, point
 from spatial_pin.dynamics.forward import Dynamics
-from spatial_pin.dynamics.solvers.equations import equations_of
+from spatial_pin.dynamics.solvers.choose import equations_of
 from spatial_pin.mechanism.inertia import MassMatrix
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "extremes.py"

@@ -13,8 +13,9 @@ from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.dynamics.forces import joint_efforts
+from spatial_pin.dynamics.solvers.choose import equations_of
 from spatial_pin.dynamics.solvers.constraint_dynamics import native_models
-from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.numerics.linalg import null_space
 
 OVERCONSTRAINED = ["bennett", "bricard", "double_cardan", "four_bar", "hooke_joint", "peaucellier",

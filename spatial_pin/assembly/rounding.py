@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from copy import copy
 from itertools import combinations
 from math import comb
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -31,7 +31,6 @@ from spatial_pin.constraints.closure_equations import (
     constraints_of,
     evaluation_of,
 )
-from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Equations, Mechanism
 from spatial_pin.numerics.linalg import (
@@ -43,9 +42,6 @@ from spatial_pin.numerics.linalg import (
 )
 from spatial_pin.settings import Accuracy
 
-if TYPE_CHECKING:
-    from spatial_pin.motion.motion import Motion
-
 WIDE = 10.0  # singular values of equations that rounding opens by a gap are below so many gaps
 SOFT = 1e-5  # singular values, columns alike, of loops that close, above which none are rounding
 EVERY = 4  # configurations, from one of which it is seen whether all equations can be closed
@@ -55,7 +51,6 @@ STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns i
 MOVED = 0.3  # part of it that is left after closing if the mechanism moves
 STARTS = 8  # where the guess of the file does not close
 ABOVE = 10.0  # singular values and gaps found on the way, below which those of other places are
-MOST_ROWS = 1000  # of a motion that are looked at
 GOOD = 0.2  # independence, by that of all equations, with which a choice is left at that
 FEW = 300  # choices of equations that are all looked at
 KEPT = 1e3  # weight of rows that are kept if they can: those of screws and couplings
@@ -156,28 +151,6 @@ def closed_there(mechanism: Mechanism, q: Array) -> Mechanism:
 def allowed_from(state: State, gap: float) -> float:
     """Return the gap that motions from a state may have: `gap`, or more where it has as much."""
     return max(gap, WIDE * float(state.gap))
-
-
-def check_gaps(motion: Motion, gap: float) -> None:
-    """Refuse a motion of a rounded file on which equations that it is without open.
-
-    At most a thousand of its rows are looked at.
-
-    Raises:
-        SingularError: they do; says where, and which.
-    """
-    if motion.mechanism.whole is None or not len(motion):
-        return
-    gap = allowed_from(motion.state(0), gap)
-    for row in np.unique(np.linspace(0, len(motion) - 1, MOST_ROWS).astype(int)).tolist():
-        state = motion.state(row)
-        if state.gap > gap:
-            worst = max(state.gap.closures.items(), key=lambda x: x[1])[0]
-            raise SingularError(
-                f"mechanism {motion.mechanism.name!r}: the file's numbers are rounded, and "
-                f"{state} is out of the reach of the equations chosen: others of closure {worst!r} "
-                f"open to {float(state.gap):.1e}; begin beside this configuration",
-                state=state, motion=motion)
 
 
 def rounding_of(mechanism: Mechanism) -> float:

@@ -16,7 +16,7 @@ from spatial_pin.checks import finite_number, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
-from spatial_pin.mechanism.inertia import has_inertia
+from spatial_pin.mechanism.impossible_inertias import has_inertia
 from spatial_pin.mechanism.mechanism import Mechanism, Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 from spatial_pin.numerics.linalg import Array

@@ -15,7 +15,8 @@ from spatial_pin.checks import checked, finite_number, names_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.choose import equations_of
+from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.kkt import HOLDS
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism

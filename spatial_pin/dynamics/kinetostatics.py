@@ -15,7 +15,8 @@ from spatial_pin.checks import checked, mapping
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
-from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.choose import equations_of
+from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed

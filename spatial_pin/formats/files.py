@@ -25,7 +25,7 @@ from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
 from spatial_pin.mechanism.coordinates import check_guess
-from spatial_pin.mechanism.inertia import impossible_inertias
+from spatial_pin.mechanism.impossible_inertias import impossible_inertias
 from spatial_pin.mechanism.mechanism import (
     Closure,
     Driver,

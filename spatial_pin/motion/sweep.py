@@ -11,7 +11,6 @@ from tqdm import tqdm
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold, divided
-from spatial_pin.assembly.rounding import check_gaps
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -24,6 +23,7 @@ from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
+from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy, accuracy_of

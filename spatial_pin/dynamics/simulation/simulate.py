@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from spatial_pin.assembly.rounding import check_gaps
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import as_array, checked, positive_number
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
@@ -32,6 +31,7 @@ from spatial_pin.mechanism.coordinates import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy, accuracy_of
 

@@ -10,8 +10,7 @@ the shortest that bear the same loads.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -36,10 +35,10 @@ from spatial_pin.dynamics.solvers.constraint_dynamics import NativeDynamics, nat
 from spatial_pin.dynamics.solvers.kkt import DOUBTFUL, ROUNDING, SINGULAR, Motions, SaddlePoint
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.inertia import MassMatrix, refuse_negative_inertias
+from spatial_pin.mechanism.impossible_inertias import refuse_negative_inertias
+from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import (
     Array,
     Decomposition,
@@ -430,23 +429,3 @@ class Equations:
 def _by_size(motions: Array) -> Array:
     """Return motions (k, nv), each divided by its largest entry."""
     return motions / np.abs(motions).max(axis=1, keepdims=True, initial=1e-300)
-
-
-def _made_for(mechanism: Mechanism) -> Equations:
-    from spatial_pin.dynamics.solvers.sparse import (  # which builds on this file
-        SparseEquations,
-        is_large,
-    )
-
-    return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
-
-
-@contextmanager
-def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
-    """Lend the equations of a mechanism, made once for each thread that asks at the same time.
-
-    They have forgotten what was chosen at other configurations.
-    """
-    with lent(mechanism, "equations", lambda: _made_for(mechanism)) as equations:
-        equations.forget()
-        yield equations

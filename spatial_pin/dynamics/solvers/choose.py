@@ -1,0 +1,26 @@
+"""Which equations of motion a mechanism is given: dense ones, or sparse ones where it is large."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.sparse import SparseEquations, is_large
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.workspaces import lent
+
+
+def _made_for(mechanism: Mechanism) -> Equations:
+    return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
+
+
+@contextmanager
+def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
+    """Lend the equations of a mechanism, made once for each thread that asks at the same time.
+
+    They have forgotten what was chosen at other configurations.
+    """
+    with lent(mechanism, "equations", lambda: _made_for(mechanism)) as equations:
+        equations.forget()
+        yield equations
