@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spatial_pin.dimensions.geometry import Geometry, geometry_of, kind_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, condition
+from spatial_pin.numerics.linalg import Array, condition, least_squares
 
 EXACT = 4e-15  # error of a fitted number, by the size of numbers of its kind
 MOVED = 1e-15  # change of a number, likewise, that tells it depends on a dimension
@@ -150,7 +150,7 @@ class _Learner:
             seen = np.array(self.x), np.array(self._numbers)
             (basis, known), (other, wanted) = ((_products(x[:, of].T, powers), y[:, at].T)
                                                for x, y in (seen, checks))
-            coefficients = np.linalg.lstsq(basis.T, known.T, rcond=None)[0].T
+            coefficients = least_squares(basis.T, known.T).T
             error = max(np.abs(coefficients @ basis - known).max(),
                         np.abs(coefficients @ other - wanted).max())
             if error <= EXACT:

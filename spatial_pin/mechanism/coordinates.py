@@ -19,7 +19,7 @@ from spatial_pin.checks import finite_array, finite_number
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.numerics.linalg import EPS, Array
+from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
 
 
 def needed(mechanism: object) -> None:
@@ -235,7 +235,7 @@ def rotation_vector_rates(phi: Array, omega: Array, alpha: Array) -> tuple[Array
     skew = np.cross(eye[None], phi[:, None])  # skew @ x = phi × x
     jacobian = eye - b[:, None, None] * skew + c[:, None, None] * (skew @ skew)
     # at whole turns the vector only tells the spin about its axis: least norm
-    inverse = np.linalg.pinv(jacobian, rcond=1e-10)
+    inverse = pseudo_inverses(jacobian, 1e-10)
     rate = (inverse @ omega[..., None])[..., 0]
     dt = 2.0 * np.sum(phi * rate, axis=1)
     u = np.cross(phi, rate)

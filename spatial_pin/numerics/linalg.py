@@ -135,6 +135,17 @@ def condition(a: Array) -> float:
     return float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
 
 
+def least_squares(a: Array, b: Array) -> Array:
+    """Return x (n,) or (n, k) for which |a x - b| is least, the shortest of all that are."""
+    x: Array = np.linalg.lstsq(a, b, rcond=None)[0]
+    return x
+
+
+def pseudo_inverses(a: Array, tolerance: float) -> Array:
+    """Return those of matrices (N, m, n), singular values below a part of the largest as zero."""
+    return np.linalg.pinv(a, rcond=tolerance)
+
+
 def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
     """Return the sorted indices of a maximal well-conditioned set of independent rows of `a`.
 

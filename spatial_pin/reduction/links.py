@@ -33,7 +33,7 @@ import pinocchio as pin
 from spatial_pin.formats.export import tree_axes
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, least_squares
 
 SAME = 1e-12  # difference of lengths relative to the characteristic length, or of directions
 CONSTANT = 1e-11  # the same of what random configurations show not to change
@@ -251,7 +251,7 @@ def _parallel_revolutes(
 
 def _meeting_revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     u, w, d = a.own_axis, b.own_axis, b.own_centre - a.own_centre
-    s, t = np.linalg.lstsq(np.column_stack([u, -w]), d, rcond=None)[0]
+    s, t = least_squares(np.column_stack([u, -w]), d)
     if np.linalg.norm(s * u - t * w - d) > SAME * around.length:
         return None
     meeting = a.centre + s * a.axis, b.centre + t * b.axis

@@ -31,7 +31,7 @@ from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.numerics.linalg import Array, independent_rows, null_space
+from spatial_pin.numerics.linalg import Array, independent_rows, least_squares, null_space
 from spatial_pin.rates.jacobians import closure_jacobian
 
 
@@ -149,8 +149,7 @@ def dynamics_derivatives(
     scale = mechanism.velocity_scale
     chosen = independent_rows(jacobian * scale)
     borne = jacobian.T @ answer.multipliers
-    multipliers = np.linalg.lstsq(jacobian[chosen].T * scale[:, None], borne * scale,
-                                  rcond=None)[0]
+    multipliers = least_squares(jacobian[chosen].T * scale[:, None], borne * scale)
     x = _changes(answer, terms, jacobian, chosen, multipliers)
     nv = len(scale)
     a, lam = Linear(answer.a, *x[:, :nv]), Linear(multipliers, *x[:, nv:])
