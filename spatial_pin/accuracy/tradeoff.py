@@ -25,6 +25,7 @@ from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.methods import method
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import named_path, write_text
@@ -144,9 +145,8 @@ class Tradeoff:
                if best <= self.reference_error else ""))
 
     def __str__(self) -> str:
-        from spatial_pin.accuracy.tradeoff_view import table
-
-        return table(self)
+        text: str = method("Tradeoff.table")(self)
+        return text
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -177,9 +177,8 @@ class Tradeoff:
         Returns:
             The figure.
         """
-        from spatial_pin.accuracy.tradeoff_view import plot
-
-        return plot(self, path)
+        figure: Figure = method("Tradeoff.plot")(self, path)
+        return figure
 
 
 @checked

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin.accuracy.grid import describe
+from spatial_pin.accuracy.tradeoff import Measured, Tradeoff
 from spatial_pin.outputs import literal, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from spatial_pin.accuracy.tradeoff import Measured, Tradeoff
 
 SAID = 100  # characters that are shown of what a setting says
 INK, FAINT = "#2b3138", "#d5d9de"

@@ -14,7 +14,8 @@ from spatial_pin.dimensions.geometry import Geometry, carriers
 from spatial_pin.dimensions.samples import Moving
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.motion import COORDINATE_OUTPUTS, FRAME_UNITS
+from spatial_pin.motion.motion import FRAME_UNITS
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
 from spatial_pin.numerics.linalg import Array
 
 COORDINATE_KINDS = ("rate", "acceleration", "ratio", "advantage")

@@ -7,6 +7,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NoReturn
@@ -24,6 +25,7 @@ from spatial_pin.formats.sources import check_file, is_file, read_text, shown
 from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
+from spatial_pin.formats.xacro.expansion import dimensions
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.impossible_inertias import impossible_inertias
 from spatial_pin.mechanism.mechanism import (
@@ -243,7 +245,7 @@ def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
     """
     path = Path(name)
     made = _of_table(_Table(dict(content), name), path, urdf, Request(path), Faults())
-    return made.with_fields(path=None, tree=None)
+    return made.with_fields(path=None, tree=None, dimensions={})
 
 
 def _of_table(
@@ -268,6 +270,8 @@ def _of_table(
     frames = {key: _frame(key, table) for key, table in top.tables("frames").items()}
     parts = {
         "tree": file,
+        "dimensions": partial(dimensions, file, dict(request.parameters), request.trusted,
+                              request.packages),  # read when they are asked for
         "title": top.text("title", ""),
         "source": top.text("source", ""),
         "closures": tuple(_closure(table) for table in top.array("closures")),

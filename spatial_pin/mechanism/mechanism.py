@@ -19,12 +19,12 @@ from spatial_pin.errors import (
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.formats.xacro.expansion import dimensions
 from spatial_pin.mechanism.equations import Row
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.lazy import cached_property
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
+from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 
 SMALLEST = 1e-100  # m
@@ -211,6 +211,8 @@ class Mechanism:
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.rounding`; else None.
         kept: which equations of the `whole` it has.
+        dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
+            read when first asked for.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
     """
 
@@ -239,6 +241,7 @@ class Mechanism:
     free_flyer: bool = False
     whole: Mechanism | None = None
     kept: Equations | None = None
+    dimensions: Mapping[str, float] = field(default_factory=dict)
     memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -281,11 +284,10 @@ class Mechanism:
             TypeError: an argument is of another kind.
             ValueError: a number is NaN or infinite.
         """
-        from spatial_pin.formats.pinocchio_model.from_model import mechanism_of
-
-        return mechanism_of(model, closures, drivers, springs, passives,
-                            {} if guess is None else guess, frames or {}, name, visual_model,
-                            collision_model)
+        made: Mechanism = method("Mechanism.from_model")(
+            model, closures, drivers, springs, passives, {} if guess is None else guess,
+            frames or {}, name, visual_model, collision_model)
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -309,13 +311,6 @@ class Mechanism:
         """What `load` was given besides the file."""
         return {**self.parameters, "trusted": self.trusted, "packages": self.packages,
                 "free_flyer": self.free_flyer}
-
-    @cached_property
-    def dimensions(self) -> dict[str, float]:
-        """Value of every named dimension (xacro argument), given or by default [SI, rad]."""
-        if self.tree is None:
-            return {}
-        return dimensions(self.tree, self.parameters, self.trusted, self.packages)
 
     def with_equations(self, kept: Equations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
@@ -559,9 +554,8 @@ class Mechanism:
             TypeError: `folder` is no path.
             ValueError: it is the name of a file, or of nothing.
         """
-        from spatial_pin.formats.export import save
-
-        return save(self, folder)
+        written: Path = method("Mechanism.save")(self, folder)
+        return written
 
     def __repr__(self) -> str:
         return (
@@ -606,7 +600,7 @@ class _MadeWhenAsked:
         owner.__dict__[self.name] = value
 
 
-for _name in ("visual_model", "collision_model"):
+for _name in ("visual_model", "collision_model", "dimensions"):
     setattr(Mechanism, _name, _MadeWhenAsked(_name))
 
 

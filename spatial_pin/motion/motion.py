@@ -6,28 +6,22 @@ import csv
 import io
 import zipfile
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE
-from spatial_pin.assembly.state import State, center_of_mass
+from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked
-from spatial_pin.constraints.pinocchio_views import accelerations, placements, twists
-from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.summary import summary
+from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import is_special, named_path, replacing, write_bytes
-from spatial_pin.rates.jerks import Jerks, solve_jerks
-from spatial_pin.rates.rates import rate_error
-from spatial_pin.rates.transmission import transmission_angle
 
 
 class Event(NamedTuple):
@@ -89,19 +83,10 @@ ACROSS = 0.12  # distance from a crossing [rad, characteristic lengths] up to wh
 SAVED = frozenset((  # arrays of a file
     "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
     "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))
-COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FRAME_UNITS = {  # unit and order of the derivative
     "position": ("m", 0), "velocity": ("m", 1), "acceleration": ("m", 2),
     "angular_velocity": ("rad", 1), "angular_acceleration": ("rad", 2), "jerk": ("m", 3),
 }
-
-
-class _Bodies(NamedTuple):
-    """Joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
-
-    placements: Array
-    twists: Array
-    accelerations: Array
 
 
 @dataclass(eq=False)
@@ -190,7 +175,8 @@ class Motion:
             raise SpatialPinError(
                 f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1" if n else
                 f"there is no row {row}: the motion has none")
-        lost = (partial(rate_error, self.driver_name, not self._is_continued(row), held=self.held)
+        lost = (partial(method("Motion.rate_error"), self.driver_name,
+                        not self._is_continued(row), held=self.held)
                 if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
@@ -204,35 +190,9 @@ class Motion:
                    and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)
 
     @cached_property
-    def _bodies(self) -> _Bodies:
-        model = self.mechanism.model
-        data = model.createData()
-        views = placements(data), twists(data), accelerations(data)
-        bodies = _Bodies(*(np.empty((len(self), *view.shape)) for view in views))
-        for k in range(len(self)):
-            pin.forwardKinematics(model, data, self.q[k], self.v[k], self.a[k])
-            for rows, view in zip(bodies, views, strict=True):
-                rows[k] = view
-        return bodies
-
-    def _at(self, joint: int, offset: pin.SE3) -> FrameMotion:
-        """Motion of the frame at `offset` from a joint frame."""
-        b = self._bodies
-        r = b.placements[:, joint, :3].transpose(0, 2, 1)
-        v, w = b.twists[:, joint, :3], b.twists[:, joint, 3:]
-        a, e = b.accelerations[:, joint, :3], b.accelerations[:, joint, 3:]
-        p = offset.translation
-        turning = np.cross(w, p)
-        local = np.stack([
-            np.broadcast_to(p, v.shape),
-            v + turning,
-            a + np.cross(w, v) + np.cross(e, p) + np.cross(w, turning),
-            w,
-            e,
-        ], axis=-1)
-        x, dx, ddx, omega, epsilon = np.moveaxis(r @ local, -1, 0)
-        x = x + b.placements[:, joint, 3]
-        return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)
+    def _bodies(self) -> Any:
+        """Placements and rates of all bodies, worked out once."""
+        return method("Motion.bodies")(self)
 
     @checked
     def frame(self, name: str) -> FrameMotion:
@@ -241,7 +201,8 @@ class Motion:
         Raises:
             UnknownNameError: there is none.
         """
-        return self._at(*self.mechanism.frame_on_joint(self.mechanism.placed(name)))
+        found: FrameMotion = method("Motion.frame")(self, name)
+        return found
 
     @checked
     def com(self, name: str) -> FrameMotion:
@@ -251,9 +212,8 @@ class Motion:
             UnknownNameError: there is no such link.
             SpatialPinError: it has no mass.
         """
-        offset = pin.SE3(np.eye(3), center_of_mass(self.mechanism, name))
-        joint, placement = self.mechanism.frame_on_joint(self.mechanism.placed(name))
-        return self._at(joint, placement * offset)
+        found: FrameMotion = method("Motion.com")(self, name)
+        return found
 
     @checked
     def output(self, spec: str) -> Output:
@@ -268,65 +228,13 @@ class Motion:
         Raises:
             UnknownNameError: it names nothing of this motion.
         """
-        mechanism = self.mechanism
-        if spec in mechanism.coordinate_table or spec in mechanism.drivers:
-            return Output(self.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
-        name, _, kind = spec.rpartition(".")
-        if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
-                                           or name in mechanism.drivers):
-            return self._coordinate_output(name, kind)
-        if kind in FRAME_UNITS and name:
-            body = name.removesuffix(".com")
-            label = f"{name} {kind.replace('_', ' ')}"
-            unit = self.frame_unit(kind)
-            if kind == "jerk":
-                rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
-                        for j in self._jerks()]
-                return Output(np.array(rows).reshape(-1, 3), label, unit)
-            moving = self.com(body) if name.endswith(".com") else self.frame(name)
-            return Output(getattr(moving, kind), label, unit)
-        valid = [*mechanism.coordinate_table, *mechanism.drivers,
-                 *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
-                 *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
-        raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+        found: Output = method("Motion.output")(self, spec)
+        return found
 
     def frame_unit(self, kind: str) -> str:
         """Return the unit of a quantity of a frame, by its name."""
         unit, order = FRAME_UNITS[kind]
         return self.rate_unit(unit, order) if order else unit
-
-    def _jerks(self) -> Iterator[Jerks]:
-        driver = {self.driver_name: 0.0} if len(self.swept) else {}
-        return (solve_jerks(self.mechanism, self.state(k), driver)
-                for k in range(len(self)))
-
-    def _coordinate_output(self, name: str, kind: str) -> Output:
-        _, rate, acceleration = self.coordinate(name)
-        unit = self.mechanism.coordinate(name).unit
-        if kind == "rate":
-            return Output(rate, f"{name} rate", self.rate_unit(unit))
-        if kind == "acceleration":
-            return Output(acceleration, f"{name} acceleration", self.rate_unit(unit, 2))
-        if kind == "jerk":
-            jerks = np.array([j.coordinate(name) for j in self._jerks()])
-            return Output(jerks, f"{name} jerk", self.rate_unit(unit, 3))
-        if kind == "transmission_angle":
-            angles = [transmission_angle(self.mechanism, self.state(k), name, self.driver_name)[0]
-                      for k in range(len(self.swept))]
-            return Output(np.array(angles), f"{name} transmission angle", "rad")
-        return self._ratio(name, rate, kind == "advantage")
-
-    def _ratio(self, name: str, rate: Array, inverse: bool) -> Output:
-        if len(self.swept) and np.any(self.driver_speed == 0.0):
-            raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
-        units = self.mechanism.coordinate(name).unit, self.driver_unit
-        if inverse:
-            with np.errstate(divide="ignore"):
-                values = self.driver_speed / rate
-            unit = "1" if units[0] == units[1] else f"{units[1]}/{units[0]}"
-            return Output(values, f"{name} mechanical advantage", unit)
-        unit = "1" if units[0] == units[1] else f"{units[0]}/{units[1]}"
-        return Output(rate / self.driver_speed, f"{name} / {self.driver_name} speed ratio", unit)
 
     def columns(self) -> dict[str, Array]:
         """Return the motion as named columns: time, driver, all coordinates, closure error."""
@@ -428,7 +336,8 @@ class Motion:
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
 
     def __str__(self) -> str:
-        return summary(self)
+        text: str = method("Motion.summary")(self)
+        return text
 
 
 def motion_needed(motion: object) -> None:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-
-if TYPE_CHECKING:
-    from spatial_pin.motion.motion import Motion
 
 MOST = 12  # lines of a kind
 ROUND_OFF = 1e-14  # of the largest number of a kind

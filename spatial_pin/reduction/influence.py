@@ -24,7 +24,8 @@ from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Closure, Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mobility.mobility import joints_between
-from spatial_pin.motion.motion import COORDINATE_OUTPUTS, FRAME_UNITS
+from spatial_pin.motion.motion import FRAME_UNITS
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
 from spatial_pin.numerics.linalg import Array, null_space, rank
 
 GENERIC = 4  # closed configurations that ranks are taken at

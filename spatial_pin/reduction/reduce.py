@@ -18,12 +18,13 @@ from spatial_pin.mechanism.coordinates import joint_values, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
+from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array, null_space, rank
+from spatial_pin.reduction.differences import Verification
 from spatial_pin.reduction.influence import Asked, Influence, asked_of
 from spatial_pin.reduction.model import Model
 from spatial_pin.reduction.report import Omission, omissions
 from spatial_pin.reduction.states import carried_over
-from spatial_pin.reduction.verification import Verification, verification
 
 STARTS = 256  # assembled configurations that are remembered
 OPEN = 1e-9  # closure error of the reduced model where the full one is closed
@@ -144,8 +145,9 @@ class Reduced(Mechanism):
         Raises:
             SpatialPinError: there is nothing to drive.
         """
-        return verification(self, self.full, asked_of(self.full, self.outputs), driver, values,
-                            speed, acceleration, guess, dict(hold or {}))
+        found: Verification = method("Reduced.verify")(
+            self, driver, values, speed, acceleration, guess, dict(hold or {}))
+        return found
 
     def __repr__(self) -> str:
         return super().__repr__().replace("Mechanism(", "Reduced(", 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.reduction.influence import Asked
-
-if TYPE_CHECKING:
-    from spatial_pin.reduction.reduce import Reduced
+from spatial_pin.reduction.differences import Difference, Verification
+from spatial_pin.reduction.influence import Asked, asked_of
+from spatial_pin.reduction.reduce import Reduced
 
 VALUES = 361  # driver values by default
 MARGIN = 0.05  # part of a driver's range that is left out at a limit
@@ -29,58 +28,12 @@ ROWS = 5  # at which forward dynamics is compared
 EVENTS = ("limit", "singular", "branch point", "lost")
 
 
-class Difference(NamedTuple):
-    """How far an output of the reduced model is from that of the full one, at worst.
-
-    Attributes:
-        output: coordinate, frame, or LINK.com.
-        driver: what was swept; or "forward dynamics".
-        position: [rad], or [m] by the characteristic length.
-        rate: of velocities relative to the largest, or to 1 rad/s, characteristic length per s.
-        acceleration: likewise.
-    """
-
-    output: str
-    driver: str
-    position: float
-    rate: float
-    acceleration: float
-
-
-class Verification(NamedTuple):
-    """What a comparison found; `str()` is a report.
-
-    Attributes:
-        differences: one for each output and driver.
-        rows: rows compared.
-        full_seconds, reduced_seconds: times of the sweeps.
-        remarks: where the two did not end alike.
-    """
-
-    differences: tuple[Difference, ...]
-    rows: int
-    full_seconds: float
-    reduced_seconds: float
-    remarks: tuple[str, ...]
-
-    @property
-    def worst(self) -> float:
-        """The largest difference of all."""
-        return max(max(d[2:]) for d in self.differences)
-
-    def __str__(self) -> str:
-        lines = [f"{self.rows} rows compared, largest difference {self.worst:.1e}; full "
-                 f"{1e3 * self.full_seconds:.3g} ms, reduced {1e3 * self.reduced_seconds:.3g} ms"]
-        lines += [f"  {d.output} over {d.driver}: position {d.position:.1e}, rate {d.rate:.1e}, "
-                  f"acceleration {d.acceleration:.1e}" for d in self.differences]
-        return "\n".join([*lines, *(f"  note: {x}" for x in self.remarks)])
-
-
 def verification(
-    reduced: Reduced, full: Mechanism, asked: Asked, driver: str | None, values: Any,
-    speed: float, acceleration: float, guess: Mapping[str, Any] | None, hold: Mapping[str, float],
+    reduced: Reduced, driver: str | None, values: Any, speed: float, acceleration: float,
+    guess: Mapping[str, Any] | None, hold: Mapping[str, float],
 ) -> Verification:
-    """Compare the outputs `asked` of two mechanisms; see `Reduced.verify`."""
+    """Compare the outputs of a reduced mechanism and of the full one; see `Reduced.verify`."""
+    full, asked = reduced.full, asked_of(reduced.full, reduced.outputs)
     names = [driver] if driver is not None else _drivers(reduced, full)
     if values is not None and not np.size(values := np.atleast_1d(as_array(values, "values"))):
         raise ValueError("values is empty; one driver value at least is compared")

@@ -75,7 +75,7 @@ class FreeFall:
         self._kinetic = KineticEnergy(model)(state.q, state.v)
         weightless = model.copy()
         weightless.gravity = pin.Motion.Zero()
-        self.mechanism = replace(state.mechanism, model=weightless)
+        self.mechanism = state.mechanism.with_fields(model=weightless, memo={})
         q, v, _ = self._seen(0.0, state.q, state.v, state.a, -1.0)
         with evaluation_of(self.mechanism, state.angles) as evaluation:
             evaluation.update(q)

@@ -1,0 +1,135 @@
+"""Quantities of a motion by their names: of coordinates, of frames and of centres of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.state import center_of_mass
+from spatial_pin.constraints.pinocchio_views import accelerations, placements, twists
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.jerks import Jerks, solve_jerks
+from spatial_pin.rates.transmission import transmission_angle
+
+COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
+
+
+class Bodies(NamedTuple):
+    """Joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
+
+    placements: Array
+    twists: Array
+    accelerations: Array
+
+
+def frame(motion: Motion, name: str) -> FrameMotion:
+    """Return the motion of the origin of a link, frame or joint; see `Motion.frame`."""
+    mechanism = motion.mechanism
+    return _at(motion, *mechanism.frame_on_joint(mechanism.placed(name)))
+
+
+def com(motion: Motion, name: str) -> FrameMotion:
+    """Return the motion of a link's own centre of mass; see `Motion.com`."""
+    mechanism = motion.mechanism
+    offset = pin.SE3(np.eye(3), center_of_mass(mechanism, name))
+    joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
+    return _at(motion, joint, placement * offset)
+
+
+def output(motion: Motion, spec: str) -> Output:
+    """Return a quantity by its name; see `Motion.output`."""
+    mechanism = motion.mechanism
+    if spec in mechanism.coordinate_table or spec in mechanism.drivers:
+        return Output(motion.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
+    name, _, kind = spec.rpartition(".")
+    if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
+                                       or name in mechanism.drivers):
+        return _coordinate_output(motion, name, kind)
+    if kind in FRAME_UNITS and name:
+        body = name.removesuffix(".com")
+        label = f"{name} {kind.replace('_', ' ')}"
+        unit = motion.frame_unit(kind)
+        if kind == "jerk":
+            rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
+                    for j in _jerks(motion)]
+            return Output(np.array(rows).reshape(-1, 3), label, unit)
+        moving = motion.com(body) if name.endswith(".com") else motion.frame(name)
+        return Output(getattr(moving, kind), label, unit)
+    valid = [*mechanism.coordinate_table, *mechanism.drivers,
+             *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
+             *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
+    raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+
+def _jerks(motion: Motion) -> Iterator[Jerks]:
+    driver = {motion.driver_name: 0.0} if len(motion.swept) else {}
+    return (solve_jerks(motion.mechanism, motion.state(k), driver)
+            for k in range(len(motion)))
+
+
+def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
+    _, rate, acceleration = motion.coordinate(name)
+    unit = motion.mechanism.coordinate(name).unit
+    if kind == "rate":
+        return Output(rate, f"{name} rate", motion.rate_unit(unit))
+    if kind == "acceleration":
+        return Output(acceleration, f"{name} acceleration", motion.rate_unit(unit, 2))
+    if kind == "jerk":
+        jerks = np.array([j.coordinate(name) for j in _jerks(motion)])
+        return Output(jerks, f"{name} jerk", motion.rate_unit(unit, 3))
+    if kind == "transmission_angle":
+        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)[0]
+                  for k in range(len(motion.swept))]
+        return Output(np.array(angles), f"{name} transmission angle", "rad")
+    return _ratio(motion, name, rate, kind == "advantage")
+
+
+def _ratio(motion: Motion, name: str, rate: Array, inverse: bool) -> Output:
+    if len(motion.swept) and np.any(motion.driver_speed == 0.0):
+        raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
+    units = motion.mechanism.coordinate(name).unit, motion.driver_unit
+    if inverse:
+        with np.errstate(divide="ignore"):
+            values = motion.driver_speed / rate
+        unit = "1" if units[0] == units[1] else f"{units[1]}/{units[0]}"
+        return Output(values, f"{name} mechanical advantage", unit)
+    unit = "1" if units[0] == units[1] else f"{units[0]}/{units[1]}"
+    return Output(rate / motion.driver_speed, f"{name} / {motion.driver_name} speed ratio", unit)
+
+
+def bodies(motion: Motion) -> Bodies:
+    """Return where all bodies are and how they move."""
+    model = motion.mechanism.model
+    data = model.createData()
+    views = placements(data), twists(data), accelerations(data)
+    found = Bodies(*(np.empty((len(motion), *view.shape)) for view in views))
+    for k in range(len(motion)):
+        pin.forwardKinematics(model, data, motion.q[k], motion.v[k], motion.a[k])
+        for rows, view in zip(found, views, strict=True):
+            rows[k] = view
+    return found
+
+
+def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
+    """Motion of the frame at `offset` from a joint frame."""
+    b: Bodies = motion._bodies
+    r = b.placements[:, joint, :3].transpose(0, 2, 1)
+    v, w = b.twists[:, joint, :3], b.twists[:, joint, 3:]
+    a, e = b.accelerations[:, joint, :3], b.accelerations[:, joint, 3:]
+    p = offset.translation
+    turning = np.cross(w, p)
+    local = np.stack([
+        np.broadcast_to(p, v.shape),
+        v + turning,
+        a + np.cross(w, v) + np.cross(e, p) + np.cross(w, turning),
+        w,
+        e,
+    ], axis=-1)
+    x, dx, ddx, omega, epsilon = np.moveaxis(r @ local, -1, 0)
+    x = x + b.placements[:, joint, 3]
+    return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)
