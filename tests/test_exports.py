@@ -14,10 +14,12 @@ from spatial_pin import errors
 
 PACKAGE = sp.__name__
 
+NO_MODULES = ("__main__", "._kernel")  # a command, and the compiled library
+
 
 def modules() -> list[ModuleType]:
     names = [m.name for m in pkgutil.walk_packages(sp.__path__, f"{PACKAGE}.")]
-    return [importlib.import_module(n) for n in names if not n.endswith("__main__")]
+    return [importlib.import_module(n) for n in names if not n.endswith(NO_MODULES)]
 
 
 CLASSES = {
