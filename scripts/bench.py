@@ -2,11 +2,15 @@
 
     python scripts/bench.py [--tasks sweep a02] [--quick]
     python scripts/bench.py --peers --json new.json --compare old.json
+    python scripts/bench.py --bars
 
 Rows of a task take turns within one run, so that noise hits all alike; every error is measured
 outside the clock, against closed forms or values of high precision. With `--peers` MuJoCo, Drake,
 Exudyn, placo and pink are installed from PyPI into environments of their own, and run there in
 processes of their own. What a tool does not do stands below the rows, in words.
+
+`--bars` measures only what has a bar (`benchmark/bars.py`), by processor time, beside the peers
+that are installed, and prints how far each task is from its bar; a star is one not met.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
 sys.path.insert(0, str(Path(__file__).parent))
 
-from benchmark import measure, report, rssr, tools, workers
+from benchmark import bars, measure, report, rssr, tools, workers
 from benchmark.case import TASKS
 
 import spatial_pin as sp
@@ -36,7 +40,11 @@ def start(options: argparse.Namespace) -> tuple[list[Any], dict[str, str], list[
     found: list[Any] = [own]
     versions = {"spatial_pin": sp.__version__, **own.versions(tools.OWN.versions)}
     missing = []
-    for tool in tools.PEERS if options.peers else ():
+    for tool in tools.asked(options.peers, options.bars):
+        if not options.peers and not tools.is_there(tool, options.environments):
+            missing += [[task, tool.title, "not installed, so not measured; --peers installs it"]
+                        for task in tool.bars if task in options.tasks]
+            continue
         worker = None
         try:
             python = tools.environment(tool, options.environments, note)
@@ -58,7 +66,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     try:
         cases, absent = measure.rows_of(found)
         wanted = {key: (worker, row) for key, (worker, row) in cases.items()
-                  if row["task"] in options.tasks and not (options.quick and row["slow"])}
+                  if row["task"] in options.tasks and not (options.quick and row["slow"])
+                  and (not options.bars or bars.wanted(row))}
         effort = measure.QUICK if options.quick else measure.Effort(
             options.repeats, options.budget)
         effort = effort._replace(clock=options.clock)
@@ -83,6 +92,8 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tasks", nargs="+", default=list(TASKS), metavar="TASK",
                         help=f"only these: {', '.join(TASKS)}")
+    parser.add_argument("--bars", action="store_true",
+                        help="only what has a bar, and how far it is from it")
     parser.add_argument("--peers", action="store_true", help="measure the other tools too")
     parser.add_argument("--environments", type=Path, default=tools.FOLDER, metavar="FOLDER",
                         help="where the peers are installed (.venv-peers)")
@@ -96,6 +107,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--compare", type=Path, metavar="FILE", help="put old results beside")
     options = parser.parse_args(arguments)
     options.tasks = [name for text in options.tasks for name in text.split(",") if name]
+    if options.bars:
+        options.clock = "cpu"
+        options.tasks = [task for task in bars.tasks() if task in options.tasks]
     unknown = sorted(set(options.tasks) - set(TASKS))
     if unknown:
         parser.error(f"no such task: {', '.join(unknown)}; there are {', '.join(TASKS)}")
@@ -125,8 +139,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parse(arguments)
     old = read(options.compare) if options.compare else None
     found = run(options)
-    print("\n".join([*report.table(found), *report.bars(found)]))
-    if {"sweep", "rates", "assembly"} & set(options.tasks):
+    if options.bars:
+        for line in bars.table(found):
+            print(line)
+        for line in bars.growing() if "ladder" in options.tasks else ():
+            print(line, flush=True)
+    else:
+        print("\n".join([*report.table(found), *report.bars(found)]))
+    if not options.bars and {"sweep", "rates", "assembly"} & set(options.tasks):
         off = rssr.check_closed_form(rssr.Problem(), every=60)
         print(f"RSSR's closed form against 40-digit differentiation: {off:.0e}")
     if old:

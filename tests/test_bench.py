@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import spatial_pin as sp
 from spatial_pin.accuracy.cases import CASES
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
@@ -139,6 +140,69 @@ def test_the_closed_forms_agree_with_their_derivatives(bench):
     ahead, behind = (rspc.exact(phi + s * w * h, w).transpose(1, 0, 2) for s in (1, -1))
     np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), rate, atol=1e-9)
     np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), acceleration, atol=1e-8)
+
+
+def test_the_bars_are_told_beside_what_was_measured(bench, capsys, tmp_path):
+    out = report_of(bench, capsys, "--bars", "--quick", "--tasks", "jacobian,four_bar",
+                    "--environments", str(tmp_path))
+    title, *lines = out.splitlines()
+    assert title.split() == ["task", "now", "bar", "now/bar", "beside"]
+    assert [line.partition("  ")[0] for line in lines[:2]] == [
+        "sweep four-bar, 360 values with rates", "jacobian RSSR"]
+    assert "no other was measured" in lines[0] and " 12 µs " in lines[1]
+    assert "pylinkage" in lines[2] and "not installed" in lines[2] and len(lines) == 3
+
+
+def test_every_bar_has_its_rows(bench):
+    own = bench.workers.Worker(bench.tools.OWN.modules).rows()["cases"]
+    for bar in bench.bars.BARS:
+        assert bar.row in own
+        if isinstance(bar.others, str):
+            assert bar.others in bench.TASKS[own[bar.row]["task"]].errors
+
+
+def test_a_bar_is_held_beside_the_fastest_that_is_as_exact(bench):
+    def row(tool, median, error):
+        return {"task": "a02", "tool": tool, "how": f"in {median} s", "median": median, "count": 1,
+                "errors": {"angle": error}}
+
+    bar = bench.bars.Bar("A02", "a02 / 0 / spatial_pin / simulate, for_error(1e-4)", 1.0, "angle")
+    rows = {bar.row: row("spatial_pin", 2.0, 1e-6), "a": row("MuJoCo", 4.0, 1e-9),
+            "b": row("MuJoCo", 1.0, 1e-3), "c": row("by hand", 0.1, 1e-9)}
+    assert "2*  0.5 (bar 1) to MuJoCo: in 4.0 s" in bench.bars._line(bar, rows)
+    rows["d"] = row("MuJoCo", 1.6, 5e-5)
+    assert "1.2* (bar 1) to MuJoCo: in 1.6 s, errors 1e-06 and 5e-05" in bench.bars._line(bar, rows)
+
+
+def test_a_ladder_is_measured_in_a_process_of_its_own(bench):
+    growth = importlib.import_module("benchmark.growth")
+    found, why = growth.measure(2)
+    assert why == "" and tuple(found) == growth.STAGES
+    assert all(seconds > 0.0 and memory > 10.0 for seconds, memory in found.values())
+    grown = {10: {"load": (1.0, 0.0)}, 100: {"load": (20.0, 0.0)}}
+    assert growth.power(grown, "load") == (pytest.approx(1.30103), 10, 100)
+
+
+def test_the_plane_four_bar_turns_as_its_derivatives_say(bench):
+    four_bar = importlib.import_module("benchmark.four_bar")
+    phi, h = four_bar.angles(24), 1e-5
+    _, rate, acceleration = four_bar.solve(phi, 1.0)
+    ahead, behind = four_bar.solve(phi + h, 1.0), four_bar.solve(phi - h, 1.0)
+    np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), rate, atol=1e-9)
+    np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), acceleration, atol=1e-8)
+
+
+@pytest.mark.parametrize("robot", ["five-bar", "3-RRR"])
+def test_the_falling_robots_are_the_same_in_pinocchio(bench, robot):
+    falling, own, other = (importlib.import_module(f"benchmark.{name}") for name in (
+        "falling", "with_spatial_pin_forces", "with_pinocchio_forces"))
+    ours = own.setup_falling(falling.ROBOTS[robot], sp.Accuracy())
+    theirs = other.setup_falling(falling.ROBOTS[robot])
+    assert ours.state.closure_error < 1e-15 and other.opening(theirs, theirs.q) < 1e-15
+    order = [ours.mechanism.coordinate(f"{rod.name}_pin").v for rod in theirs.robot.rods]
+    np.testing.assert_allclose(
+        sp.forward_dynamics(ours.mechanism, ours.state).a[order],
+        other.acceleration(theirs, theirs.q, theirs.v), rtol=0, atol=1e-9)
 
 
 def test_the_platform_solved_by_hand_has_the_legs_it_is_given(bench):

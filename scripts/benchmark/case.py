@@ -80,6 +80,8 @@ TASKS: dict[str, Task] = {
     "stewart": Task("Gough platform, one leg moved through {} values, a value", "µs",
                     ("closure", "x", "x'", "x''"),
                     "platform's centre [m, m/s, m/s²] against Newton on the six leg lengths"),
+    "four_bar": Task("plane four-bar, one turn in {} values, a value", "µs", RSSR[1:4],
+                     "rocker [rad, rad/s, rad/s²] against the closed form"),
     "reduced": Task("RSSR, the rocker alone asked for, {} values, a value", "µs", RSSR[1:4],
                     "rocker [rad, rad/s, rad/s²] against the closed form"),
     "rates": Task("velocities and accelerations of one closed RSSR", "µs", RSSR[2:],
@@ -90,6 +92,10 @@ TASKS: dict[str, Task] = {
                      "distance from the true count, 1"),
     "assembly": Task("RSSR closed from its rough guess", "µs", ("closure", "ψ"),
                      "closure [m], rocker against the closed form [rad]"),
+    "modes": Task("all configurations of a closed mechanism", "ms", ("count",),
+                  "distance from the known count: 2, 40 [Dietmaier1998], 16 [ManochaCanny1994]"),
+    "sensitivity": Task("how the RSSR's rocker changes with its four dimensions", "ms", ("dψ",),
+                        "against differences of the closed form [rad/m]"),
     "start": Task("a fresh process: import, load the RSSR", "s", (), ""),
     "forward": Task("forward dynamics of a ladder of {} four-bar loops", "µs", ("acceleration",),
                     "of the first rod [rad/s²] against the closed form"),
@@ -97,5 +103,12 @@ TASKS: dict[str, Task] = {
                 "rod's angle at the end [rad] by elliptic functions, closure [m]"),
     "a04": Task("IFToMM A04, overconstrained Bricard cube, 10 s under gravity", "ms",
                 ("position", "closure"), "of corner P3 at the end [m], closure [m]"),
+    "platform": Task("Gough platform falling with six freedoms, 0.15 s, 1001 samples", "ms",
+                     ("position", "closure"), "of its centre at the end [m] against a simulation "
+                     "of reference accuracy, closure relative to its size"),
+    "ladder": Task("load, assemble, sweep and simulate a ladder of {} four-bar loops", "s", (), ""),
+    **{name: Task(f"{name} falling for 10 s", "ms", ("energy", "closure"),
+                  "relative to the weight's work over a leg, closure [m]")
+       for name in ("five-bar", "3-RRR")},
 }
 FACTORS = {"µs": 1e6, "ms": 1e3, "s": 1.0}

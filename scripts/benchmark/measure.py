@@ -77,7 +77,10 @@ def in_turns(
     for key, (worker, row) in cases.items():
         try:
             worker.setup(key)
-            worker.run(key)  # warms up
+            first = worker.run(key, 1, effort.clock)  # warms up
+            if first > effort.budget:  # nothing of it is warming up
+                samples[key], numbers[key], turns[key] = [first / row["count"]], 1, set()
+                continue
             once = max(worker.run(key), 1e-9)
         except Exception as error:
             failed.append([row["task"], row["tool"], f"{row['how']}: {words(error)}"])

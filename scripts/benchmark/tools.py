@@ -19,27 +19,43 @@ class Tool(NamedTuple):
         modules: of this package, with its cases.
         versions: packages whose versions are told.
         installs: what pip installs for it; nothing where it runs in this environment.
+        bars: tasks with bars that are measured beside it.
     """
 
     title: str
     modules: tuple[str, ...]
     versions: tuple[str, ...]
     installs: tuple[str, ...] = ()
+    bars: tuple[str, ...] = ()
 
 
 OWN = Tool("this environment",
-           ("with_spatial_pin", "with_spatial_pin_forces", "with_pinocchio",
-            "with_pinocchio_forces", "with_scipy"),
+           ("with_spatial_pin", "with_spatial_pin_forces", "with_spatial_pin_search",
+            "with_pinocchio", "with_pinocchio_forces", "with_scipy"),
            ("pin", "numpy", "scipy"))
 
 PEERS = (
-    Tool("MuJoCo", ("with_mujoco", "with_mujoco_forces"), ("mujoco",), ("mujoco", "scipy")),
+    Tool("MuJoCo", ("with_mujoco", "with_mujoco_forces"), ("mujoco",), ("mujoco", "scipy"),
+         ("a02", "a04")),
     Tool("Drake", ("with_drake", "with_drake_forces"), ("drake",), ("drake", "scipy")),
     Tool("Exudyn", ("with_exudyn", "with_exudyn_rssr", "with_exudyn_cube"), ("exudyn",),
          ("exudyn", "scipy")),
     Tool("placo", ("with_placo",), ("placo",), ("placo", "scipy")),
+    Tool("pylinkage", ("with_pylinkage",), ("pylinkage", "numba"), ("pylinkage", "numba"),
+         ("four_bar",)),
     Tool("pink", ("with_pink",), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
 )
+
+
+def asked(peers: bool, bars: bool) -> tuple[Tool, ...]:
+    """Return the peers to measure: all that are asked for, or those beside which a bar is."""
+    return tuple(tool for tool in PEERS if (tool.bars if bars else peers))
+
+
+def is_there(tool: Tool, folder: Path) -> bool:
+    """Whether a tool's environment has been made."""
+    stamp = folder / tool.title.lower() / "installed"
+    return stamp.exists() and stamp.read_text() == "\n".join(tool.installs)
 
 
 def environment(tool: Tool, folder: Path, say: Callable[[str], None] = print) -> Path:
@@ -49,14 +65,13 @@ def environment(tool: Tool, folder: Path, say: Callable[[str], None] = print) ->
         subprocess.CalledProcessError: it could not be made.
     """
     home = folder / tool.title.lower()
-    python, stamp = home / "bin" / "python", home / "installed"
-    wanted = "\n".join(tool.installs)
-    if stamp.exists() and stamp.read_text() == wanted:
+    python = home / "bin" / "python"
+    if is_there(tool, folder):
         return python
     say(f"installing {' '.join(tool.installs)} into {home} (once) ...")
     subprocess.run([sys.executable, "-m", "venv", str(home)], check=True, capture_output=True,
                    text=True)
     subprocess.run([str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
                     *tool.installs], check=True, capture_output=True, text=True)
-    stamp.write_text(wanted)
+    (home / "installed").write_text("\n".join(tool.installs))
     return python

@@ -236,7 +236,7 @@ def judge_assembly(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[s
 BY_HAND = "Pinocchio by hand"
 CASES = (
     *(Case("sweep", BY_HAND, "tuned", partial(setup_tuned, Problem(steps=n)), run_tuned, judge,
-           n, n) for n in rssr.STEPS),
+           n, n) for n in (*rssr.SHORT, *rssr.STEPS)),
     *(Case("sweep", BY_HAND, "plain", partial(setup_plain, Problem(steps=n)), run_plain, judge,
            n, n) for n in rssr.STEPS),
     Case("rates", BY_HAND, "rows, two solves", at_one_angle, run_rates, judge_rates),

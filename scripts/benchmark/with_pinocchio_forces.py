@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from benchmark import cube, ladder
+from benchmark import cube, falling, ladder
 from benchmark.case import Case
 from benchmark.rk4 import BY_HAND_STEPS, DAMPING, STIFFNESS, rk4
 from benchmark.rssr import Array
@@ -105,10 +106,15 @@ def setup_cube() -> SimpleNamespace:
 def run_rk4(tool: SimpleNamespace, step: float, duration: float) -> tuple[Array, float]:
     """Return the last configuration, and the largest closure error there [m]."""
     q, _ = rk4(partial(acceleration, tool), tool.q, tool.v, step, duration)
+    return q, opening(tool, q)
+
+
+def opening(tool: SimpleNamespace, q: Array) -> float:
+    """Return the largest closure error [m]."""
     pin.forwardKinematics(tool.model, tool.data, q)
     gaps = [tool.data.oMi[c.joint1_id].act(c.joint1_placement.translation)
             - tool.data.oMi[c.joint2_id].act(c.joint2_placement.translation) for c in tool.models]
-    return q, max(float(np.linalg.norm(gap)) for gap in gaps)
+    return max(float(np.linalg.norm(gap)) for gap in gaps)
 
 
 def judge_a02(tool: SimpleNamespace, result: tuple[Array, float]) -> dict[str, float | None]:
@@ -121,6 +127,36 @@ def judge_a04(tool: SimpleNamespace, result: tuple[Array, float]) -> dict[str, f
     return cube.judge(corner, result[1])
 
 
+def setup_falling(make: Callable[[], falling.Robot]) -> SimpleNamespace:
+    """Hinges about z; each closure is two points in space, which keeps the plane too."""
+    robot, model = make(), pin.Model()
+    model.gravity.linear = np.array([0.0, -falling.G, 0.0])
+    for rod in robot.rods:
+        body = model.addJoint(rod.parent + 1, pin.JointModelRZ(), translation((*rod.at, 0.0)),
+                              rod.name)
+        moments = np.diag([0.5 * rod.inertia, 0.5 * rod.inertia, rod.inertia])
+        inertia = pin.Inertia(rod.mass, np.array([*rod.com, 0.0]), moments)
+        model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
+    closures = [contact(model, (one + 1, np.array([*at, 0.0])),
+                        (other + 1, np.array([*there, 0.0])))
+                for one, at, other, there in robot.closures]
+    tool = ready(model, closures, np.array([rod.angle for rod in robot.rods]),
+                 np.zeros(model.nv))
+    tool.robot = robot
+    return tool
+
+
+def run_falling(tool: SimpleNamespace, step: float) -> tuple[Array, Array]:
+    return rk4(partial(acceleration, tool), tool.q, tool.v, step, falling.DURATION)
+
+
+def judge_falling(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
+    model, data = tool.model, tool.data
+    start, end = (pin.computeMechanicalEnergy(model, data, q, v)
+                  for q, v in ((tool.q, tool.v), result))
+    return falling.judge(tool.robot, end - start, opening(tool, result[0]))
+
+
 CASES = (
     *(Case("forward", NAME, "constraintDynamics", partial(setup_ladder, n, ladder.ANGLE,
            ladder.RATE), run_forward, judge_forward, size=n) for n in ladder.SIZES),
@@ -129,4 +165,7 @@ CASES = (
            partial(run_rk4, step=h, duration=ladder.DURATION), judge_a02) for h in BY_HAND_STEPS),
     *(Case("a04", NAME, f"constraintDynamics + Baumgarte, RK4 at {h:g} s", setup_cube,
            partial(run_rk4, step=h, duration=cube.DURATION), judge_a04) for h in BY_HAND_STEPS),
+    *(Case(task, NAME, f"constraintDynamics + Baumgarte, RK4 at {h:g} s",
+           partial(setup_falling, make), partial(run_falling, step=h), judge_falling)
+      for task, make in falling.ROBOTS.items() for h in BY_HAND_STEPS),
 )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from benchmark import rspc, rssr, stewart
+from benchmark import four_bar, rspc, rssr, stewart
 from benchmark.case import Absent, Case
 from benchmark.rssr import Array, Problem
 
@@ -90,11 +90,27 @@ def run_assembly(tool: SimpleNamespace) -> sp.State:
     return sp.assemble(tool.mechanism, {"crank": 0.0})
 
 
-def judge_assembly(tool: SimpleNamespace, state: sp.State) -> dict[str, float | None]:
+def run_assembly_elsewhere(tool: SimpleNamespace) -> sp.State:
+    return sp.assemble(tool.mechanism, {"crank": tool.problem.phi[1]})
+
+
+def setup_assembly_from_state() -> SimpleNamespace:
+    tool = one_state()
+    tool.near = sp.assemble(tool.mechanism, {"crank": tool.problem.phi[1]})
+    return tool
+
+
+def run_assembly_from_state(tool: SimpleNamespace) -> sp.State:
+    return sp.assemble(tool.mechanism, {"crank": tool.problem.phi[1]}, tool.near)
+
+
+def judge_assembly(
+    tool: SimpleNamespace, state: sp.State, row: int = 0
+) -> dict[str, float | None]:
     gap = state.placement("coupler_b").translation - state.placement("rocker_b").translation
     at = tool.mechanism.coordinate("rocker_pin").q
     fields = (np.array([np.linalg.norm(gap)]), state.q[at:at + 1], None, None, None, None)
-    return rssr.judge_row(tool.problem, fields, 0)
+    return rssr.judge_row(tool.problem, fields, row)
 
 
 def closed_bricard() -> SimpleNamespace:
@@ -124,6 +140,11 @@ def judge_rspc(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | No
     return {"closure": float(np.linalg.norm(gap, axis=1).max()), **errors}
 
 
+def judge_four_bar(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
+    found = np.array(tuple(motion.coordinate("rocker_pin")))
+    return four_bar.judge(tool.values, tool.speed, found)
+
+
 def judge_stewart(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
     gaps = [motion.frame(f"piston_{k}").position - motion.frame(f"platform_{k}").position
             for k in range(1, 7)]
@@ -146,7 +167,7 @@ def nothing(*_: Any) -> dict[str, float | None]:
 
 CASES = (
     *(Case("sweep", NAME, "sweep", partial(setup_sweep, n), run_sweep, judge_sweep, n, n)
-      for n in rssr.STEPS),
+      for n in (*rssr.SHORT, *rssr.STEPS)),
     *(Case("sweep", NAME, "sweep + states of all bodies", partial(setup_sweep, n),
            run_sweep_bodies, judge_sweep, n, n) for n in rssr.STEPS),
     *(Case("rspc", NAME, "sweep", partial(setup_other, "rspc", "crank", rspc.angles(n), rspc.SPEED),
@@ -154,11 +175,18 @@ CASES = (
     *(Case("stewart", NAME, "sweep",
            partial(setup_other, "stewart", "leg_1", stewart.lengths(n), stewart.SPEED),
            run_other, judge_stewart, n, n) for n in rssr.STEPS),
+    *(Case("four_bar", NAME, "sweep",
+           partial(setup_other, "four_bar", "crank", four_bar.angles(n), four_bar.SPEED),
+           run_other, judge_four_bar, n, n) for n in four_bar.STEPS),
     Case("rates", NAME, "solve_rates", one_state, run_rates, judge_rates),
     Case("jacobian", NAME, "jacobian", one_state, run_jacobian, judge_jacobian),
     Case("mobility", NAME, "mobility: ranks, finite freedom, loops' orders, rows to spare",
          closed_bricard, run_mobility, lambda _, n: {"count": abs(n - 1)}),
     Case("assembly", NAME, "assemble", partial(setup_sweep, 1), run_assembly, judge_assembly),
+    Case("assembly", NAME, "assemble, 40° from the guess of the file", one_state,
+         run_assembly_elsewhere, partial(judge_assembly, row=1)),
+    Case("assembly", NAME, "assemble, from a State there", setup_assembly_from_state,
+         run_assembly_from_state, partial(judge_assembly, row=1)),
     Case("start", NAME, "import spatial_pin, load('rssr')",
          lambda: "import spatial_pin; spatial_pin.load('rssr')", fresh, nothing),
     Case("start", "Pinocchio by hand", "import pinocchio", lambda: "import pinocchio", fresh,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 
 import spatial_pin as sp
-from benchmark import cube, ladder
+from benchmark import cube, falling, ladder
 from benchmark.case import Case
 from spatial_pin.accuracy import models
 from spatial_pin.accuracy.cases import CASES as PUBLISHED
@@ -67,13 +68,56 @@ def judge_a04(_: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | No
     return cube.judge(motion.frame("p3").position[-1], float(closure.max()))
 
 
+def setup_falling(make: Callable[[], falling.Robot], accuracy: sp.Accuracy) -> SimpleNamespace:
+    robot, tree, toml = make(), "", ""
+    for rod in robot.rods:
+        parent = robot.rods[rod.parent].name if rod.parent >= 0 else "ground"
+        moments = 0.5 * rod.inertia, 0.5 * rod.inertia, rod.inertia
+        tree += models.joint("continuous", f"{rod.name}_pin", parent, rod.name, (*rod.at, 0.0),
+                             mass=models.inertial(rod.mass, (*rod.com, 0.0), moments))
+    for k, (one, at, other, there) in enumerate(robot.closures):
+        tree += models.point(f"from_{k}", robot.rods[one].name, (*at, 0.0))
+        tree += models.point(f"to_{k}", robot.rods[other].name, (*there, 0.0))
+        toml += models.closure(f"pin_{k}", "revolute", f"from_{k}", f"to_{k}")
+    mechanism = models.made("falling", tree, toml, (0.0, -falling.G, 0.0))
+    start = sp.assemble(mechanism, {f"{rod.name}_pin": rod.angle for rod in robot.rods})
+    return SimpleNamespace(mechanism=mechanism, state=start, accuracy=accuracy, robot=robot,
+                           duration=falling.DURATION)
+
+
+def judge_falling(tool: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
+    gaps = [motion.frame(f"from_{k}").position - motion.frame(f"to_{k}").position
+            for k in range(len(tool.robot.closures))]
+    closure = np.linalg.norm(gaps, axis=-1)
+    gained = float(motion.energy[-1] - motion.energy[0])
+    return falling.judge(tool.robot, gained, float(closure.max()))
+
+
+def setup_platform(accuracy: sp.Accuracy) -> SimpleNamespace:
+    """Let the Gough platform fall, each of its legs with a speed of its own."""
+    mechanism = sp.load("stewart")
+    speeds = {f"leg_{k}": 0.02 * k - 0.05 for k in range(1, 7)}
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism), speeds)
+    return SimpleNamespace(mechanism=mechanism, state=state, accuracy=accuracy, duration=0.15)
+
+
+def judge_platform(tool: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
+    """Compare the centre at the end with a simulation of reference accuracy."""
+    exact = sp.simulate(tool.mechanism, tool.state, tool.duration, times=[tool.duration],
+                        accuracy=sp.Accuracy.named("reference"))
+    off = motion.frame("platform").position[-1] - exact.frame("platform").position[-1]
+    return {"position": float(np.abs(off).max()), "closure": float(motion.closure_error.max())}
+
+
 SETTINGS = {
     "draft": sp.Accuracy.named("draft"),
     "engineering": sp.Accuracy.named("engineering"),
     "reference": sp.Accuracy.named("reference"),
     "DOP853 at 1e-9": sp.Accuracy(time_tolerance=1e-9),
+    "for_error(1e-4)": sp.Accuracy.for_error(1e-4, "simulate"),
     "RK4, 10 ms": sp.Accuracy(integrator="RK4", step=0.01),
 }
+FEW = "engineering", "for_error(1e-4)"
 
 CASES = (
     *(Case("forward", NAME, "forward_dynamics, reactions too", partial(setup_forward, n),
@@ -82,4 +126,9 @@ CASES = (
            run_simulation, judge)
       for task, entry, judge in (("a02", "ladder_1", judge_a02), ("a04", "bricard", judge_a04))
       for name, accuracy in SETTINGS.items()),
+    Case("platform", NAME, "simulate, engineering",
+         partial(setup_platform, SETTINGS["engineering"]), run_simulation, judge_platform),
+    *(Case(task, NAME, f"simulate, {name}", partial(setup_falling, make, SETTINGS[name]),
+           run_simulation, judge_falling)
+      for task, make in falling.ROBOTS.items() for name in FEW),
 )

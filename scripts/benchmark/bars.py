@@ -1,0 +1,180 @@
+"""The table of bars: what a task takes, what it should take, and how that is to another tool.
+
+A bar is an entry of BARS: a row of the benchmark, the time it should take at most, and the rows of
+others that it should be ahead of. Times are of one whole call, by medians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from benchmark import growth
+from benchmark.case import TASKS
+from benchmark.report import HAND, key
+
+LOOSE = 1e-4  # error that an answer may have where little accuracy is asked for
+POWER, MEMORY = 1.3, 2000.0  # with which times of a ladder may grow, and what 1000 loops take [MB]
+SOLVERS = HAND, "MuJoCo"  # of constrained dynamics, for any mechanism
+WIDTH = 56
+
+
+class Bar(NamedTuple):
+    """One line of the table.
+
+    Attributes:
+        title: the task.
+        row: key of our row.
+        most: seconds that it may take; None where only others are the measure.
+        others: what it is measured beside: keys of rows, the fastest of which counts; or the name
+            of an error: of the rows of SOLVERS the fastest that is as exact as ours, or as LOOSE,
+            counts, or the most exact where none is.
+        ratio: that the times may have.
+    """
+
+    title: str
+    row: str
+    most: float | None = None
+    others: Sequence[str] | str = ()
+    ratio: float = 1.0
+
+
+def _sweep(n: int, most: float) -> Bar:
+    return Bar(f"sweep RSSR, {n} values with rates", key("sweep", n, "sweep"), most,
+               [key("sweep", n, "tuned", HAND)])
+
+
+BARS = (
+    *(_sweep(n, most) for n, most in ((1, 1e-4), (36, 2.5e-4), (360, 7e-4), (3600, 4e-3))),
+    Bar("sweep four-bar, 360 values with rates", key("four_bar", 360, "sweep"), None,
+        [key("four_bar", 360, "numba steps with rates", "pylinkage")], 1.5),
+    Bar("sweep Gough platform, 360 values", key("stewart", 360, "sweep"), 2.5e-3),
+    Bar("sweep Gough platform, 3600 values", key("stewart", 3600, "sweep"), 2e-2),
+    Bar("assemble RSSR from the file", key("assembly", 0, "assemble"), 5e-5),
+    Bar("assemble RSSR from the file, crank at 40°",
+        key("assembly", 0, "assemble, 40° from the guess of the file"), 5e-5),
+    Bar("assemble RSSR from a State", key("assembly", 0, "assemble, from a State there"), 2e-5),
+    Bar("solve_rates RSSR", key("rates", 0, "solve_rates"), 1.5e-5),
+    Bar("jacobian RSSR", key("jacobian", 0, "jacobian"), 1.2e-5),
+    Bar("modes RSSR", key("modes", 0, "assembly_modes, RSSR"), 1e-2),
+    Bar("modes of Dietmaier's platform, 40", key("modes", 0, "assembly_modes, six legs"), 0.5),
+    Bar("modes of a general 6R, 16", key("modes", 0, "assembly_modes, six hinges"), 0.2),
+    Bar("simulate A02, engineering", key("a02", 0, "simulate, engineering"), 6e-3, "angle"),
+    Bar("simulate A02, for_error(1e-4)", key("a02", 0, "simulate, for_error(1e-4)"), 2.5e-3,
+        "angle"),
+    Bar("simulate A04, engineering", key("a04", 0, "simulate, engineering"), 6e-3, "position"),
+    Bar("simulate A04, for_error(1e-4)", key("a04", 0, "simulate, for_error(1e-4)"), None,
+        "position"),
+    Bar("Gough platform, six freedoms, 1001 samples",
+        key("platform", 0, "simulate, engineering"), 1.5e-2),
+    *(Bar(f"{robot} falling 10 s, {how}", key(robot, 0, f"simulate, {how}"), None, "energy")
+      for robot in ("five-bar", "3-RRR") for how in ("engineering", "for_error(1e-4)")),
+    Bar("import and load RSSR", key("start", 0, "import spatial_pin, load('rssr')"), 0.42),
+    Bar("sensitivity RSSR, 4 dimensions", key("sensitivity", 0, "sensitivity"), 6e-2),
+    Bar("gradient of a motion, 4 dimensions",
+        key("sensitivity", 0, "sensitivity of 36 states of a turn"), 0.1),
+)
+
+
+def tasks() -> list[str]:
+    """Return the tasks that the bars are about."""
+    wanted = {"ladder", *(bar.row.partition(" / ")[0] for bar in BARS)}
+    return [task for task in TASKS if task in wanted]
+
+
+def wanted(row: Mapping[str, Any]) -> bool:
+    """Whether a row of the benchmark is one of ours that has a bar, or one beside it."""
+    own = key(row["task"], row["size"], row["how"], row["tool"])
+    for bar in BARS:
+        beside = bar.others if not isinstance(bar.others, str) else ()
+        if own == bar.row or own in beside:
+            return True
+        if isinstance(bar.others, str) and row["tool"] in SOLVERS \
+                and bar.row.startswith(f"{row['task']} / {row['size']} / "):
+            return True
+    return False
+
+
+def table(report: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of the table."""
+    yield "task".ljust(WIDTH) + f"{'now':>11} {'bar':>9} {'now/bar':>8}  beside"
+    measured = {row["task"] for row in report["rows"].values()}
+    for bar in BARS:
+        if bar.row.partition(" / ")[0] in measured:
+            yield _line(bar, report["rows"])
+    yield from (f"  {tool}, {TASKS[task].title.format('N')}: {why}"
+                for task, tool, why in report["absent"] if task in measured)
+
+
+def _line(bar: Bar, rows: Mapping[str, Any]) -> str:
+    if bar.row not in rows:
+        return f"{bar.title.ljust(WIDTH)}{'-':>11}  not measured"
+    own = rows[bar.row]
+    seconds = own["median"] * own["count"]
+    text = f"{bar.title.ljust(WIDTH)}{told(seconds):>11}"
+    text += f" {told(bar.most):>9} {_judged(seconds / bar.most):>8}" if bar.most else " " * 19
+    return (text + "  " + _beside(bar, own, rows)).rstrip()
+
+
+def _beside(bar: Bar, own: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
+    """Return how the time is to the best other, and who that is."""
+    if not bar.others:
+        return ""
+    best = _best(bar, own, rows)
+    if best is None:
+        return "no other was measured"
+    ratio, error = own["median"] / best["median"], ""
+    if isinstance(bar.others, str):
+        mine, theirs = (row["errors"][bar.others] for row in (own, best))
+        error = f", errors {mine:.0e} and {theirs:.0e}"
+    return (f"{_judged(ratio / bar.ratio, ratio)} (bar {bar.ratio:g}) to {best['tool']}: "
+            f"{best['how']}{error}")
+
+
+def _best(bar: Bar, own: Mapping[str, Any], rows: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    if not isinstance(bar.others, str):
+        there = [rows[name] for name in bar.others if name in rows]
+        return min(there, key=lambda row: row["median"], default=None)
+
+    def error(row: Mapping[str, Any]) -> float:
+        return row["errors"][bar.others]
+
+    there = [row for row in rows.values() if row["task"] == own["task"]
+             and row["tool"] in SOLVERS and error(row) is not None]
+    loose = LOOSE if "for_error" in bar.row else 0.0
+    exact = [row for row in there if error(row) <= max(error(own), loose)]
+    if exact:
+        return min(exact, key=lambda row: row["median"])
+    return min(there, key=error, default=None)
+
+
+def _judged(value: float, shown: float | None = None) -> str:
+    """Return a number; with a star where it is above 1, not met."""
+    return f"{value if shown is None else shown:.2g}{'*' * (value > 1.0)}"
+
+
+def told(seconds: float) -> str:
+    """Return a time with three digits."""
+    for unit, size in (("µs", 1e-6), ("ms", 1e-3)):
+        if seconds < 999.5 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def growing(sizes: Iterable[int] = growth.SIZES) -> Iterator[str]:
+    """Measure and yield the lines about ladders."""
+    found: dict[int, dict[str, tuple[float, float]]] = {}
+    for n in sizes:
+        found[n], why = growth.measure(n)
+        done = ", ".join(f"{stage} {told(x)}" for stage, (x, _) in found[n].items())
+        memory = max((m for _, m in found[n].values()), default=0.0)
+        yield f"ladder of {n} loops: {done}; {memory:.0f} MB{'*' * (memory > MEMORY)}"
+        if why:
+            stage = next(stage for stage in growth.STAGES if stage not in found[n])
+            yield (f"  {stage} does not end within {growth.SECONDS} s and "
+                   f"{growth.MEMORY >> 30} GB*: {why}; no larger one is tried")
+            break
+    for stage in growth.STAGES:
+        value, few, many = growth.power(found, stage)
+        yield (f"  {stage}: grows with power {_judged(value / POWER, value)} from {few} to "
+               f"{many} (bar {POWER:g})")

@@ -1,0 +1,87 @@
+"""This library, through its public interface: assembly modes, and what dimensions change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+
+import spatial_pin as sp
+from benchmark import counted, rssr
+from benchmark.case import Case
+from benchmark.rssr import Array, Problem
+
+NAME = "spatial_pin"
+DIMENSIONS = ("a", "b", "c", "d")
+STEP = 1e-4  # relative step of central differences of the closed form
+
+
+# Assembly modes
+
+
+def setup_modes(make: Callable[[], sp.Mechanism]) -> SimpleNamespace:
+    return SimpleNamespace(mechanism=make())
+
+
+def run_modes(tool: SimpleNamespace) -> sp.AssemblyModes:
+    return sp.assembly_modes(tool.mechanism)
+
+
+# Dimensions
+
+
+def setup_sensitivity() -> SimpleNamespace:
+    mechanism, problem = sp.load("rssr"), Problem(steps=rssr.FEW)
+    state = sp.assemble(mechanism, {"crank": problem.phi[1]})
+    return SimpleNamespace(mechanism=mechanism, state=state, problem=problem)
+
+
+def run_sensitivity(tool: SimpleNamespace) -> Array:
+    found = sp.sensitivity(tool.mechanism, tool.state, "rocker_pin", DIMENSIONS)
+    return np.array([[found.derivatives[name] for name in DIMENSIONS]])
+
+
+def setup_gradient() -> SimpleNamespace:
+    """Take every tenth degree of a turn: of a goal over the motion this is what it is made of."""
+    tool = SimpleNamespace(mechanism=sp.load("rssr"), problem=Problem(steps=36))
+    motion = sp.sweep(tool.mechanism, "crank", tool.problem.phi)
+    tool.states = [motion.state(k) for k in range(len(motion))]
+    return tool
+
+
+def run_gradient(tool: SimpleNamespace) -> Array:
+    found = [sp.sensitivity(tool.mechanism, state, "rocker_pin", DIMENSIONS).derivatives
+             for state in tool.states]
+    return np.array([[one[name] for name in DIMENSIONS] for one in found])
+
+
+def judge_derivatives(tool: SimpleNamespace, found: Array) -> dict[str, float | None]:
+    """Compare with sixth-order differences of the closed form."""
+    rows = slice(1, 2) if len(found) == 1 else slice(None)
+    exact = [derivative(tool.problem, name)[rows] for name in DIMENSIONS]
+    return {"dψ": float(np.abs(found - np.array(exact).T).max())}
+
+
+def derivative(problem: Problem, name: str) -> Array:
+    """Return (N,) how the rocker's angle changes with a dimension [rad/m]."""
+    value = getattr(problem, name)
+    h = STEP * value
+
+    def angles(k: int) -> Array:
+        shape = {**{x: getattr(problem, x) for x in DIMENSIONS}, name: value + k * h}
+        return Problem(steps=problem.steps, **shape).exact().angle
+
+    return sum(w * (angles(k) - angles(-k)) for k, w in ((1, 0.75), (2, -0.15), (3, 1 / 60))) / h
+
+
+CASES = (
+    *(Case("modes", NAME, f"assembly_modes, {name}", partial(setup_modes, make), run_modes,
+           lambda _, modes, n=n: {"count": abs(len(modes) - n)}, slow=n > 2)
+      for name, (make, n) in counted.COUNTS.items()),
+    Case("sensitivity", NAME, "sensitivity", setup_sensitivity, run_sensitivity,
+         judge_derivatives),
+    Case("sensitivity", NAME, "sensitivity of 36 states of a turn", setup_gradient, run_gradient,
+         judge_derivatives, slow=True),
+)
