@@ -415,7 +415,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(
     (tmp_path / "locked").mkdir()
     (tmp_path / "locked" / "there.json").write_text("kept", encoding="utf-8")
     allowed = os.access  # whoever runs this may be allowed everything
-    monkeypatch.setattr("spatial_pin.cli.commands.os.access",
+    monkeypatch.setattr("spatial_pin.cli.running.os.access",
                         lambda path, mode: "locked" not in str(path) and allowed(path, mode))
     monkeypatch.setattr(sp, "sweep", lambda *_, **__: pytest.fail("work was done"))
     code, err = fail("sweep", "four_bar", "crank", "0", "1", option, tmp_path / name)

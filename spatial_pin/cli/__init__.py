@@ -1,5 +1,5 @@
 """The command `spatial-pin`."""
 
-from spatial_pin.cli.commands import main
+from spatial_pin.cli.running import main
 
 __all__ = ["main"]

@@ -1,15 +1,11 @@
-"""The command `spatial-pin`: parses, calls one public verb, prints; computes nothing."""
+"""What the commands do: each calls one public verb and prints; computes nothing."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import json
-import os
-import re
-import sys
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,260 +17,10 @@ from spatial_pin.formats.files import library_titles
 from spatial_pin.motion.default_motion import usual_motion
 from spatial_pin.motion.report import assembly_summary, info, motion_summary
 from spatial_pin.operators import OPERATORS
-from spatial_pin.outputs import figure_suffix, write_text
-from spatial_pin.units import Quantity, quantity
+from spatial_pin.outputs import write_text
+from spatial_pin.units import Quantity
 from spatial_pin.view import Viewer
 from spatial_pin.view.page.plots import usual_outputs
-
-DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
-FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf")  # options that name a file to write
-MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
-    words = sys.argv[1:] if arguments is None else arguments
-    # argparse takes -90deg for an option, but nothing that begins with a space
-    options = _parser().parse_args([f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
-    warnings.showwarning = _show_warning
-    try:
-        _check_files(options)
-        options.run(options)
-        sys.stdout.flush()
-    except BrokenPipeError:  # the reader has seen enough; nothing is left to flush at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except (sp.SpatialPinError, ValueError) as error:
-        print(f"spatial-pin: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        what = f"{error.filename}: " if error.filename else "cannot write: "
-        print(f"spatial-pin: {what}{error.strerror or error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0
-
-
-def _check_files(options: argparse.Namespace) -> None:
-    """Refuse files that cannot be written before any work is done for them.
-
-    Raises:
-        ValueError: there is no such folder, it is not to be written in, or it is a folder; or a
-            figure's name has no suffix that tells how to write it.
-    """
-    for name in FILES:
-        path = getattr(options, name, None)
-        if not path or (name == "json" and path == "-"):
-            continue
-        if name == "plot":
-            figure_suffix(Path(path), "--plot")
-        folder = Path(path).parent
-        if Path(path).is_dir():
-            raise ValueError(f"--{name} {path}: this is a folder; give the name of a file")
-        if not folder.is_dir():
-            raise ValueError(f"--{name} {path}: there is no folder {str(folder)!r}")
-        if not os.access(path if Path(path).exists() else folder, os.W_OK):
-            raise ValueError(f"--{name} {path}: not allowed to write there")
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"spatial-pin: warning: {message}", file=sys.stderr)
-
-
-class _Parser(argparse.ArgumentParser):
-    """Takes options between the words of a command: `assemble rssr --set d=315mm crank=60deg`."""
-
-    _within = False
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        if self.get_default("run") is None or self._within:
-            return super().parse_known_args(args, namespace)
-        self._within = True  # the next line calls this again, for options and words in turn
-        try:
-            return self.parse_known_intermixed_args(args, namespace)
-        finally:
-            self._within = False
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="spatial-pin", description=DESCRIPTION)
-    parser.add_argument("--version", action="version", version=f"spatial-pin {sp.__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    def command(name: str, run: Callable[[argparse.Namespace], None], text: str,
-                mechanism: bool = True) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(run=run, usage_error=sub.error)
-        if mechanism:
-            sub.add_argument("mechanism", metavar="M", help=MECHANISM_HELP)
-            sub.add_argument("--set", dest="parameters", action="append", default=[], type=_setting,
-                             metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
-            sub.add_argument("--trusted", action="store_true",
-                             help="its xacro files may read files outside their folder")
-            sub.add_argument("--free-flyer", action="store_true",
-                             help="a floating joint carries its root link")
-            sub.add_argument("--package", dest="packages", action="append", default=[],
-                             type=_package, metavar="NAME=FOLDER",
-                             help="where package://NAME lies, as its files name meshes")
-        return sub
-
-    listing = command("list", _list, "mechanisms and operators of the library, with their sources",
-                      mechanism=False)
-    listing.add_argument("--json", metavar="F", help="write the list as JSON (- for the screen)")
-
-    sub = command("info", _info, "links, joints, closures, coordinates and freedoms")
-    sub.add_argument("--json", metavar="F", help="write it as JSON (- for the screen)")
-
-    sub = command("assemble", _assemble, "close the loops at given driver values")
-    sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
-    _guess_option(sub)
-    sub.add_argument("--limits", action="store_true", help="keep the joint limits")
-    sub.add_argument("--release", action=argparse.BooleanOptionalAction, default=True,
-                     help="let drivers that are given no value go, as little as possible, where "
-                          "the loops cannot close with them at their guess")
-    sub.add_argument("--free", action="append", default=[], metavar="DRIVER",
-                     help="a driver that goes where the loops take it")
-    sub.add_argument("--json", metavar="F", help="write the configuration as JSON")
-
-    sub = command("sweep", _sweep, "follow one branch from one driver value to another")
-    _sweep_arguments(sub)
-    sub.add_argument("--hold", action="append", default=[], metavar="NAME",
-                     help="a joint or coordinate that stands still, besides a free base; springs "
-                          "for all joints that springs act about")
-    sub.add_argument("--only", action="append", default=[], metavar="NAME",
-                     help="sweep the smallest model that yields this coordinate, link or frame, "
-                          "and say what it leaves out")
-    _result_options(sub)
-
-    sub = command("simulate", _simulate, "let it move under gravity, springs and efforts")
-    sub.add_argument("--duration", type=_quantity, required=True, help="how long, as 10 or 500ms")
-    sub.add_argument("--rows", type=_count, default=1001, help="number of rows (1001)")
-    _start_options(sub, "--speed")
-    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-                     help="where a joint passes a limit of the URDF (report)")
-    sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
-                     default="engineering")
-    _guess_option(sub)
-    _result_options(sub)
-
-    sub = command("tradeoff", _tradeoff,
-                  "measure what accuracy settings cost and lose on a motion of it")
-    _sweep_arguments(sub, needed=False)
-    sub.add_argument("--simulate", nargs="?", const=0.0, type=_quantity, metavar="DURATION",
-                     help="a simulation instead of a sweep, as 10 or 500ms "
-                          "(a few seconds under gravity)")
-    _start_options(sub, "--begin")  # --speed is that of a sweep
-    sub.add_argument("--rows", type=_count, help="number of its rows (201)")
-    sub.add_argument("--repeats", type=_count, default=5, help="runs of each setting (5)")
-    sub.add_argument("--error", type=_positive, help="name the cheapest setting for this error")
-    sub.add_argument("--json", metavar="F", help="write the table as JSON (- for the screen)")
-    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
-
-    sub = command("limits", _limits, "how far a driver can go on its branch")
-    sub.add_argument("driver", help="driver or coordinate")
-    sub.add_argument("--joints", action="store_true",
-                     help="and before a joint reaches a limit of the URDF")
-    _guess_option(sub)
-
-    sub = command("modes", _modes, "all closed configurations at given driver values")
-    sub.add_argument("values", nargs="*", default=[], type=_setting, metavar="DRIVER=VALUE")
-    sub.add_argument("--patience", type=_count, default=1000,
-                     help="go on until so many starts have found nothing new (1000)")
-    sub.add_argument("--copies", action="store_true",
-                     help="every reading of the coordinates, not one for each mode")
-    sub.add_argument("--limits", action="store_true",
-                     help="only modes that keep the joint limits of the URDF")
-    sub.add_argument("--json", metavar="F", help="write the modes as JSON (- for the screen)")
-    sub.add_argument("--html", metavar="F", help="write a page that shows them side by side")
-
-    sub = command("show", _show, "animate a motion in the browser")
-    _sweep_arguments(sub, needed=False)
-    sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
-    sub.add_argument("--live", action="store_true",
-                     help="move it by hand instead: a slider for every driver, or the one named")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what --live tells besides the drivers, as rocker_pin, coupler.position")
-    _look_options(sub)
-
-    sub = command("report", _report, "write a page to send and to print: 3-D, curves, numbers")
-    _sweep_arguments(sub, needed=False)
-    sub.add_argument("--html", metavar="F", required=True, help="the file to write")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what its figures show, as rocker_pin or coupler.com.position")
-    sub.add_argument("--title", help="heading (the mechanism's title)")
-
-    sub = command("check", _check, "read a mechanism file and say what is wrong with it")
-
-    sub = command("export", _export, "write the mechanism as plain files")
-    target = sub.add_mutually_exclusive_group(required=True)
-    target.add_argument("--folder", metavar="F",
-                        help="a folder that can be moved: mechanism file, URDF and meshes")
-    target.add_argument("--urdf", metavar="F",
-                        help="expanded URDF; closures go beside it as .toml")
-    target.add_argument("--mjcf", metavar="F",
-                        help="MuJoCo's format (.xml); closures become equalities")
-    return parser
-
-
-def _result_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--csv", metavar="F", help="write coordinates, rates and accelerations")
-    sub.add_argument("--json", metavar="F", help="write the same as JSON")
-    sub.add_argument("--npz", metavar="F", help="write all arrays")
-    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
-    sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
-    _look_options(sub)
-
-
-def _look_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--trace", action="append", default=[], metavar="NAME",
-                     help="draw the path of a link, frame or joint, or of LINK.com")
-    sub.add_argument("--arrow", action="append", default=[], metavar="NAME.velocity",
-                     help="draw a velocity or acceleration as an arrow")
-    sub.add_argument("--axes", action="store_true", help="draw the axes of the joints")
-    sub.add_argument("--pairs", action="store_true", help="draw a sign for every pair")
-    sub.add_argument("--centres", action="store_true", help="mark the centres of mass")
-
-
-def _look(options: argparse.Namespace) -> sp.Look:
-    return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
-                   arrows=tuple(options.arrow), centres=options.centres)
-
-
-def _start_options(sub: argparse.ArgumentParser, speed: str) -> None:
-    sub.add_argument("--at", action="append", default=[], type=_setting, metavar="DRIVER=VALUE",
-                     help="where the simulation starts")
-    sub.add_argument(speed, action="append", default=[], type=_setting,
-                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
-    sub.add_argument("--effort", action="append", default=[], type=_setting,
-                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
-
-
-def _guess_option(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--guess", action="append", default=[], type=_setting, metavar="JOINT=VALUE",
-                     help="start from here instead of the file's guess")
-
-
-def _sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
-    sub.add_argument("driver", nargs=None if needed else "?", help="driver or coordinate")
-    sub.add_argument("first", nargs=None if needed else "?", type=_quantity)
-    sub.add_argument("last", nargs=None if needed else "?", type=_quantity)
-    sub.add_argument("--steps", type=_count, default=361, help="number of values (361)")
-    sub.add_argument("--speed", type=_quantity, help="of the driver, as 240rpm; without one the "
-                     "motion has no time, and its forces are those at rest")
-    sub.add_argument("--acceleration", type=_quantity, default=0.0)
-    sub.add_argument("--stop", action="store_true",
-                     help="end at a limit position instead of failing")
-    _guess_option(sub)
-
-
-def _quantity(text: str) -> float:
-    try:
-        return quantity(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _fitting(mechanism: sp.Mechanism, values: Mapping[str, float]) -> dict[str, float]:
@@ -294,19 +40,6 @@ def _in_units(values: Mapping[str, float], *units: str) -> None:
             raise ValueError(f"{name} is in {' or '.join(units)}, not in {value.unit}")
 
 
-def _positive(text: str) -> float:
-    value = _quantity(text)
-    if not value > 0.0 or (isinstance(value, Quantity) and value.unit):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number without a unit")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.strip().isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
-    return int(text)
-
-
 def _unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> dict[str, float]:
     values = dict(settings)
     if len(values) < len(settings):
@@ -314,21 +47,9 @@ def _unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> d
     return values
 
 
-def _setting(text: str) -> tuple[str, float]:
-    name, equals, value = text.partition("=")
-    if not (name and equals):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
-    return name, _quantity(value)
-
-
-# ---------------------------------------------------------------- commands
-
-
-def _package(text: str) -> tuple[str, str]:
-    name, separator, folder = text.partition("=")
-    if not (name and separator and folder):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
-    return name, folder
+def _look(options: argparse.Namespace) -> sp.Look:
+    return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
+                   arrows=tuple(options.arrow), centres=options.centres)
 
 
 def _load(options: argparse.Namespace) -> sp.Mechanism:
@@ -625,5 +346,17 @@ def _write_json(content: Any, path: str) -> None:
         write_text(Path(path), text + "\n")
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+RUNS = {
+    "list": _list,
+    "info": _info,
+    "assemble": _assemble,
+    "sweep": _sweep,
+    "simulate": _simulate,
+    "tradeoff": _tradeoff,
+    "limits": _limits,
+    "modes": _modes,
+    "show": _show,
+    "report": _report,
+    "check": _check,
+    "export": _export,
+}

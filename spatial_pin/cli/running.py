@@ -1,0 +1,68 @@
+"""The command `spatial-pin`: parses, runs, and says in one line what went wrong."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import spatial_pin as sp
+from spatial_pin.cli.commands import RUNS
+from spatial_pin.cli.parser import options_of
+from spatial_pin.outputs import figure_suffix
+
+FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf")  # options that name a file to write
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
+    words = sys.argv[1:] if arguments is None else arguments
+    options = options_of(words, RUNS)
+    warnings.showwarning = _show_warning
+    try:
+        _check_files(options)
+        options.run(options)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough; nothing is left to flush at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (sp.SpatialPinError, ValueError) as error:
+        print(f"spatial-pin: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        what = f"{error.filename}: " if error.filename else "cannot write: "
+        print(f"spatial-pin: {what}{error.strerror or error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Refuse files that cannot be written before any work is done for them.
+
+    Raises:
+        ValueError: there is no such folder, it is not to be written in, or it is a folder; or a
+            figure's name has no suffix that tells how to write it.
+    """
+    for name in FILES:
+        path = getattr(options, name, None)
+        if not path or (name == "json" and path == "-"):
+            continue
+        if name == "plot":
+            figure_suffix(Path(path), "--plot")
+        folder = Path(path).parent
+        if Path(path).is_dir():
+            raise ValueError(f"--{name} {path}: this is a folder; give the name of a file")
+        if not folder.is_dir():
+            raise ValueError(f"--{name} {path}: there is no folder {str(folder)!r}")
+        if not os.access(path if Path(path).exists() else folder, os.W_OK):
+            raise ValueError(f"--{name} {path}: not allowed to write there")
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"spatial-pin: warning: {message}", file=sys.stderr)
