@@ -109,10 +109,18 @@ MADE_BY = {
 }
 
 
-def _is_a(value: Any, kind: str) -> bool:
-    """Whether a value is of a class of the library, which are all above this module."""
-    return any(c.__name__ == kind and c.__module__.startswith("spatial_pin.")
-               for c in type(value).__mro__)
+@functools.cache
+def _is_kind_of(own: type, kind: str) -> bool:
+    """Whether a class is one of the library, which are all above this module."""
+    return any(c.__name__ == kind and c.__module__.startswith("spatial_pin.") for c in own.__mro__)
+
+
+def _is_of(value: Any, kinds: list[str]) -> bool:
+    for kind in kinds:
+        own: Any = type(value)
+        if _is_kind_of(own, kind) if kind in MADE_BY else KINDS[kind][0](value):
+            return True
+    return False
 
 
 def _parts(annotation: str) -> list[str]:
@@ -123,10 +131,8 @@ def _parts(annotation: str) -> list[str]:
     return [part.strip() for part in bare.split("|")]
 
 
-def _check(where: str, kinds: list[str], value: Any) -> None:
-    for kind in kinds:
-        if _is_a(value, kind) if kind in MADE_BY else KINDS[kind][0](value):
-            return
+def _refuse(where: str, kinds: list[str], value: Any) -> None:
+    """Say in words of what kinds a value should be."""
     own = [kind for kind in kinds if kind in MADE_BY]
     if own and set(kinds) <= {*own, "None"}:
         a = "an" if own[0][0] in "AEIO" else "a"
@@ -153,7 +159,9 @@ def check_kind(where: str, annotation: str, value: Any) -> None:
         TypeError: it is of another kind.
         ValueError: a number was asked for.
     """
-    _check(where, _parts(annotation), value)
+    kinds = _parts(annotation)
+    if not _is_of(value, kinds):
+        _refuse(where, kinds, value)
 
 
 def checked(function: Function) -> Function:
@@ -178,7 +186,8 @@ def checked(function: Function) -> Function:
         whole: dict[str, int] = {}
         for name, value in (*zip(names, args, strict=False), *given.items()):
             if name in kinds:
-                _check(f"{function.__name__}: {name}", kinds[name], value)
+                if not _is_of(value, kinds[name]):
+                    _refuse(f"{function.__name__}: {name}", kinds[name], value)
                 if kinds[name] == ["int"] and not isinstance(value, int):
                     whole[name] = int(value)
         if whole:
@@ -223,6 +232,8 @@ def finite_number(value: Any, what: str) -> float:
     Raises:
         ValueError: NaN, infinite, or no number.
     """
+    if type(value) is float and math.isfinite(value):
+        return value
     if value is None or isinstance(value, str | bytes | bool):
         raise ValueError(f"{what} must be a number, not {value!r}")
     return float(finite_array(value, (), what))

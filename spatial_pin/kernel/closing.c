@@ -25,6 +25,7 @@
 #define TRIALS 12      /* of a damping, of which the last is 8^12 times the first */
 #define STALLED 10     /* steps after which ... */
 #define LEFT 0.9       /* ... more than that part of a residual will not vanish */
+#define PATIENT 20     /* the same steps where anything may be the start */
 #define WORTHWHILE 0.9999 /* part of a residual that a step leaves, at most, to be followed by one */
 #define MAX_STEP 0.5   /* rad, or characteristic lengths, in one step */
 #define POLISHED 30    /* undamped steps at most: near a dead centre each leaves a quarter */
@@ -63,6 +64,7 @@ typedef struct {
     Int iterations;
     int far;     /* the logarithms of rotations lead */
     int counts;  /* angles of screws count turns from step to step */
+    Int stalled; /* steps after which the residual must have become less */
 } Descent;
 
 /* ---------------------------------------------------------------- pinned coordinates */
@@ -274,7 +276,7 @@ static Real descend(Closer *c, const Descent *d)
 {
     Real damping = DAMPING, error = residual_at(c, c->q, d->far), marked = INFINITY;
     for (Int i = 0; i < d->iterations && error > d->tolerance; i++) {
-        if (i % STALLED == 0) {
+        if (i % d->stalled == 0) {
             if (error > LEFT * marked)
                 break;
             marked = error;
@@ -310,7 +312,7 @@ static Real polish(Closer *c)
 
 static Real close_one(Closer *c, Real tolerance, Int iterations)
 {
-    Descent d = {NEAR, iterations, 1, 0};
+    Descent d = {NEAR, iterations, 1, 0, STALLED};
     put_pinned(c, c->q);
     residual_at(c, c->q, 0);
     if (rotations_are_far(c->k, &c->rotations))
@@ -438,7 +440,7 @@ EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tole
                            Int iterations, Real *error)
 {
     const size_t nq = (size_t)c->k->nq;
-    const Descent d = {tolerance, iterations, 0, 1};
+    const Descent d = {tolerance, iterations, 0, 1, PATIENT};
     c->free = free;
     c->cut = 0.0;
     c->squares = 1; /* which leave enough digits for a start */

@@ -61,6 +61,7 @@ class Kernel:
         handle: of the C structure.
         library: the compiled functions.
         packed: what it was made of.
+        kept: what works in its memory, made once.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -75,6 +76,7 @@ class Kernel:
         check(self.library.kernel_create(
             address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
         self.handle = handle
+        self.kept: dict[Any, Any] = {}
         weakref.finalize(self, self.library.kernel_destroy, handle)
 
     def evaluate(self, q: Array, v: Array, turns: Array) -> Evaluated:

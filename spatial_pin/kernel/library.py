@@ -11,6 +11,7 @@ from spatial_pin.kernel.sources import LIBRARY, source_hash
 
 CODES = ("done", "arrays that do not fit together", "no memory left", "a singular system",
          "not converged", "an unsafe step", "not finite")
+DONE, BAD_ARRAYS = 0, 1  # of them
 INT, REAL, POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 REMEDY = "install the package with pip, or run `python scripts/build_kernel.py` in its source tree"
 
@@ -55,6 +56,9 @@ def library() -> ctypes.CDLL:
     found.kernel_integrate.argtypes = [POINTER] * 3
     found.kernel_solve.argtypes = [POINTER] * 4
     found.system_set.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, INT]
+    found.rates_create.argtypes = [POINTER, POINTER, INT, POINTER]
+    found.rates_solve.argtypes = [POINTER, POINTER, POINTER, INT, *[POINTER] * 6]
+    found.rates_jacobian.argtypes = [POINTER, POINTER, POINTER, INT, INT, *[POINTER] * 3]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
     found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, POINTER]

@@ -18,6 +18,7 @@ from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, drivers_of_tree
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates import regular
 from spatial_pin.rates.prescribed import rate_coordinates
 from spatial_pin.rates.rates import driven_coordinates, system_of
 
@@ -72,14 +73,19 @@ def jacobian(
     """
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
-    driven = moving_coordinates(mechanism, drivers, hold)
+    names = None if drivers is None else tuple(names_of(drivers, "drivers"))
+    found = regular.point_jacobian(state, frame, names, hold,
+                                   lambda: moving_coordinates(mechanism, names, hold))
+    if found is not None:
+        return found
+    driven = moving_coordinates(mechanism, names, hold)
     mechanism = state.mechanism
     with system_of(state, driven, hold) as system:
         data = system.evaluation.data  # where the joints' Jacobians are known
         pin.updateFramePlacement(mechanism.model, data, frame)
         own = frame_jacobian(mechanism.model, data, frame)
-        found: Array = own @ _columns(system, hold)
-        return found
+        whole: Array = own @ _columns(system, hold)
+        return whole
 
 
 def _columns(system: SquareSystem, hold: Hold) -> Array:

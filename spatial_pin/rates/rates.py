@@ -18,6 +18,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
 from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
+from spatial_pin.rates import regular
 from spatial_pin.rates.prescribed import (
     check_one_meaning,
     rate_coordinates,
@@ -266,6 +267,10 @@ def solve_rates(
     mechanism = state.mechanism
     speeds = mapping(speeds, "speeds")
     accelerations = mapping(accelerations, "accelerations")
+    clear = regular.solved(state, speeds, accelerations, hold,
+                           lambda: driven_coordinates(mechanism, mechanism.drivers))
+    if clear is not None:
+        return _state_of(state, clear.v, clear.a, known_to(clear.pace, clear.pivot))
     v_of = rates_given(mechanism, speeds, "speed")
     a_of = rates_given(mechanism, accelerations, "acceleration")
     check_one_meaning(mechanism, [*v_of, *a_of])
@@ -280,8 +285,12 @@ def solve_rates(
         check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
         check_rates(system, v, state)
         lost = round_off(system, state.q, rates)
-    return State(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
-                 rate_error=lost, released=state.released)
+    return _state_of(state, v, a, lost)
+
+
+def _state_of(state: State, v: Array, a: Array, lost: float) -> State:
+    return State(state.mechanism, state.q, v, a, closure_error=state.closure_error,
+                 angles=state.angles, rate_error=lost, released=state.released)
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
@@ -303,10 +312,15 @@ def round_off(system: SquareSystem, q: Array, rates: Array, solved: bool = True)
     """
     paces = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
     pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
-    known = ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    known = known_to(pace, pivot)
     if pivot > WELL or not solved:
         return known
     return min(max(known, _unknown(system, q, rates)), 1.0)
+
+
+def known_to(pace: float, pivot: float) -> float:
+    """Return the round-off of rates, by their size: of joints `pace` times as fast as a driver."""
+    return ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
 
 
 def _unknown(system: SquareSystem, q: Array, rates: Array) -> float:

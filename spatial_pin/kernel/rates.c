@@ -1,0 +1,220 @@
+/* Velocities and accelerations of all joints at given rates of driven freedoms, where all closure
+ * equations are independent of each other, of the drivers and of the idle rotations, and clearly
+ * so: K v = drive, K a = drive' - bias(v). Where they are not, the caller has to find out why.
+ *
+ * Pivots are chosen anew at every configuration, so that answers depend on nothing else. */
+#include <string.h>
+
+#include "dense.h"
+#include "kernel.h"
+
+/* Smallest over largest pivot below which rates lose digits that are worth a closer look. */
+#define WELL 1e-3
+/* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
+#define FEW 40
+
+typedef struct {
+    Kernel *k;
+    Int n_driven;
+    const Int *driven;
+    Int *all;         /* the closure equations: 0 to n_closure - 1 */
+    Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
+    Int *order;
+    Real *x;          /* (nv) */
+    Real pivot;       /* smallest over largest */
+} Rates;
+
+/* Memory for rates of a kernel, freed with it; BAD_ARRAYS unless there are as many equations and
+   driven freedoms as freedoms. */
+EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
+{
+    *out = NULL;
+    if (n_driven < 0 || k->n_closure + k->n_idle + n_driven != k->nv)
+        return BAD_ARRAYS;
+    for (Int i = 0; i < n_driven; i++)
+        if (driven[i] < 0 || driven[i] >= k->nv)
+            return BAD_ARRAYS;
+    Rates *r = kernel_memory(k, 1, sizeof *r);
+    Int *copy = kernel_memory(k, n_driven, sizeof(Int));
+    const Int size = k->nv <= FEW ? k->nv * k->nv : 0;
+    if (!r || !copy)
+        return NO_MEMORY;
+    r->k = k, r->n_driven = n_driven, r->driven = copy;
+    r->all = kernel_memory(k, k->n_closure, sizeof(Int));
+    r->matrix = kernel_memory(k, size, sizeof(Real));
+    r->order = kernel_memory(k, k->nv, sizeof(Int));
+    r->x = kernel_memory(k, k->nv, sizeof(Real));
+    if (!r->all || !r->matrix || !r->order || !r->x)
+        return NO_MEMORY;
+    memcpy(copy, driven, (size_t)n_driven * sizeof(Int));
+    for (Int i = 0; i < k->n_closure; i++)
+        r->all[i] = i;
+    *out = r;
+    return DONE;
+}
+
+/* K transposed: equation by equation in the columns. */
+static void fill_matrix(Rates *r)
+{
+    const Kernel *k = r->k;
+    const Int n = k->nv;
+    memset(r->matrix, 0, (size_t)(n * n) * sizeof(Real));
+    for (Int i = 0; i < k->n_equations; i++)
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+            r->matrix[k->entry_v[e] * n + i] = k->entry[e];
+    for (Int i = 0; i < r->n_driven; i++)
+        r->matrix[r->driven[i] * n + k->n_equations + i] = 1.0;
+}
+
+static Real pivot_ratio(const Real *matrix, Int n)
+{
+    Real least = INFINITY, most = 0.0;
+    for (Int i = 0; i < n; i++) {
+        const Real size = fabs(matrix[i * n + i]);
+        least = size < least ? size : least;
+        most = size > most ? size : most;
+    }
+    return most > 0.0 ? least / most : n ? 0.0 : 1.0;
+}
+
+/* Factor at the evaluated configuration. */
+static int factor(Rates *r)
+{
+    Kernel *k = r->k;
+    if (k->nv <= FEW) {
+        fill_matrix(r);
+        const Int singular = k->nv ? dense_lu(k->nv, r->matrix, r->order) : 0;
+        r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
+        return DONE;
+    }
+    int code = system_set(k, r->all, k->n_closure, r->driven, r->n_driven, NULL, 0);
+    if (code == DONE)
+        code = system_factor(k);
+    r->pivot = code == DONE ? k->pivot_ratio : 0.0;
+    return code == SINGULAR ? DONE : code;
+}
+
+static void solve(Rates *r, Real *x)
+{
+    if (r->k->nv > FEW)
+        system_solve(r->k, x);
+    else if (r->k->nv)
+        dense_lu_solve(r->k->nv, r->matrix, r->order, 1, 1, x);
+}
+
+/* Joint velocities (n, nv) for a unit speed of each of the first n driven freedoms; returns how
+   fast the fastest joint is, relative to the driven one. */
+static Real solve_columns(Rates *r, Int n, Real *columns)
+{
+    const Kernel *k = r->k;
+    Real pace = 1.0;
+    for (Int c = 0; c < n; c++) {
+        const Real own = k->scale[r->driven[c]];
+        Real *x = columns + c * k->nv;
+        memset(x, 0, (size_t)k->nv * sizeof(Real));
+        x[k->n_equations + c] = 1.0 / own;
+        solve(r, x);
+        for (Int v = 0; v < k->nv; v++) {
+            pace = fabs(x[v]) * own > pace ? fabs(x[v]) * own : pace;
+            x[v] *= k->scale[v];
+        }
+    }
+    return pace;
+}
+
+static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
+{
+    Kernel *k = r->k;
+    equations_bias(k, v);
+    for (Int i = 0; i < k->n_equations; i++)
+        r->x[i] = -k->bias[i];
+    for (Int i = 0; i < r->n_driven; i++)
+        r->x[k->n_equations + i] = acceleration[i] / k->scale[r->driven[i]];
+    solve(r, r->x);
+    for (Int i = 0; i < k->nv; i++)
+        a[i] = k->scale[i] * r->x[i];
+    for (Int i = 0; i < r->n_driven; i++)
+        a[r->driven[i]] = acceleration[i]; /* as asked for, to the last digit */
+}
+
+/* Evaluate and factor at q; UNSAFE where the equations are not clearly independent. */
+static int place(Rates *r, const Real *q, const Real *turns)
+{
+    Kernel *k = r->k;
+    memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
+    equations_values(k, q);
+    equations_jacobian(k);
+    const int code = factor(r);
+    return code != DONE ? code : r->pivot > WELL ? DONE : UNSAFE;
+}
+
+static int are_finite(const Real *x, Int n)
+{
+    for (Int i = 0; i < n; i++)
+        if (!isfinite(x[i]))
+            return 0;
+    return 1;
+}
+
+/* Rates at q with speeds and accelerations (n_driven) of the driven freedoms.
+
+   n_moving: the first driven freedoms, of which columns (n_moving, nv) are wanted: the others stand
+   still; v, a: (nv); facts: (2) smallest over largest pivot, and the pace of the fastest joint. */
+EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, Int n_moving, const Real *speed,
+                       const Real *acceleration, Real *columns, Real *v, Real *a, Real *facts)
+{
+    const Int nv = r->k->nv;
+    const int code = n_moving < 0 || n_moving > r->n_driven ? BAD_ARRAYS : place(r, q, turns);
+    if (code != DONE)
+        return code;
+    facts[0] = r->pivot;
+    facts[1] = solve_columns(r, n_moving, columns);
+    memset(v, 0, (size_t)nv * sizeof(Real));
+    for (Int c = 0; c < n_moving; c++)
+        for (Int i = 0; i < nv; i++)
+            v[i] += columns[c * nv + i] * speed[c];
+    for (Int i = 0; i < r->n_driven; i++)
+        v[r->driven[i]] = speed[i];
+    solve_acceleration(r, v, acceleration, a);
+    return are_finite(v, nv) && are_finite(a, nv) ? DONE : NOT_FINITE;
+}
+
+/* Twist of a point of a joint's body, at the evaluated configuration, for joint velocities (nv). */
+static void twist(const Kernel *k, Int joint, const Real *point, const Real *v, Real *linear,
+                  Real *angular)
+{
+    Real around[3];
+    zero3(linear);
+    zero3(angular);
+    for (Int j = joint; j > 0; j = k->parent[j])
+        for (Int i = k->iv[j]; i < k->iv[j] + joint_nv(k->kind[j]); i++) {
+            add3(v[i], k->linear + 3 * i, linear);
+            add3(v[i], k->angular + 3 * i, angular);
+        }
+    cross3(angular, point, around);
+    add3(1.0, around, linear);
+}
+
+/* The closed-loop Jacobian (6, n) of a point fixed in a joint's body, for the first n driven
+   freedoms: linear above angular, world axes. `local` (3) in the joint's axes; columns as above. */
+EXPORT int rates_jacobian(Rates *r, const Real *q, const Real *turns, Int n, Int joint,
+                          const Real *local, Real *columns, Real *jacobian)
+{
+    const Kernel *k = r->k;
+    if (n < 0 || n > r->n_driven || joint < 0 || joint >= k->n_joints)
+        return BAD_ARRAYS;
+    const int code = place(r, q, turns);
+    if (code != DONE)
+        return code;
+    solve_columns(r, n, columns);
+    Real point[3];
+    rotate3(k->R + 9 * joint, local, point);
+    add3(1.0, k->p + 3 * joint, point);
+    for (Int c = 0; c < n; c++) {
+        Real parts[6];
+        twist(k, joint, point, columns + c * k->nv, parts, parts + 3);
+        for (int i = 0; i < 6; i++)
+            jacobian[i * n + c] = parts[i];
+    }
+    return are_finite(jacobian, 6 * n) ? DONE : NOT_FINITE;
+}

@@ -1,0 +1,136 @@
+"""Rates where what is driven determines them clearly: by the kernel, in a tenth of the time.
+
+`assembly.newton.SquareSystem` is the specification. It works on where equations depend on each
+other, where passive freedoms take the least rates, where components of balls are driven, and near
+singular configurations; it says what is wrong where nothing determines the rates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeVar
+
+from spatial_pin.assembly.holding import Hold, divided
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import finite_number
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.rates import Solved, rates_of
+from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.prescribed import rate_coordinates
+
+Made = TypeVar("Made")
+
+
+class Prescription(NamedTuple):
+    """What is prescribed.
+
+    Attributes:
+        driven: places in the velocity vector, those that stand still last.
+        n_moving: how many of them do not.
+    """
+
+    driven: tuple[int, ...]
+    n_moving: int
+
+
+def solved(
+    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold,
+    drivers: Callable[[], list[Coordinate]],
+) -> Solved | None:
+    """Return the rates of a closed state; None where the kernel does not tell.
+
+    Args:
+        state: the state.
+        speeds: by driver [rad/s, m/s].
+        accelerations: likewise [rad/s², m/s²].
+        hold: what stands still, as for `solve_rates`.
+        drivers: returns the coordinates of the mechanism's drivers.
+
+    Raises:
+        ValueError: a rate is no finite number.
+    """
+    mechanism = state.mechanism
+    names = tuple(speeds), tuple(accelerations)
+    plan = _once(mechanism, ("rates of", *names), hold,
+                 lambda: _plan(mechanism, names, hold, drivers()))
+    if plan is None:
+        return None
+    given, places = plan
+    values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
+              for what, rates in (("speed", speeds), ("acceleration", accelerations))]
+    with kernel_of(mechanism) as kernel:
+        rates = rates_of(kernel, *given)
+        for target, own, numbers in zip((rates.speeds, rates.accelerations), places, values,
+                                        strict=True):
+            target[:] = 0.0
+            for place, value in zip(own, numbers, strict=True):
+                target[place] = value
+        return rates.solve(state.q, state.angles)
+
+
+def point_jacobian(
+    state: State, frame: int, names: tuple[str, ...] | None, hold: Hold,
+    moving: Callable[[], list[Coordinate]],
+) -> Array | None:
+    """Return the closed-loop Jacobian (6, n) of a frame; None where the kernel does not tell.
+
+    Args:
+        state: the state.
+        frame: Pinocchio's index.
+        names: of what moves it, as for `jacobian`.
+        hold: what stands still.
+        moving: returns the coordinates that its columns belong to.
+    """
+    mechanism = state.mechanism
+    given = _once(mechanism, ("jacobian of", names), hold,
+                  lambda: _prescription(mechanism, moving(), hold))
+    if given is None:
+        return None
+    with kernel_of(mechanism) as kernel:
+        own = mechanism.model.frames[frame]
+        joint = int(kernel.packed.carriers[own.parentJoint])
+        local = kernel.packed.frames[joint].T @ own.placement.translation
+        return rates_of(kernel, *given).jacobian(state.q, state.angles, joint, local)
+
+
+def _once(
+    mechanism: Mechanism, key: tuple[Any, ...], hold: Hold, make: Callable[[], Made | None]
+) -> Made | None:
+    """Return what is made of names once; None where it cannot be told by names, or not made."""
+    if not (hold is None or isinstance(hold, str)):
+        return None
+    whole = *key, hold
+    if whole not in mechanism.memo:
+        try:
+            mechanism.memo[whole] = make()
+        except (SpatialPinError, ValueError):
+            return None  # the full way says what is wrong
+    found: Made | None = mechanism.memo[whole]
+    return found
+
+
+def _plan(
+    mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: Hold, drivers: list[Coordinate]
+) -> tuple[Prescription, list[list[int]]] | None:
+    """Return the drivers, and the places of names among them; None if others are named too."""
+    given = _prescription(mechanism, drivers, hold)
+    chosen = [[c for name in some for c in rate_coordinates(mechanism, name)] for some in names]
+    for some, coordinates in zip(names, chosen, strict=True):
+        if len(set(coordinates)) < len(some) or not set(coordinates) <= set(drivers):
+            return None
+    if given is None:
+        return None
+    return given, [[given.driven.index(c.v) for c in some] for some in chosen]
+
+
+def _prescription(
+    mechanism: Mechanism, driven: list[Coordinate], hold: Hold
+) -> Prescription | None:
+    """Return where coordinates are prescribed; None where some are no velocities, or are held."""
+    moving, still = divided(mechanism, driven, hold)
+    if len(moving) != len(driven) or any(
+            c.q < 0 and not isinstance(c, VelocityEntry) for c in moving):
+        return None
+    return Prescription((*(c.v for c in moving), *still), len(moving))

@@ -1,0 +1,86 @@
+"""Rates and Jacobians of the kernel against the square system, which is their specification."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.rates import Rates
+
+LIBRARY = sp.list_mechanisms()
+AGREE = 1e-12  # relative to the fastest joint: a thousand times the round-off of one solution
+
+
+def _square(mechanism: sp.Mechanism) -> tuple[State, SquareSystem]:
+    """Return the assembled state and its square system with all drivers driven."""
+    state = sp.assemble(mechanism)
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.turns[:] = state.angles
+    driven = [mechanism.prescribed_coordinate(d) for d in mechanism.drivers]
+    return state, SquareSystem(evaluation, driven, state.q)
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_rates_are_those_of_the_square_system(name: str) -> None:
+    mechanism = sp.load(name)
+    state, system = _square(mechanism)
+    rng = np.random.default_rng(1)
+    drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
+    at = [*system.drive_at, *system.still]
+    kernel = Kernel(mechanism)  # whose memory the rates work in
+    rates = Rates(kernel, at, len(drive))
+    rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
+    found = rates.solve(state.q, state.angles)
+    n, clear = mechanism.model.nv, system.pivots()[1] > 1e-3
+    whole = constraints_of(mechanism).n_rows + constraints_of(mechanism).n_passive + len(at) == n
+    assert (found is not None) == (whole and clear)
+    if found is None:
+        return
+    columns = system.driver_rates()
+    v = columns @ drive
+    a = system.acceleration(state.q, v, more)
+    assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
+    assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
+    assert found.pivot == pytest.approx(system.pivots()[1], rel=1e-9)
+    assert [found.v[k] for k in system.drive_at] == list(drive)
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_jacobians_are_those_of_pinocchio(name: str) -> None:
+    """Against the twists of states whose drivers move one after the other."""
+    mechanism = sp.load(name)
+    state = sp.assemble(mechanism)
+    for link in mechanism.links[-2:]:
+        found = sp.jacobian(mechanism, state, link)
+        for k, driver in enumerate(mechanism.drivers):
+            moving = sp.solve_rates(mechanism, state, {driver: 1.0})
+            twist = moving.velocity(link).vector
+            assert np.abs(found[:, k] - twist).max() <= 1e-11 * max(1.0, np.abs(twist).max())
+
+
+def test_pivots_that_are_not_clear_are_left_to_the_full_way() -> None:
+    """Next to a dead centre rates are known badly, and the state says so."""
+    mechanism = sp.load("peaucellier")
+    driver = next(iter(mechanism.drivers))
+    end = sp.limits(mechanism, driver).upper.value
+    state = sp.assemble(mechanism, {driver: end - 1e-9})
+    moving = sp.solve_rates(mechanism, state, {driver: 1.0})
+    assert moving.rate_error > 1e-10
+
+
+def test_memory_for_rates_does_not_change_answers() -> None:
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    speeds = dict.fromkeys(mechanism.drivers, 0.1)
+    first = sp.solve_rates(mechanism, state, speeds)
+    other = sp.assemble(mechanism, dict.fromkeys(mechanism.drivers, state.coordinate(
+        next(iter(mechanism.drivers))).value + 0.02), guess=state)
+    sp.solve_rates(mechanism, other, speeds)
+    again = sp.solve_rates(mechanism, state, speeds)
+    assert np.array_equal(first.v, again.v)
+    assert np.array_equal(first.a, again.a)
