@@ -11,6 +11,7 @@
                             second is at most h / 2 of the first */
 #define ROUND_OFF 1e-14  /* a correction after which there is no closer */
 #define LEAST 1e-13      /* smaller corrections contract no more: they are round-off */
+#define NEAR 1e-6        /* residual that factors of a point near by make small enough at once */
 #define NOISE 1e-9       /* first corrections as small are allowed whatever the prediction */
 
 Real chosen_residual(const Kernel *k)
@@ -24,10 +25,10 @@ Real chosen_residual(const Kernel *k)
     return largest;
 }
 
-/* Solve for the correction: k->scratch_v becomes joint displacements. Returns its scaled size. */
+/* Solve for the correction: k->right becomes joint displacements. Returns its scaled size. */
 static Real solve_correction(Kernel *k)
 {
-    Real *x = k->scratch_v, square = 0.0;
+    Real *x = k->right, square = 0.0;
     for (Int i = 0; i < k->n_chosen; i++)
         x[i] = -k->residual[k->chosen[i]];
     for (Int i = k->n_chosen; i < k->nv; i++)
@@ -58,7 +59,8 @@ static int is_closed(const Correction *c, Real residual, Real size)
 
 int correct(Kernel *k, Real *q, Correction *c)
 {
-    Real size = INFINITY, last = INFINITY;
+    Real size = INFINITY, last = INFINITY, before = INFINITY;
+    int old = c->reuse; /* the factors are of another point */
     c->first = 0.0;
     for (c->count = 0;; c->count++) {
         equations_values(k, q);
@@ -69,7 +71,8 @@ int correct(Kernel *k, Real *q, Correction *c)
             return DONE;
         if (c->fixed < 0 && c->count == MOST)
             return NOT_CONVERGED;
-        const int code = c->count || !c->reuse ? factor_here(k) : DONE;
+        old = old && (c->count ? residual * (residual / before) <= c->tolerance : residual < NEAR);
+        const int code = old ? DONE : factor_here(k);
         if (code != DONE)
             return code;
         size = solve_correction(k);
@@ -81,7 +84,8 @@ int correct(Kernel *k, Real *q, Correction *c)
             return UNSAFE;
         if (c->count && size > CONTRACTION * last) /* round-off ends the contraction too */
             return residual <= c->left ? DONE : NOT_CONVERGED;
-        last = fmax(size, LEAST);
-        tree_integrate(k, q, k->scratch_v);
+        last = old ? INFINITY : fmax(size, LEAST); /* old factors do not contract alike */
+        before = residual;
+        tree_integrate(k, q, k->right);
     }
 }

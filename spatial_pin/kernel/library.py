@@ -63,4 +63,12 @@ def library() -> ctypes.CDLL:
     found.closer_close.restype = found.closer_descend.restype = None
     found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, POINTER]
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
+    found.path_create.argtypes = [POINTER] * 3
+    found.path_destroy.restype = None
+    found.path_destroy.argtypes = [POINTER]
+    found.path_start.argtypes = [POINTER] * 3
+    found.path_follow.restype = INT
+    found.path_follow.argtypes = [POINTER, POINTER, INT, POINTER, POINTER]
+    found.path_stand.restype = REAL
+    found.path_stand.argtypes = [POINTER] * 3
     return found

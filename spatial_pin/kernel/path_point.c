@@ -1,0 +1,101 @@
+/* A point of a path: rates there, and predictions from it. */
+#include "path_point.h"
+
+static Int axis_numbers(const Kernel *k)
+{
+    return k->n_idle * (Int)(sizeof(IdleAxis) / sizeof(Real));
+}
+
+Int point_numbers(const Kernel *k)
+{
+    return 3 * k->nq + 2 * k->nv + 2 * k->n_angles + axis_numbers(k);
+}
+
+static Real *carve(Real **from, Int n)
+{
+    Real *part = *from;
+    *from += n;
+    return part;
+}
+
+void point_carve(const Kernel *k, Real **from, Point *point)
+{
+    point->q = carve(from, k->nq);
+    point->first = carve(from, k->nq);
+    point->second = carve(from, k->nq);
+    point->t = carve(from, k->nv);
+    point->c = carve(from, k->nv);
+    point->angle = carve(from, k->n_angles);
+    point->angle_rate = carve(from, k->n_angles);
+    point->axis = (IdleAxis *)carve(from, axis_numbers(k));
+}
+
+/* Angles of screws and their rates: of g = atan2(S, C), g' = (C S' - S C') / (S² + C²). */
+static void screw_angles(const Kernel *k, Point *point)
+{
+    for (Int i = 0; k->n_angles && i < k->n_closure; i++) {
+        if (k->equation_kind[i] != SCREW_ANGLE)
+            continue;
+        const Int sine = k->equation_int[4 * i + 1], angle = k->equation_int[4 * i + 2];
+        const Real *value = k->value + sine, *rate = k->product_rate + sine;
+        point->angle[angle] = k->angle[angle];
+        point->angle_rate[angle] = (value[1] * rate[0] - value[0] * rate[1]) /
+                                   (value[0] * value[0] + value[1] * value[1]);
+    }
+}
+
+int point_rates(Kernel *k, Point *point)
+{
+    Real sum = 0.0;
+    point->size = log2(k->mantissa) + (Real)k->exponent;
+    point->error = equations_error(k);
+    system_path_rates(k, point->t, point->c);
+    for (Int i = 0; i < k->n_driven; i++) { /* as asked for, to the last digit */
+        point->t[k->driven[i]] = i ? 0.0 : 1.0;
+        point->c[k->driven[i]] = 0.0;
+    }
+    screw_angles(k, point); /* the products' rates are those of t */
+    if (k->n_idle)
+        tree_rates(k, point->t, point->c);
+    for (Int i = 0; i < k->n_idle; i++)
+        idle_axis(k, i, point->axis + i);
+    tree_entry_rates(k, point->q, point->t, point->c, point->first, point->second);
+    for (Int v = 0; v < k->nv; v++)
+        sum += fabs(point->t[v]) + fabs(point->c[v]);
+    return isfinite(sum) ? DONE : NOT_FINITE;
+}
+
+Real point_way(const Kernel *k, const Point *point, Real h)
+{
+    Real square = 0.0;
+    for (Int v = 0; v < k->nv; v++) {
+        const Real way = h * (point->t[v] + 0.5 * h * point->c[v]) / k->scale[v];
+        square += way * way;
+    }
+    return sqrt(square);
+}
+
+void predict_taylor(const Kernel *k, const Point *at, Real h, Int order, Real *q)
+{
+    const Real first = order >= 1 ? h : 0.0, second = order >= 2 ? 0.5 * h * h : 0.0;
+    for (Int i = 0; i < k->nq; i++)
+        q[i] = at->q[i] + first * at->first[i] + second * at->second[i];
+    tree_normalize(k, q);
+}
+
+/* With x = s - s1 by H = s1 - s0 and f = H q1', g = H² q1'': q1 + f x + g x² / 2 + x³ (A + B x +
+ * C x²), where A, B, C match what that leaves open of q0, q0', q0'' at x = -1. */
+void predict_hermite(const Kernel *k, const Point *before, const Point *at, Real h, Real *q)
+{
+    const Real H = at->s - before->s, x = h / H, cube = x * x * x;
+    for (Int i = 0; i < k->nq; i++) {
+        const Real f = H * at->first[i], g = H * H * at->second[i];
+        const Real value = before->q[i] - (at->q[i] - f + 0.5 * g);
+        const Real slope = H * before->first[i] - (f - g);
+        const Real bend = H * H * before->second[i] - g;
+        const Real A = -0.5 * (bend + 8.0 * slope + 20.0 * value);
+        const Real C = A + slope + 4.0 * value, B = value + A + C;
+        q[i] = at->q[i] + x * (f + 0.5 * x * g) + cube * (A + x * (B + x * C));
+    }
+    tree_normalize(k, q);
+}
