@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 
 import spatial_pin as sp
 from spatial_pin.assembly.newton import SquareSystem
-from spatial_pin.continuation import vectorised_path
 from spatial_pin.continuation.branch import Branch
+from spatial_pin.continuation.follow import Start
 
 Array = NDArray[np.float64]
 Job = Callable[[], Any]
@@ -163,13 +163,13 @@ class Setting:
 
     def sweep(self, mechanism: sp.Mechanism, values: Array) -> sp.Motion:
         """Return the motion through some values."""
-        possible = vectorised_path.is_possible
+        path = Start._path
         if not self.together:
-            vectorised_path.is_possible = lambda _: False
+            Start._path = lambda *_: None
         try:
             return sp.sweep(mechanism, "crank", values, accuracy=self.accuracy)
         finally:
-            vectorised_path.is_possible = possible
+            Start._path = path
 
 
 def time_in_turns(jobs: list[Job], repeats: int) -> Array:

@@ -14,7 +14,8 @@ import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation
 from spatial_pin.constraints.stacked import Batch
 from spatial_pin.constraints.vectorised_tree import FlatTree
-from spatial_pin.continuation import collocation, vectorised_path
+from spatial_pin.continuation.branch import Branch
+from spatial_pin.continuation.follow import Start
 from spatial_pin.numerics.interpolation import NodeCurve, integrals
 from spatial_pin.numerics.linalg import StackedLU
 
@@ -170,7 +171,7 @@ def both_ways(monkeypatch, mechanism, values, **keys) -> tuple[sp.Motion, sp.Mot
     driver = next(iter(mechanism.drivers))
     together = sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
     with monkeypatch.context() as patch:
-        patch.setattr(vectorised_path, "is_possible", lambda _: False)
+        patch.setattr(Start, "_path", lambda *_: None)
         return together, sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
 
 
@@ -195,42 +196,41 @@ def test_rows_together_are_rows_one_by_one(name, values, monkeypatch):
 
 
 @pytest.fixture
-def taken(monkeypatch) -> list[int]:
-    """How many rows were taken together, each time."""
-    numbers, follow = [], vectorised_path.Runner.follow
+def step_by_step(monkeypatch) -> list[float]:
+    """The driver values that were followed to step by step, not by the kernel."""
+    values, reach = [], Branch.reach
 
-    def counted(self, k, end):
-        for first, rows in follow(self, k, end):
-            numbers.append(len(rows.q))
-            yield first, rows
+    def counted(self, target, *given):
+        values.append(target)
+        return reach(self, target, *given)
 
-    monkeypatch.setattr(vectorised_path.Runner, "follow", counted)
-    return numbers
+    monkeypatch.setattr(Branch, "reach", counted)
+    return values
 
 
 @pytest.mark.parametrize("name", FULL_TURN)
-def test_most_rows_are_taken_together(name, taken):
+def test_all_rows_are_followed_by_the_kernel(name, step_by_step):
     mechanism = sp.load(name)
     sp.sweep(mechanism, next(iter(mechanism.drivers)), TURN)
-    assert sum(taken) == len(TURN) - 1
+    assert not step_by_step
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e6])
-def test_those_of_small_and_large_mechanisms_too(size, taken):
+def test_those_of_small_and_large_mechanisms_too(size, step_by_step):
     mechanism = sp.load("rssr", a=0.102 * size, b=0.381 * size, c=0.254 * size, d=0.314 * size)
     assert sp.sweep(mechanism, "crank", TURN).closure_error.max() < 1e-13
-    assert sum(taken) == len(TURN) - 1
+    assert not step_by_step
 
 
 @pytest.mark.parametrize("turns", [1e3, 1e5, 1e6])
-def test_and_those_after_many_turns(turns, taken):
+def test_and_those_after_many_turns(turns, step_by_step):
     """As well as angles are known that count them."""
     mechanism = sp.load("four_bar")
     start = sp.assemble(mechanism, {"crank": 0.0}).q
     q = start + 2.0 * np.pi * turns * np.array([1.0, -1.0, 0.0])
     motion = sp.sweep(mechanism, "crank", q[0] + TURN, guess=q)
     assert motion.closure_error.max() < 1e-15 * turns
-    assert sum(taken) == len(TURN) - 1
+    assert not step_by_step
 
 
 def test_turns_of_a_screw_closure_are_counted_together(tmp_path, monkeypatch):
@@ -246,7 +246,7 @@ def test_an_end_of_travel_is_found_from_rows_together(monkeypatch):
     for possible in (True, False):
         with monkeypatch.context() as patch:
             if not possible:
-                patch.setattr(vectorised_path, "is_possible", lambda _: False)
+                patch.setattr(Start, "_path", lambda *_: None)
             with pytest.raises(sp.LimitError) as caught:
                 sp.sweep(mechanism, "slider", np.linspace(0.0, 0.6, 900))
         reached.append((caught.value.limit, len(caught.value.motion)))
@@ -262,9 +262,7 @@ def test_a_passive_spin_does_not_depend_on_the_rows(name, monkeypatch):
     fine = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 3001))
     coarse = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 301))
     assert_same(coarse.q, fine.q[::10], 1e-11)
-    monkeypatch.setattr(vectorised_path, "FIRST_STEP", 0.03)
-    assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
-    monkeypatch.setattr(vectorised_path, "is_possible", lambda _: False)
+    monkeypatch.setattr(Start, "_path", lambda *_: None)
     assert_same(sp.sweep(mechanism, driver, fine.driver).q, fine.q, 1e-10)
 
 
@@ -278,7 +276,7 @@ def test_a_passive_spin_is_exact_however_few_the_rows_are(name, rows, monkeypatc
     fine = sp.sweep(mechanism, driver, np.linspace(0.0, 2.0 * np.pi, 3001))
     rows = list(rows)
     assert_same(sp.sweep(mechanism, driver, fine.driver[rows]).q, fine.q[rows], 1e-10)
-    monkeypatch.setattr(vectorised_path, "is_possible", lambda _: False)
+    monkeypatch.setattr(Start, "_path", lambda *_: None)
     assert_same(sp.sweep(mechanism, driver, fine.driver[rows]).q, fine.q[rows], 1e-7)
 
 
@@ -305,23 +303,6 @@ def test_branches_that_cross_twice_at_one_place_are_not_passed_unnoticed(rows, b
         assert [e.kind for e in motion.events] == ["branch point"]
         assert motion.events[0].value == pytest.approx(crossing, abs=1e-9)
         assert abs(motion.driver[-1] - crossing) < 1.01 * abs(begin - end) / (rows - 1)
-
-
-def test_far_rows_of_a_spinning_rod_are_not_gone_on_to_from_steps_that_fail(monkeypatch):
-    """Points that fail between rows are as good a reason to go row by row as rows that do."""
-    divided, calls = collocation.divided, []
-
-    def failing(*given):
-        calls.append(given)
-        return divided(*given)._replace(good=2)
-
-    expected = sp.sweep(sp.load("rssr"), "crank", [0.0, 6.0])
-    monkeypatch.setattr(vectorised_path, "LONGEST", 4)
-    monkeypatch.setattr(collocation, "divided", failing)
-    motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 6.0])
-    assert len(calls) == 1
-    rockers = (m.coordinate("rocker_pin").value for m in (motion, expected))
-    assert_same(*rockers, 1e-12)
 
 
 def test_a_state_as_guess_says_where_the_other_drivers_are_held():

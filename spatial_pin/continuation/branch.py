@@ -317,7 +317,7 @@ class Branch:
             Stopped: a limit or a singular configuration lies before it, or it is too far away.
         """
         while target != self.s:
-            stretches = self._stretches(target)
+            stretches = self.stretches(target - self.s)
             if not stretches <= most:
                 raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
             if self.spins and self.accuracy.corrections is None:
@@ -327,9 +327,9 @@ class Branch:
                 raise Stopped(Arrival("lost", self.q, self.s, is_far=True))
             self._reach(goal)
 
-    def _stretches(self, target: float) -> float:
-        """Return how many stretches away a target is at the present rates."""
-        return abs(target - self.s) * float(np.linalg.norm(self.t / self.scale)) / STRETCH
+    def stretches(self, h: float) -> float:
+        """Return how many stretches a change h of the driver is at the present rates."""
+        return abs(h) * float(np.linalg.norm(self.t / self.scale)) / STRETCH
 
     def _reach(self, target: float) -> None:
         """Move over one stretch, whose length the halvings of a step can deal with."""

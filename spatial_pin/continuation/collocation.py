@@ -27,6 +27,18 @@ SPIN_LEFT = 1e-8  # spin after which another pass would find none
 NEGLIGIBLE = 1e-9  # of the displacement of other joints: round-off
 
 
+def is_possible(branch: Branch) -> bool:
+    """Whether all the branch's freedoms are determined, to tolerance, and it is not too large."""
+    accuracy = branch.accuracy
+    return (
+        isinstance(branch.evaluation.constraints.c_abx, np.ndarray)
+        and not len(branch.system.passive)
+        and not branch.system.is_bent
+        and accuracy.corrections is None
+        and accuracy.order == 3
+    )
+
+
 class Skeleton(NamedTuple):
     """Equal steps of a branch.
 

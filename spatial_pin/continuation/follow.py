@@ -1,114 +1,184 @@
-"""Rows of a branch at driver values asked for: one after the other, run by run, or in order."""
+"""Samples of a branch at driver values: followed by the kernel, and step by step elsewhere.
+
+The kernel follows a path as long as it is regular. Where it stops, something lies ahead that is to
+be looked at: a `Branch` goes on from there, by arc length if need be, finds limits and branch
+points, and hands the path back behind them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
-from spatial_pin.continuation import branch_points, vectorised_path
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.continuation import branch_points
 from spatial_pin.continuation.branch import Branch, Stopped
 from spatial_pin.continuation.evaluation_order import there_and_back
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.paths import Path, Samples
+from spatial_pin.mechanism.mechanism import Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy
+
+REST = 8  # samples step by step behind a branch point: the kernel stops beside it anyway
+FAR = 1.0  # stretches from the last sample that are not gone again
+CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
 
 
-@dataclass
-class Record:
-    """Rows of a sweep, filled one by one."""
+class Start:
+    """The beginning of a branch.
 
-    q: Array
-    t: Array
-    c: Array
-    residual: Array
-    angles: Array
+    Args:
+        state: closed.
+        driven: the prescribed coordinates, the driver first.
+        still: places in the velocity vector that stand still.
+        accuracy: of the motion.
+        kernel: of the state's mechanism.
+        evaluation: its closure equations.
+    """
 
-    @classmethod
-    def empty(cls, n: int, branch: Branch) -> Record:
-        """Return one for n rows."""
-        model = branch.model
-        rows = branch.evaluation.constraints.n_rows
-        return cls(np.empty((n, model.nq)), np.empty((n, model.nv)), np.empty((n, model.nv)),
-                   np.empty((n, rows)), np.empty((n, len(branch.angles))))
+    def __init__(
+        self, state: State, driven: Sequence[Coordinate], still: Sequence[int],
+        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation,
+    ) -> None:
+        self.state, self.driven, self.still = state, driven, still
+        self.accuracy, self.kernel, self.evaluation = accuracy, kernel, evaluation
+        # a component of a ball or floating joint is no entry of q, and a fixed number of
+        # corrections is that of Taylor's predictor
+        self.is_compiled = all(c.q >= 0 for c in driven) and accuracy.corrections is None
 
-    def put(self, k: int, branch: Branch) -> None:
-        """Write where a branch stands into row k."""
-        self.q[k] = branch.q
-        self.t[k] = branch.t
-        self.c[k] = branch.c
-        self.residual[k] = branch.residual
-        self.angles[k] = branch.angles
+    def branch(self) -> Branch:
+        """Return the branch that is followed step by step."""
+        return Branch(self.state, self.driven, self.accuracy, self.evaluation, self.still)
 
-    def put_rows(self, k: int, rows: vectorised_path.Rows) -> None:
-        """Write rows from row k on."""
-        end = k + len(rows.t)
-        self.q[k:end], self.t[k:end], self.c[k:end] = rows.q, rows.t, rows.c
-        self.residual[k:end], self.angles[k:end] = rows.residual, rows.angles
+    def samples(self, n: int) -> Samples:
+        """Return room for n samples."""
+        return Samples.empty(n, self.kernel.nq, self.kernel.nv, self.kernel.n_angles)
+
+    def path(self) -> Path | None:
+        """Return the path that the kernel follows from here; None where it cannot, or may not."""
+        kernel, state = self.kernel, self.state
+        prescribed = len(self.driven) + len(self.still)
+        if not self.is_compiled:
+            return None
+        if kernel.n_rows + kernel.n_passive + prescribed == kernel.nv:
+            return self._path(np.arange(kernel.n_rows), np.empty((0, kernel.nv)), state.q,
+                              state.angles)
+        self.evaluation.turns[:] = state.angles
+        try:
+            system = SquareSystem(self.evaluation, self.driven, state.q, self.still)
+            system.check_regular(state.q)
+        except SingularError:
+            return None
+        return self._path(system.rows, system.passive, state.q, state.angles)
+
+    def path_on(self, branch: Branch) -> Path | None:
+        """Return the path that the kernel follows from where a branch stands."""
+        if not self.is_compiled:
+            return None
+        return self._path(branch.system.rows, branch.system.passive, branch.q, branch.angles)
+
+    def _path(
+        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array
+    ) -> Path | None:
+        driven = [*(c.v for c in self.driven), *self.still]
+        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
+        return path if path.start(q, angles) else None
 
 
-def followed_in_order(start: Callable[[], Branch], values: Array, bar: tqdm[Any]) -> Record | None:
-    """Return the rows, followed in the order of their values from the first on, both ways.
+def followed_in_order(start: Start, values: Array, bar: tqdm[Any]) -> Samples | None:
+    """Return the samples, followed in the order of their values from the first on, both ways.
 
     None where the order asked for is no detour, or anything lies in the way: what it is, and which
-    rows come before it, is told by the order asked for.
+    samples come before it, is told by the order asked for.
     """
     ways = there_and_back(values)
     if ways is None:
         return None
-    record = Record.empty(len(values), start())
+    samples = start.samples(len(values))
     for rows in ways:
-        branch = start()
-        own = Record.empty(len(rows), branch)
+        own = start.samples(len(rows))
         try:
-            for _ in follow(branch, values[rows], own, None):
+            for _ in follow(start, values[rows], own, None):
                 pass
         except (Stopped, SpatialPinError):
             bar.reset()
             return None
-        for name, column in vars(own).items():
-            getattr(record, name)[rows] = column
+        for whole, part in zip(samples, own, strict=True):
+            whole[rows] = part
         bar.update(len(rows))
-    return record
+    return samples
 
 
 def follow(
-    branch: Branch, values: Array, record: Record, crossed: list[tuple[float, int]] | None
+    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None
 ) -> Iterator[int]:
-    """Fill the record row by row, or run by run; yields the number of rows done.
+    """Write the samples of a branch at driver values; yields the number of those done.
 
-    Crossings that are passed are added to `crossed`, if that is a list, as (value, row).
+    Branch points that are passed are added to `crossed`, if that is a list, as (value, row).
+
+    Raises:
+        Stopped: a value cannot be reached; says which, and where the branch ended.
+        SingularError: the driver does not determine the motion at the start.
     """
-    runner = vectorised_path.Runner(branch, values) if vectorised_path.is_possible(branch) else None
-    k, careful_until = 0, 0
+    path, branch, k, careful_until = start.path(), None, 0, 0
+    chunk = max(CHUNK // max(start.kernel.nv, 1), 1)
     while k < len(values):
-        end = runner.pays(k) if runner and k >= careful_until else k
-        if runner and end > k:
-            for first, rows in runner.follow(k, end):
-                record.put_rows(first, rows)
-                k = first + len(rows.q)
-                yield k
-            if k < end:
-                careful_until = k + runner.rest
-            continue
+        if path is not None:
+            done = path.follow(values[k : k + chunk], samples.between(k, k + chunk))
+            k += done
+            yield k
+            if k == len(values) or done == chunk:
+                continue
+        branch = branch or start.branch()
+        if path is not None:
+            _take_over(branch, path, samples, k)
+            path = None
         try:
             branch.reach(float(values[k]))
         except Stopped as stopped:
             before = k
-            k = _pass_crossing(branch, values, k, record, stopped, crossed)
-            careful_until = max(careful_until, k + vectorised_path.REST)
+            k = _pass_branch_point(branch, values, k, samples, stopped, crossed)
+            careful_until = max(careful_until, k + REST)
             if k > before:
                 yield k
             continue
-        record.put(k, branch)
+        _put(samples, k, branch)
         k += 1
         yield k
+        if careful_until <= k < len(values):
+            path = start.path_on(branch)
 
 
-def _pass_crossing(
-    branch: Branch, values: Array, k: int, record: Record, stopped: Stopped,
+def _take_over(branch: Branch, path: Path, samples: Samples, k: int) -> None:
+    """Take a branch to where a path stopped before sample k.
+
+    That is the sample before, where it is clear that the branch goes on, or the path's own place
+    where that is far from it.
+    """
+    s, q, angles = path.stand
+    if k > 0 and branch.stretches(float(samples.q[k - 1, branch.at]) - s) < FAR:
+        q, angles = samples.q[k - 1].copy(), samples.angles[k - 1]
+    branch.evaluation.turns[:] = angles
+    branch.place(q)
+
+
+def _put(samples: Samples, k: int, branch: Branch) -> None:
+    """Write where a branch stands into sample k."""
+    samples.q[k], samples.t[k], samples.c[k] = branch.q, branch.t, branch.c
+    samples.error[k] = np.abs(branch.residual).max(initial=0.0)
+    samples.angles[k] = branch.angles
+
+
+def _pass_branch_point(
+    branch: Branch, values: Array, k: int, samples: Samples, stopped: Stopped,
     crossed: list[tuple[float, int]] | None,
 ) -> int:
     """Go straight on at a crossing before row k; return the first row behind its strip.
@@ -137,5 +207,5 @@ def _pass_crossing(
                 raise stopped
             return row
         found.put(branch, value)
-        record.put(row, branch)
+        _put(samples, row, branch)
     return len(values)

@@ -14,10 +14,12 @@ from spatial_pin.assembly.holding import BASE, Hold, divided
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.branch import MOST_STRETCHES, STRETCH, TIGHT, Branch, Stopped
-from spatial_pin.continuation.follow import Record, follow, followed_in_order
+from spatial_pin.continuation.branch import MOST_STRETCHES, STRETCH, TIGHT, Stopped
+from spatial_pin.continuation.follow import Start, follow, followed_in_order
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
 from spatial_pin.motion.joint_limits import joint_limit_events
@@ -118,28 +120,25 @@ def sweep(
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
                disable=None if progress else True)
-    with bar, evaluation_of(mechanism) as evaluation:
-        def start() -> Branch:
-            return Branch(state, driven, accuracy, evaluation, still)
-
-        record = followed_in_order(start, values, bar) if accuracy.corrections is None else None
-        if record is None:
-            branch = start()
-            record = Record.empty(n, branch)
+    with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
+        start = Start(state, driven, still, accuracy, kernel, evaluation)
+        samples = followed_in_order(start, values, bar) if accuracy.corrections is None else None
+        if samples is None:
+            samples = start.samples(n)
             passed = crossed if on_crossing == "straight" else None
             try:
-                for done in follow(branch, values, record, passed):
+                for done in follow(start, values, samples, passed):
                     bar.update(done - bar.n)
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
-    motion = _motion(mechanism, driver, record, values[:n], speeds[:n], accels[:n])
+    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], accels[:n])
     motion.held = held
     if speed is None:
         motion.time, motion.per = None, coordinate.unit
     check_gaps(motion, accuracy.gap)
     motion.events += _released(state, driven, still, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
-    motion.events += [*_near_limit(motion, record.t[:n]), *_drift(motion),
+    motion.events += [*_near_limit(motion, samples.t[:n]), *_drift(motion),
                       *joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
@@ -183,12 +182,10 @@ def _rows(value: Any, values: Array, what: str) -> Array:
 
 
 def _motion(
-    mechanism: Mechanism, driver: str, record: Record, values: Array, speeds: Array, accels: Array
+    mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array, accels: Array
 ) -> Motion:
     n = len(values)
-    t, c = record.t[:n], record.c[:n]
-    residual = record.residual[:n]
-    error = np.abs(residual).max(axis=1) if residual.shape[1] else np.zeros(n)
+    t, c = samples.t[:n], samples.c[:n]
     with np.errstate(over="ignore", invalid="ignore"):
         v = t * speeds[:, None]
         a = c * (speeds * speeds)[:, None] + t * accels[:, None]
@@ -198,12 +195,12 @@ def _motion(
         driver=values.copy(),
         driver_name=driver,
         time=_time(values, speeds, accels),
-        q=record.q[:n],
+        q=samples.q[:n],
         v=v,
         a=a,
-        closure_error=error,
+        closure_error=samples.error[:n],
         driver_speed=speeds.copy(),
-        angles=record.angles[:n],
+        angles=samples.angles[:n],
     )
 
 

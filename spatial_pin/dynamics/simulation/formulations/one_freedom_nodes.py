@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.continuation import collocation, vectorised_path
+from spatial_pin.continuation import collocation
 from spatial_pin.continuation.stacked_branch import BranchBatch
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
@@ -60,7 +60,7 @@ class NodeRows:
         self._weightless.gravity = pin.Motion.Zero()
         self._data = self.model.createData()
         self._mass = MassMatrix(self.model)
-        self._batch = BranchBatch(path.branch) if vectorised_path.is_possible(path.branch) else None
+        self._batch = BranchBatch(path.branch) if collocation.is_possible(path.branch) else None
         nq, nv, lines = self.model.nq, self.model.nv, len(forces.lines)
         ends = np.cumsum([0, nq, nv, nv, 2 * lines, len(path.branch.angles), 4]).tolist()
         q, t, c, springs, turns, reduced = (slice(a, b) for a, b in pairwise(ends))

@@ -1,0 +1,137 @@
+"""Paths that the kernel follows: they are those that are followed step by step, or end cleanly."""
+
+from __future__ import annotations
+
+import mechanisms
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.branch import Branch
+from spatial_pin.continuation.follow import Start
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.paths import Path, Samples
+from spatial_pin.rates.rates import prescribed_at
+from spatial_pin.settings import Accuracy
+
+
+def path_of(mechanism, driver, accuracy=None) -> tuple[Path, sp.State]:
+    """Return the path of a driver, and the state it is to start at."""
+    state = sp.assemble(mechanism)
+    driven = prescribed_at(state, [driver])
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.turns[:] = state.angles
+        system = SquareSystem(evaluation, driven, state.q)
+        return Path(Kernel(mechanism), system.rows, [c.v for c in driven], system.passive,
+                    accuracy or Accuracy()), state
+
+
+def room(path: Path, n: int) -> Samples:
+    return Samples.empty(n, path.kernel.nq, path.kernel.nv, path.kernel.n_angles)
+
+
+def step_by_step(monkeypatch, *args, **keys) -> sp.Motion:
+    with monkeypatch.context() as patch:
+        patch.setattr(Start, "_path", lambda *_: None)
+        return sp.sweep(*args, **keys)
+
+
+@pytest.mark.parametrize("name", mechanisms.KNOWN)
+@pytest.mark.parametrize("n", [9, 120])
+def test_the_kernel_follows_the_branch_of_python(tmp_path, monkeypatch, name, n):
+    known = mechanisms.KNOWN[name]
+    mechanism = known.build(tmp_path)
+    values = np.linspace(known.values[0], known.values[-1], n)
+    keys = {"hold": known.hold} if known.hold else {}
+    motion = sp.sweep(mechanism, known.driver, values, accuracy=Accuracy(tolerance=1e-15), **keys)
+    other = step_by_step(monkeypatch, mechanism, known.driver, values,
+                         accuracy=Accuracy(tolerance=1e-15), **keys)
+    idle = bool(mechanism.passives)  # step by step leaves 1e-6 rad of idle rotation
+    size = mechanism.velocity_scale
+    for one, two, by in ((motion.v / size, other.v / size, 1e-12),
+                         (motion.a / size, other.a / size, 1e-10)):
+        if not idle:
+            np.testing.assert_allclose(one, two, rtol=0, atol=by * (1 + np.abs(two).max()))
+    np.testing.assert_allclose(motion.q, other.q, rtol=0,
+                               atol=1e-6 if idle else 1e-13 * (1 + np.abs(other.q).max()))
+    assert motion.closure_error.max() < 5e-15 * (1 + np.abs(values).max())
+
+
+@pytest.mark.parametrize("n", [2, 7, 37, 100])
+@pytest.mark.parametrize("name", ["rssr", "rssr_crossed", "swash_plate"])
+def test_idle_rotations_hang_on_the_path_and_not_on_its_samples(name, n):
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    fine = np.linspace(0.0, 2.0 * np.pi, 99 * 36 + 1)
+    exact = sp.sweep(mechanism, driver, fine).q
+    coarse = sp.sweep(mechanism, driver, fine[:: 99 * 36 // (n - 1)]).q
+    np.testing.assert_allclose(coarse, exact[:: 99 * 36 // (n - 1)], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_a_loose_tolerance_is_what_is_left(tolerance):
+    mechanism = sp.load("rssr")
+    values = np.linspace(0.0, 2.0 * np.pi, 60)
+    loose = sp.sweep(mechanism, "crank", values, accuracy=Accuracy(tolerance=tolerance))
+    exact = sp.sweep(mechanism, "crank", values)
+    assert loose.closure_error.max() <= tolerance
+    np.testing.assert_allclose(loose.q, exact.q, rtol=0, atol=10 * tolerance)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_every_predictor_leads_to_the_same_branch(order):
+    mechanism = sp.load("four_bar")
+    values = np.linspace(0.0, 2.0 * np.pi, 50)
+    one = sp.sweep(mechanism, "crank", values, accuracy=Accuracy(order=order))
+    np.testing.assert_allclose(one.q, sp.sweep(mechanism, "crank", values).q, rtol=0, atol=1e-12)
+
+
+def test_redundant_equations_are_chosen_anew_on_the_way(monkeypatch):
+    """Those of Bennett's linkage that serve at the start are dependent elsewhere."""
+    reached = []
+    monkeypatch.setattr(Branch, "reach", lambda *given: reached.append(given))
+    motion = sp.sweep(sp.load("bennett"), "crank", np.linspace(0.0, 2.0 * np.pi, 500))
+    assert not reached
+    assert motion.closure_error.max() < 1e-14
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+def test_values_that_are_none_end_a_path_where_it_is(value):
+    path, state = path_of(sp.load("rssr"), "crank")
+    assert path.start(state.q, state.angles)
+    samples = room(path, 3)
+    s = path.stand[0]
+    assert path.follow(np.array([s, value, s]), samples) == 1
+    assert path.stand[0] == s
+    np.testing.assert_array_equal(path.stand[1], state.q)
+    assert path.follow(np.array([s + 0.1]), room(path, 1)) == 1  # and goes on from there
+
+
+def test_no_path_starts_at_what_is_no_number():
+    path, state = path_of(sp.load("rssr"), "crank")
+    assert not path.start(np.full_like(state.q, np.nan), state.angles)
+    assert path.start(state.q, state.angles)
+
+
+def test_no_path_starts_at_a_dead_centre():
+    mechanism = sp.load("elliptic_trammel")
+    path, state = path_of(mechanism, "slider")
+    limit = sp.limits(mechanism, "slider").upper
+    dead = sp.assemble(mechanism, {"slider": limit.value - 1e-14}, guess=state)
+    assert not path.start(dead.q, dead.angles)
+    assert path.start(state.q, state.angles)
+
+
+def test_a_path_ends_before_a_limit_and_stands_there():
+    mechanism = sp.load("elliptic_trammel")
+    limit = sp.limits(mechanism, "slider").upper.value
+    path, state = path_of(mechanism, "slider")
+    path.start(state.q, state.angles)
+    values = np.linspace(path.stand[0], 1.1 * limit, 50)
+    samples = room(path, 50)
+    reached = path.follow(values, samples)
+    assert reached == np.count_nonzero(values < limit)
+    assert values[reached - 1] <= path.stand[0] < limit
+    assert samples.error[:reached].max() < 1e-14
