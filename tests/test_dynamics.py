@@ -27,11 +27,12 @@ from mpmath import cos, mpf, sin
 import spatial_pin as sp
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.dynamics.inverse import Actuation, balance, inverse_dynamics, pressing
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.sparse import SparseEquations
 from spatial_pin.formats.export import content_of
+from spatial_pin.numerics.sparse_spaces import SparseSpaces
 
 LIBRARY = sp.list_mechanisms()
 G = 9.81
@@ -769,6 +770,70 @@ def test_two_hundred_loops_cost_less_than_three_hundred_times_one(tmp_path):
         return min(times)
 
     assert cost(200) < 300 * cost(1)
+
+
+def statics(kind, mech, state, actuated):
+    """Efforts, multipliers and uniqueness of inverse dynamics, dense or sparse."""
+    equations, actuation = kind(mech), Actuation(mech, actuated)
+    equations.update(state)
+    efforts, _, closures = balance(equations, actuation)
+    spare = pressing(equations, actuation)
+    unique = equations.unique(actuation.all_generalised(spare, len(state.v)))
+    return efforts, equations.multipliers(closures), len(spare), {
+        name: each.tolist() for name, each in unique.items()}
+
+
+@pytest.mark.parametrize("actuated", [["p0"], ["p3"], ["p0", "p2", "k3"]])
+@pytest.mark.parametrize("n", [20, 70])
+def test_sparse_inverse_dynamics_are_the_dense_ones(n, actuated, tmp_path):
+    mech = ladder(tmp_path, n)
+    state, sense = leaning(mech, 0.7, 1.3)
+    state = sp.State(mech, state.q, state.v, 2.0 * sense, closure_error=0.0)
+    dense, sparse = (statics(kind, mech, state, actuated) for kind in (Equations, SparseEquations))
+    for x, y in zip(dense[:2], sparse[:2], strict=True):
+        assert y == pytest.approx(x, abs=1e-10 * np.abs(x).max(), rel=1e-10)
+    assert sparse[2:] == dense[2:]
+
+
+@pytest.mark.parametrize("name", [*LIBRARY, "ladder"])
+def test_sparse_spaces_are_the_dense_ones(name, tmp_path):
+    mech = ladder(tmp_path, 20) if name == "ladder" else sp.load(name)
+    state = leaning(mech, 0.7, 1.3)[0] if name == "ladder" else moving(mech)
+    equations, dense = SparseEquations(mech), Equations(mech)
+    for each in (equations, dense):
+        each.update(state)
+    sparse, svd = equations.spaces, dense.spaces
+    assert isinstance(sparse, SparseSpaces)
+    assert sparse.rank == svd.rank
+    freedoms = sparse.null_space
+    assert freedoms @ freedoms.T == pytest.approx(np.eye(len(freedoms)), abs=1e-12)
+    assert svd.null_space.T @ svd.null_space == pytest.approx(freedoms.T @ freedoms, abs=1e-10)
+    stresses = equations.self_stresses
+    assert len(stresses) == min(len(svd.left_null_space), 3)
+    inside = stresses @ svd.left_null_space.T @ svd.left_null_space
+    assert stresses == pytest.approx(inside, abs=1e-10)
+    force = np.random.default_rng(1).standard_normal(equations.n_rows) @ dense.scaled
+    assert sparse.minimum_norm_transposed(force) == pytest.approx(
+        svd.minimum_norm_transposed(force), abs=1e-9)
+
+
+def test_reactions_cost_in_proportion_to_the_number_of_loops(tmp_path):
+    """Four times as many loops: by dense factors sixty times as dear."""
+    def cost(n):
+        mech = ladder(tmp_path, n)
+        state, sense = leaning(mech, 0.7, 1.3)
+        state = sp.State(mech, state.q, state.v, sense, closure_error=0.0)
+        times = []
+        for _ in range(5):
+            start = time.process_time()
+            answer = forward_dynamics(mech, state)
+            assert answer.reactions
+            assert not answer.determined["c0"]
+            assert inverse_dynamics(mech, state, ["p0"]).reactions
+            times.append(time.process_time() - start)
+        return min(times)
+
+    assert cost(400) < 4**1.3 * 1.5 * cost(100)
 
 
 @pytest.mark.parametrize(("n", "lost"), [(30, "30 "), (80, "")])

@@ -97,7 +97,7 @@ class _Rows:
     """What is kept of every row until reactions are worked out for all of them together."""
 
     def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
-        model, rows = equations.model, len(equations.scaled)
+        model, rows = equations.model, equations.n_rows
         nj, nv = model.njoints, model.nv
         self.efforts, self.joint_efforts = np.empty((n, n_efforts)), np.empty((n, nv))
         self.a, self.multipliers = np.empty((n, nv)), np.empty((n, rows))
@@ -122,7 +122,7 @@ class _Rows:
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
         spare = pressing(equations, actuation)
-        if len(spare) or len(bearing.spaces.left_null_space):
+        if len(spare) or bearing.spaces.rank < bearing.n_rows:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
 

@@ -78,9 +78,7 @@ class Pairs:
         self.closed = _closed_pairs(mechanism)
         self.lengths = _lengths(mechanism)
         self.names = [*list(model.names)[1:], *(pair.name for pair in self.closed)]
-        self.carries = np.zeros((model.njoints, model.njoints))  # joint i carries body j
-        for i in range(model.njoints):
-            self.carries[i, list(model.subtrees[i])] = 1.0
+        self._levels = _levels(list(model.parents))
         self.grounded = [int(i) for i in model.children[0]]
         coordinates = list(mechanism.coordinate_table.values())
         self.turns = np.array([c.unit == "rad" for c in coordinates], dtype=bool)
@@ -97,6 +95,17 @@ class Pairs:
             total[..., first, :] += wrench
             total[..., second, :] -= wrench
         return total
+
+    def carried(self, wrenches: Array) -> Array:
+        """Return what every joint carries: wrenches on bodies (njoints, ...) with all beyond it."""
+        total = wrenches.copy()
+        for joints, parents in self._levels:
+            np.add.at(total, parents, total[joints])
+        return total
+
+    def _carried(self, wrenches: Array) -> Array:
+        """Return the same of wrenches (..., njoints, 6)."""
+        return np.moveaxis(self.carried(np.moveaxis(wrenches, -2, 0)), 0, -2)
 
     def summed(self, wrenches: Iterable[tuple[int, Array]]) -> Array:
         """Return wrenches on bodies, about the world origin, summed by body (njoints, 6)."""
@@ -119,7 +128,7 @@ class Pairs:
             effort: (..., nv) efforts at joints.
         """
         on_bodies = given + self.on_bodies(poses.rows, multipliers)
-        forces = _in_world(poses.placements, transmitted) - self.carries @ on_bodies
+        forces = _in_world(poses.placements, transmitted) - self._carried(on_bodies)
         at_joints = _moved(forces, poses.placements[..., 3, :])
         found = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
                                                            effort)
@@ -168,7 +177,7 @@ class Pairs:
         efforts = self_stresses[:, self_stresses.shape[1] - len(couplings) :] @ couplings
         if pressing is not None:
             efforts = efforts + pressing
-        at_joints = _moved(-self.carries @ self.on_bodies(poses.rows, self_stresses),
+        at_joints = _moved(-self._carried(self.on_bodies(poses.rows, self_stresses)),
                            poses.placements[:, 3])
         joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
                   for i in range(1, self.model.njoints)]
@@ -184,6 +193,21 @@ def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:
             for part in (unique[:3], unique[3:])]
     force, moment = (f" *{names}" if names else "" for names in axes)
     return force, moment
+
+
+def _levels(parents: list[int]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Return the joints of a tree and their parents, those as deep as each other together.
+
+    The deepest first.
+    """
+    depth = [0] * len(parents)
+    for joint, parent in enumerate(parents[1:], start=1):
+        depth[joint] = depth[parent] + 1
+    levels: list[list[int]] = [[] for _ in range(max(depth))]
+    for joint, deep in enumerate(depth):
+        if deep:
+            levels[-deep].append(joint)
+    return [(np.array(joints), np.array([parents[i] for i in joints])) for joints in levels]
 
 
 def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:

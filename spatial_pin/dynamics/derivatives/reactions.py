@@ -99,7 +99,7 @@ class ReactionChanges:
         closed, on_bodies = self._of_closures(pairs)
         self._springs(on_bodies)
         self._outside(on_bodies)
-        forces = np.tensordot(pairs.carries, self._needed() - on_bodies, 1)
+        forces = pairs.carried(self._needed() - on_bodies)
         efforts, columns = self._efforts(), self._columns()
         found = {}
         for i in range(1, self.mechanism.model.njoints):

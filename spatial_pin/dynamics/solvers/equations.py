@@ -147,12 +147,22 @@ class Equations:
         return self.evaluation.jacobian[: self.evaluation.constraints.n_rows]
 
     @property
+    def n_rows(self) -> int:
+        """How many closure rows there are."""
+        return self.evaluation.constraints.n_rows
+
+    @property
     def spaces(self) -> Decomposition:
         """Decomposition of `scaled`: freedoms, self-stresses and what is between."""
         if self._svd is None:
             svd = full_decomposition(self.scaled)
             self._svd = svd if self._rank is None else svd._replace(rank=self._rank)
         return self._svd
+
+    @property
+    def self_stresses(self) -> Array:
+        """(k, n_rows) multipliers that balance among themselves, as many as there are."""
+        return self.spaces.left_null_space
 
     @property
     def row_wrenches(self) -> Array:
@@ -165,7 +175,7 @@ class Equations:
         Raises:
             SingularError: they have; the motion is not determined by the forces.
         """
-        if rank == len(self.scaled):
+        if rank == self.n_rows:
             return
         with evaluation_of(self.mechanism, self.state.angles) as evaluation:
             lost = rank_loss(evaluation, self.state.q, rank)
@@ -414,7 +424,7 @@ class Equations:
         Args:
             efforts: (k, nv) of actuators that the loops bear, and that may act besides.
         """
-        stresses = self.spaces.left_null_space
+        stresses = self.self_stresses
         pressing = np.zeros((len(stresses), len(self.scale)))
         if efforts is not None and len(efforts):
             borne = np.array([self.multipliers(-e) for e in efforts])

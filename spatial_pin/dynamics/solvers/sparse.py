@@ -7,19 +7,25 @@ others or an equation that was left out does not hold.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.newton import Regular
+from spatial_pin.assembly.state import State
 from spatial_pin.constraints.subtrees import PiecewiseRows
+from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.kkt import HOLDS, own_units, round_off
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import RANK_TOLERANCE, Array, independent_rows
+from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.numerics.linalg import RANK_TOLERANCE, Array, Decomposition, independent_rows
+from spatial_pin.numerics.sparse_spaces import SparseSpaces
 
 LARGE = 60  # freedoms from which sparse factorisation is faster
 PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
@@ -88,6 +94,55 @@ class SparseEquations(Equations):
         self._mass_scale = self.scale[self._mass_at[0]] * self.scale[self._mass_at[1]]
         self._diagonal = np.flatnonzero(self._mass_at[0] == self._mass_at[1])
         self._system: _System | None = None
+        self._sparse: SparseSpaces | None = None
+
+    def update(
+        self, state: State, external: Mapping[str, pin.Force] | None = None,
+        laws: Mapping[str, Law] | None = None, slip_speed: SlipSpeed | None = None,
+    ) -> None:
+        """Evaluate rows and given forces at a State of this mechanism, as `Equations` does."""
+        super().update(state, external, laws, slip_speed)
+        self._sparse = None
+
+    @property
+    def spaces(self) -> Decomposition | SparseSpaces:  # type: ignore[override]
+        """Freedoms, self-stresses and what is between, of the closure rows at the state.
+
+        Those of a rounded file, whose rank is that of fewer equations, and those of rows that are
+        no sure choice, are found densely.
+        """
+        if self._rank is not None or self._svd is not None:
+            return super().spaces
+        if self._sparse is None:
+            self._sparse = self._make_spaces()
+        return self._sparse or super().spaces
+
+    def _make_spaces(self) -> SparseSpaces | None:
+        """Return the spaces for rows that are surely all the independent ones; None if in doubt."""
+        rows = self.evaluation
+        for anew in (self._system is None, True):
+            if anew or self._system is None:
+                self._system = _System(rows, self._select())
+            found = SparseSpaces(rows.row_at, rows.column_at, rows.values,
+                                 (self.n_rows, len(self.scale)), self._system.chosen)
+            if found.is_sure:
+                return found
+        return None
+
+    @property
+    def self_stresses(self) -> Array:
+        """(k, n_rows) multipliers that balance among themselves: some that have a part of each."""
+        spaces = self.spaces
+        return spaces.self_stresses if isinstance(spaces, SparseSpaces) else super().self_stresses
+
+    def _couplings(self) -> Array:
+        """Return the efforts (n_couplings, nv) at joints of unit multipliers of the couplings."""
+        rows, n = self.evaluation, len(self.evaluation.constraints.couplings)
+        found = np.zeros((n, len(self.scale)))
+        first = self.n_rows - n
+        own = rows.row_at >= first
+        found[rows.row_at[own] - first, rows.column_at[own]] = rows.values[own]
+        return found / self.scale
 
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
@@ -215,16 +270,19 @@ class SparseEquations(Equations):
 
     def _select(self) -> NDArray[np.intp]:
         """Return independent rows: of each closure by itself first, then of all if need be."""
-        jacobian, labels = self.scaled, self.evaluation.constraints.labels
+        rows, labels = self.evaluation, self.evaluation.constraints.labels
         kept = [np.empty(0, dtype=np.intp)]
         for _, group in groupby(range(len(labels)), lambda k: labels[k].closure):
-            rows = np.array(list(group))
-            block = jacobian[rows]
-            kept.append(rows[independent_rows(block[:, np.any(block, axis=0)])])
+            of_closure = list(group)
+            first, last = np.searchsorted(rows.row_at, (of_closure[0], of_closure[-1] + 1))
+            columns, place = np.unique(rows.column_at[first:last], return_inverse=True)
+            block = np.zeros((len(of_closure), len(columns)))
+            block[rows.row_at[first:last] - of_closure[0], place] = rows.values[first:last]
+            kept.append(independent_rows(block) + of_closure[0])
         local = np.concatenate(kept)
         if self._are_independent(local):
             return local
-        return local[independent_rows(jacobian[local])]
+        return local[independent_rows(self.scaled[local])]
 
     def _are_independent(self, chosen: NDArray[np.intp]) -> bool:
         """Whether rows are surely independent: no pivot of the equations with them is small."""

@@ -1,0 +1,133 @@
+"""Null space, left null space and shortest solutions of a large sparse Jacobian, by sparse factors.
+
+What the singular value decomposition tells of the Jacobian J of a few loops, for many: with the
+independent equations J_r, and the columns J_c that are left when as many coordinates are taken out
+as there are freedoms, both
+
+    [1  J_r^T; J_r  0]     and     [1  J_c; J_c^T  0]
+
+are regular. The first takes any velocities to the nearest that the loops allow, the second any
+multipliers to the nearest self-stress, or generalised forces to the shortest multipliers that bear
+them [GolubVanLoan, 5.5]. Both have the pattern of the loops: their factors grow with their number.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.numerics.linalg import Array, weighty_rows
+
+UNSURE = 1e-10  # smallest over largest pivot below which rows are no sure choice
+FOLLOWS = 1e-9  # what the freedoms may leave of an equation that depends on others, by its terms
+# Random members that stand for all self-stresses. One would do but for a chance of 1e-8 that a
+# reaction it reaches is below what counts as none.
+MEMBERS = 3
+
+
+class SparseSpaces:
+    """The subspaces of a Jacobian (n_rows, nv), named as those of a `Decomposition`.
+
+    Args:
+        row_at, column_at: (nnz,) places of its entries.
+        values: (nnz,) its entries, of order one.
+        shape: n_rows, nv.
+        chosen: the independent rows, as is thought.
+    """
+
+    def __init__(
+        self, row_at: NDArray[np.intp], column_at: NDArray[np.intp], values: Array,
+        shape: tuple[int, int], chosen: NDArray[np.intp],
+    ) -> None:
+        from scipy.sparse import csr_array  # imported on use: it takes a tenth of a second
+
+        self.jacobian: Any = csr_array((values, (row_at, column_at)), shape=shape)
+        self.chosen, self.rank = chosen, len(chosen)
+
+    @cached_property
+    def is_sure(self) -> bool:
+        """Whether the chosen rows are independent, and the others follow from them."""
+        if not self._allowed.pivot > UNSURE:
+            return False
+        motion = np.random.default_rng(3).standard_normal((1, self.jacobian.shape[1]))
+        motion = self._nearest(motion)[0]
+        left, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
+        return bool(np.all(left <= FOLLOWS * terms.max(initial=1.0)))
+
+    @cached_property
+    def _allowed(self) -> _Projection:
+        return _Projection(self.jacobian[self.chosen].T)
+
+    def _nearest(self, motions: Array) -> Array:
+        """Return the nearest of motions (k, nv) that the chosen rows allow."""
+        return np.array([self._allowed.nearest(x) for x in motions]).reshape(motions.shape)
+
+    @cached_property
+    def null_space(self) -> Array:
+        """(nv - rank, nv) orthonormal rows that span the freedoms."""
+        nv = self.jacobian.shape[1]
+        motions = np.random.default_rng(4).standard_normal((nv - self.rank, nv))
+        for _ in range(2):  # once more for the digits that the first time has lost
+            motions = np.linalg.qr(self._nearest(motions).T)[0].T
+        return motions
+
+    @cached_property
+    def _dependent(self) -> NDArray[np.intp]:
+        """Places of the coordinates that the others determine."""
+        free = weighty_rows(self.null_space.T, len(self.null_space))
+        return np.setdiff1d(np.arange(self.jacobian.shape[1]), free)
+
+    @cached_property
+    def _balanced(self) -> _Projection:
+        return _Projection(self.jacobian[:, self._dependent])
+
+    def minimum_norm_transposed(self, b: Array) -> Array:
+        """Return the shortest x (n_rows,) with x J = b, for a b (nv,) that no freedom feels."""
+        if not self.rank:
+            return np.zeros(self.jacobian.shape[0])
+        return self._balanced.shortest(b[self._dependent])
+
+    @cached_property
+    def self_stresses(self) -> Array:
+        """(k, n_rows) random x with x J = 0 and entries of order one, each a bit of all."""
+        n = self.jacobian.shape[0]
+        members = np.random.default_rng(5).standard_normal((min(MEMBERS, n - self.rank), n))
+        return np.array([self._balanced.nearest(x) for x in members]).reshape(members.shape)
+
+
+class _Projection:
+    """The regular matrix [1 A; A^T 0] of a sparse matrix A (m, r) of full column rank, factored."""
+
+    def __init__(self, a: Any) -> None:
+        from scipy.sparse import block_array, eye_array
+        from scipy.sparse.linalg import splu
+
+        self._m, self._r = a.shape
+        self._matrix = block_array([[eye_array(self._m), a], [a.T, None]], format="csc")
+        self.pivot = 1.0
+        if not self._r:
+            return
+        try:
+            self._factors = splu(self._matrix)
+        except RuntimeError:
+            self.pivot = 0.0
+            return
+        pivots = np.abs(self._factors.U.diagonal())
+        self.pivot = float(pivots.min() / pivots.max())
+
+    def nearest(self, x: Array) -> Array:
+        """Return the nearest vector (m,) to x with A^T y = 0."""
+        return self._solved(np.concatenate([x, np.zeros(self._r)])) if self._r else x
+
+    def shortest(self, b: Array) -> Array:
+        """Return the shortest vector (m,) with A^T y = b (r,)."""
+        return self._solved(np.concatenate([np.zeros(self._m), b])) if self._r else b
+
+    def _solved(self, rhs: Array) -> Array:
+        x = self._factors.solve(rhs)
+        x += self._factors.solve(rhs - self._matrix @ x)
+        found: Array = x[: self._m]
+        return found
