@@ -2,7 +2,7 @@
 
 The geometry of a mechanism is whatever its xacro file computes from the dimensions, so derivatives
 are eighth-order central differences of exactly closed mechanisms; the sixth-order value of the
-same points tells how far they can be trusted.
+same points tells how far they can be trusted. The file is expanded once (`variants`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, names_of
-from spatial_pin.dimensions.homotopy import followed, varied
+from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import limits
@@ -25,6 +26,7 @@ from spatial_pin.rates.rates import solve_rates, square_system
 
 STEP = 2e-3  # of the dimension; of the characteristic length (1 for angles) when it is zero
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which outputs are taken
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 ROUND_OFF = 4e-15  # error of a well-conditioned configuration, for the error estimate
 NO_SPREAD = 1e-14  # standard deviation, by the value, that is round-off
@@ -110,8 +112,9 @@ def sensitivities(
     def size(one: Sensitivity) -> float:
         return max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
 
+    variants = Variants(mechanism, names)
     for name in names:
-        around, h = _around(mechanism, state, drive, outputs, name)
+        around, h = _around(variants, state, drive, outputs, name)
         for i, one in enumerate(found):
             at = {k: np.asarray(values[i]) for k, values in around.items()}
             one.derivatives[name], one.errors[name] = _derivative(at, h, known * size(one))
@@ -119,7 +122,7 @@ def sensitivities(
 
 
 def _around(
-    mechanism: Mechanism, state: State, drive: Drive, outputs: Sequence[str], name: str
+    variants: Variants, state: State, drive: Drive, outputs: Sequence[str], name: str
 ) -> tuple[dict[int, list[Any]], float]:
     """Return the outputs at eight values of a dimension about its own, and their step.
 
@@ -128,13 +131,15 @@ def _around(
     Raises:
         SpatialPinError: it ends within the shortest.
     """
+    mechanism = variants.mechanism
     value = mechanism.dimensions[name]
     step = STEP * (abs(value) or mechanism.characteristic_length)
     first: SpatialPinError | None = None
     for h in (step, step / 8.0, step / 64.0, step / 512.0):
         try:
-            return {k: drive.evaluate(varied(mechanism, {name: value + k * h}), state, outputs)
-                    for k in (1, -1, 2, -2, 3, -3, 4, -4)}, h
+            around = variants.several([{name: value + k * h} for k in AROUND])
+            return {k: drive.evaluate(there, state, outputs)
+                    for k, there in zip(AROUND, around, strict=True)}, h
         except SpatialPinError as error:
             first = first or error
     assert first is not None

@@ -17,11 +17,11 @@ from tqdm import tqdm
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of
-from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.sample_outputs import is_possible, output, points_of
 from spatial_pin.dimensions.samples import Solver
 from spatial_pin.dimensions.sensitivity import Drive, sensitivities, with_spread
 from spatial_pin.dimensions.surrogate import FittedGeometry, fit
+from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.coordinates import finite_number
@@ -91,12 +91,12 @@ def tolerance(
     """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
 
     Where it pays, samples are solved together. A few dozen mechanisms (at most a quarter of the
-    number of samples) are loaded at the ends of the range of each dimension and between, and the
+    number of samples) are made at the ends of the range of each dimension and between, and the
     places and directions that the file computes are fitted by polynomials in the dimensions.
     These must give the places and directions of other samples, the farthest among them, to 4e-15.
     Then all samples take together Newton's steps from the state; those that move a joint by more
     than 0.25 rad or characteristic lengths, or do not go straight, go again from the nominal
-    dimensions to their own in 4 and then 16 steps. A sample is loaded and followed by itself, in
+    dimensions to their own in 4 and then 16 steps. A sample is made and followed by itself, in
     as many steps of its dimensions as it takes, where that does not do either, or the determinant
     of the loops has less than a fiftieth of the state's size; so it is on the state's branch, or
     fails because the branch ends before it, however far it moves. All samples are
@@ -234,17 +234,18 @@ def _sample(job: _Job) -> list[Any] | None:
     """Solve one sample; None when it cannot be closed. Runs in any process."""
     path, parameters, dimensions, (q, angles), drive, names, mark = job
     try:
-        nominal = _loaded(path, pickle.dumps(parameters), mark)
+        variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
+        nominal = variants.mechanism
         near = State(nominal, q, closure_error=np.nan, angles=angles)
-        return drive.evaluate(varied(nominal, dimensions), near, names)
+        return drive.evaluate(variants.at(dimensions), near, names)
     except SpatialPinError:
         return None
 
 
 @lru_cache(maxsize=1)
-def _loaded(path: str, parameters: bytes, mark: str) -> Mechanism:
+def _loaded(path: str, parameters: bytes, names: tuple[str, ...], mark: str) -> Variants:
     """Load the nominal mechanism, once for all samples of one call, which has its own mark."""
-    return load(path, **pickle.loads(parameters))
+    return Variants(load(path, **pickle.loads(parameters)), names)
 
 
 class _Together(NamedTuple):
@@ -285,8 +286,10 @@ class _Together(NamedTuple):
         names = [name for name, x in zip(dimensions, varies, strict=True) if x]
         centre, half = nominal[varies], reach[varies]
 
+        variants = Variants(mechanism, names)
+
         def at(x: Array) -> Mechanism:
-            return varied(mechanism, dict(zip(names, (centre + half * x).tolist(), strict=True)))
+            return variants.at(dict(zip(names, (centre + half * x).tolist(), strict=True)))
 
         geometry = fit(mechanism, at, (drawn[:, varies] - centre) / half, points,
                        int(LOADS * len(drawn))) if solver.is_regular else None

@@ -48,6 +48,7 @@ from spatial_pin.formats.xacro.expressions import (
     evaluate,
     measure,
 )
+from spatial_pin.formats.xacro.tracing import Tape
 
 EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 MACRO = 50  # steps of calling a macro
@@ -86,6 +87,35 @@ def expand(
     mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
     expansion = Expansion(path, trusted, packages)
     return expansion.guarded(lambda xacro: xacro.process_file(str(path), mappings=mappings).toxml())
+
+
+def traced(
+    path: Path, parameters: Mapping[str, float], arguments: Mapping[str, float],
+    trusted: bool = False, packages: Mapping[str, Path] = NO_PACKAGES,
+) -> tuple[str, Tape]:
+    """Expand a xacro file with some arguments traced.
+
+    Args:
+        path: the file.
+        parameters: what `expand` takes.
+        arguments: those that are traced, and their values.
+        trusted: as for `expand`.
+        packages: likewise.
+
+    Returns:
+        The text that `expand` returns, but for the decimals of numbers that depend on the
+        arguments, which tell their places on the tape.
+
+    Raises:
+        MechanismFileError: as `expand`.
+    """
+    tape = Tape(arguments)
+    mappings = {name: _xacro_text(value) for name, value in parameters.items()}
+    mappings |= {name: tape.text(place) for place, name in enumerate(arguments)}
+    expansion = Expansion(path, trusted, packages, tape)
+    text = expansion.guarded(
+        lambda xacro: xacro.process_file(str(path), mappings=mappings).toxml())
+    return text, tape
 
 
 def _checked_parameters(
@@ -264,10 +294,12 @@ _PARAMETER = re.compile(
 class Expansion:
     """One run of xacro over a file and what it includes."""
 
-    def __init__(self, path: Path, trusted: bool, packages: Mapping[str, Path]) -> None:
+    def __init__(
+        self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
+    ) -> None:
         self.path, self.trusted, self.packages = path, trusted, packages
         self.home = path.parent.resolve()
-        self.budget = Budget()
+        self.budget, self.tape = Budget(tape), tape
         self.xacro: Any = None
 
     def guarded(self, run: Callable[[Any], Any]) -> Any:
@@ -356,7 +388,8 @@ class Expansion:
 
     def literal(self, text: str) -> Any:
         """Return the number or truth value that a text is, else the text."""
-        return self.xacro.Table._eval_literal(text)
+        number = self.tape.read(text) if self.tape is not None else None
+        return self.xacro.literal_of_xacro(text) if number is None else number
 
     @property
     def arguments(self) -> dict[str, str]:
@@ -533,6 +566,9 @@ def _own_xacro(expansion: Expansion) -> ModuleType:
                                  "without which it cannot be confined; install xacro 2.1")
     own: Any = module
     own.resolve_macro_of_xacro = own.resolve_macro
+    own.literal_of_xacro = own.Table._eval_literal
+    if expansion.tape is not None:
+        own.Table._eval_literal = staticmethod(expansion.literal)
     for name, part in parts.items():
         setattr(module, name, part)
     return module

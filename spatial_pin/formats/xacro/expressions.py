@@ -21,6 +21,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache, reduce
 from typing import Any
 
+from spatial_pin.formats.xacro.tracing import Tape, depends
+
 STEPS = 2_000_000  # of all expressions of a file: large robots need 1e5; so many take seconds
 BITS = 1024  # of a whole number: those beyond are beyond the range of floating-point numbers too
 SHARE = 16  # characters of a text, or elements of a list, that are copied in the time of one step
@@ -33,10 +35,15 @@ class RefusedError(Exception):
 
 
 class Budget:
-    """The steps that are left to the expressions of one file."""
+    """The steps that are left to the expressions of one file.
 
-    def __init__(self) -> None:
-        self.left = STEPS
+    Attributes:
+        left: how many.
+        tape: where operations on traced numbers are written; None if there are none.
+    """
+
+    def __init__(self, tape: Tape | None = None) -> None:
+        self.left, self.tape = STEPS, tape
 
     def spend(self, steps: int) -> None:
         """Take so many steps.
@@ -48,6 +55,11 @@ class Budget:
         if self.left < 0:
             raise RefusedError(f"its expressions and macros take more than {STEPS:,} steps or "
                                "values; write fewer or smaller ones")
+
+    def untraced(self, *values: Any) -> None:
+        """Note that what is made of values is not written on the tape."""
+        if self.tape is not None and depends(values):
+            self.tape.give_up()
 
 
 @dataclass(frozen=True)
@@ -95,6 +107,9 @@ def evaluate(text: str, names: Mapping[str, Any], budget: Budget) -> Any:
         Exception: as Python's own operators, on values that they cannot work with.
     """
     budget.spend(1)
+    if budget.tape is not None:
+        text, own = budget.tape.named(text)
+        return _compiled(text)(Scope(names, budget, own))
     return _compiled(text)(Scope(names, budget, NOTHING))
 
 
@@ -202,6 +217,8 @@ def _modulo(a: Any, b: Any, budget: Budget) -> Any:
         if re.search(r"%(\([^()%]*\))?[^a-zA-Z%]*(\*|\d{4})", a):
             raise RefusedError("a format wider than 999, or of a width *, is not offered here")
         budget.spend(sum(int(width) for width in re.findall(r"\d{1,3}", a)) // SHARE)
+        if a.count("%") > a.count("%s"):  # another format rounds
+            budget.untraced(b)
     return a % b
 
 
@@ -280,6 +297,8 @@ def _comparison(node: ast.Compare) -> Value:
 
 def _compared(left: Any, right: Any, budget: Budget) -> None:
     """Pay for a comparison."""
+    if not isinstance(left, float | int) or not isinstance(right, float | int):
+        budget.untraced(left, right)
     measure(left, budget)
     if isinstance(right, range) and isinstance(left, int):
         return  # a number is sought in it without going through it
@@ -369,6 +388,8 @@ def _subscript(node: ast.Subscript) -> Value:
     def value(scope: Scope) -> Any:
         held, place = holder(scope), index(scope)
         measure(place, scope.budget)
+        if isinstance(held, str):
+            scope.budget.untraced(held)
         try:
             return _paid(held[place], scope.budget)
         except (KeyError, AttributeError):  # as xacro's own dictionaries raise it
@@ -501,6 +522,7 @@ METHODS: dict[type, tuple[str, ...]] = {
     set: ("add", "difference", "discard", "intersection", "issubset", "union"),
 }
 WIDENING = ("center", "ljust", "rjust", "zfill")
+WHOLE_WORDS = ("join", "split", "rsplit", "splitlines", "strip", "lstrip", "rstrip")  # or nothing
 
 
 def _method(kind: type, name: str, budget: Budget, owner: Any, *given: Any, **named: Any) -> Any:
@@ -508,6 +530,8 @@ def _method(kind: type, name: str, budget: Budget, owner: Any, *given: Any, **na
         measure(argument, budget)
     if kind is not dict:
         measure(owner, budget)
+    if kind is str and name not in WHOLE_WORDS:
+        budget.untraced(owner, given)
     if name in WIDENING and given and isinstance(given[0], int):
         budget.spend(max(given[0], 0) // SHARE)
     if name == "replace" and len(given) > 1:
@@ -527,6 +551,8 @@ def _direct(function: Callable[..., Any]) -> Callable[..., Any]:
     def run(budget: Budget, *given: Any, **named: Any) -> Any:
         for argument in (*given, *named.values()):
             measure(argument, budget)
+        if budget.tape is not None:
+            return budget.tape.call(function, given, named)
         return function(*given, **named)
 
     return run
@@ -563,6 +589,7 @@ def _folded(combine: Callable[[Any, Any, Budget], Any], start: Any) -> Callable[
 def _round(budget: Budget, value: Any, digits: int | None = None) -> Any:
     if isinstance(digits, int) and abs(digits) > BITS:
         raise RefusedError(f"only to {BITS} digits")
+    budget.untraced(value)
     return round(value, digits)
 
 
@@ -589,12 +616,18 @@ def _type(budget: Budget, value: Any) -> Offered:
     raise RefusedError(f"the type of a {_kind(value)} is not offered here")
 
 
+def _length(budget: Budget, value: Any) -> int:
+    if isinstance(value, str):
+        budget.untraced(value)
+    return len(value)
+
+
 _TYPES = {kind.__name__: Offered(kind.__name__, _direct(kind), kind) for kind in
           (list, dict, str, float, int, bool, tuple, set, frozenset)}
 _RANGE = Offered("range", lambda budget, *given: range(*given))
 _OLD = {  # in the namespace `python`, and by themselves
     **{name: _TYPES[name] for name in ("list", "dict", "str", "float", "int", "bool")},
-    "map": Offered("map", _mapped), "len": Offered("len", lambda budget, x: len(x)),
+    "map": Offered("map", _mapped), "len": Offered("len", _length),
     "min": Offered("min", _direct(min)), "max": Offered("max", _direct(max)),
     "round": Offered("round", _round), "sorted": Offered("sorted", _direct(sorted)),
     "range": _RANGE, "True": True, "False": False,

@@ -1,0 +1,297 @@
+"""Numbers of a xacro file that remember how they were computed from its arguments.
+
+While a file is expanded, arguments may be `Traced` numbers. Arithmetic on them is written on a
+`Tape`, which then gives every number of the expanded text at other values of the arguments: the
+same operations once more, for many values together [Griewank2008, 2]. Where the file decides by
+such a number (an `if`, a `max`), the decision is written too; the tape holds for arguments that
+lead to the same decisions. What it cannot follow, such as rounded texts, ends it: `is_whole`.
+
+On its way a number often becomes text. Its text has 25 decimals: 17 of its own, which alone give
+the number back, then a mark and its place on the tape, too small to change what any reader makes
+of it.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_TEXT = re.compile(r"\d\.(?:\d{17}|(?=\d{8}e-400))7(\d{7})e[+-]\d+")
+_MOST = 10**7  # places that a text can name
+
+
+def _distance(*x: Any) -> Any:
+    """Return the distance of two points, one behind the other."""
+    half = len(x) // 2
+    return np.sqrt(sum((a - b) ** 2 for a, b in zip(x[:half], x[half:], strict=True)))
+
+
+NUMPY: dict[Callable[..., Any], Callable[..., Any]] = {  # of Python's functions of numbers
+    **{getattr(math, name): getattr(np, name) for name in (
+        "sin", "cos", "tan", "sinh", "cosh", "tanh", "sqrt", "exp", "expm1", "log10", "log2",
+        "log1p", "fabs", "degrees", "radians", "fmod", "copysign")},
+    math.asin: np.arcsin, math.acos: np.arccos, math.atan: np.arctan, math.atan2: np.arctan2,
+    math.asinh: np.arcsinh, math.acosh: np.arccosh, math.atanh: np.arctanh,
+    math.log: lambda x, base=math.e: np.log(x) if base == math.e else np.log(x) / np.log(base),
+    math.pow: np.power,
+    math.hypot: lambda *x: np.sqrt(sum(part * part for part in x)),
+    math.dist: _distance,
+}
+DECISIONS: dict[Callable[..., Any], Callable[..., Any]] = {  # functions whose value must stay
+    int: np.trunc, math.floor: np.floor, math.ceil: np.ceil, math.trunc: np.trunc,
+}
+FREE = (list, tuple, dict, min, max, sorted, any, all, bool, zip, enumerate, reversed, divmod)
+
+
+class _Operation(NamedTuple):
+    """What gives one number, or decides: a function, and numbers or places on the tape."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+class _Place(int):
+    """A place on the tape."""
+
+
+class Tape:
+    """The operations on traced numbers, in order.
+
+    Attributes:
+        is_whole: whether all of them could be followed.
+        names: the arguments, which are the first numbers.
+    """
+
+    def __init__(self, arguments: Mapping[str, float]) -> None:
+        self.is_whole = all(math.isfinite(x) for x in arguments.values())
+        self.names = list(arguments)
+        self._operations: list[_Operation | None] = [None] * len(arguments)
+        self._values = list(arguments.values())
+        self._decisions: list[tuple[_Operation, Any]] = []
+
+    def give_up(self) -> None:
+        """Note that something cannot be followed."""
+        self.is_whole = False
+
+    # ------------------------------------------------------------ writing
+
+    def number(self, place: int) -> Traced:
+        """Return the number at a place."""
+        found = Traced(self._values[place])
+        found.tape, found.place = self, _Place(place)
+        return found
+
+    def write(self, value: float, function: Callable[..., Any], *arguments: Any) -> Traced:
+        """Return a number that a function has given, of arguments some of which are traced."""
+        operation = _Operation(function, tuple(map(_placed, arguments)))
+        self._operations.append(operation)
+        self._values.append(value)
+        if not math.isfinite(value) or len(self._values) > _MOST:
+            self.give_up()
+        return self.number(len(self._values) - 1)
+
+    def decide(self, value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what a function has given that must be the same for other arguments."""
+        self._decisions.append((_Operation(function, tuple(map(_placed, arguments))), value))
+        return value
+
+    def call(self, function: Callable[..., Any], given: Any, named: Mapping[str, Any]) -> Any:
+        """Return the value of a function that is called in an expression."""
+        if function is float and len(given) == 1 and not named:
+            number = given[0] if isinstance(given[0], Traced) else self.read(given[0])
+            return function(given[0]) if number is None else number
+        value = function(*given, **named)
+        if function in FREE or function is str or not depends((*given, *named.values())):
+            return value
+        numbers = [*given[0], *given[1]] if function is math.dist else given
+        if named or any(depends(x) and not isinstance(x, Traced) for x in numbers):
+            self.give_up()
+        elif function in NUMPY:
+            return self.write(value, NUMPY[function], *numbers)
+        elif function in DECISIONS:
+            return self.decide(value, DECISIONS[function], *numbers)
+        else:
+            self.give_up()
+        return value
+
+    # ------------------------------------------------------------ texts
+
+    def text(self, place: int) -> str:
+        """Return the text of a number."""
+        value = self._values[place]
+        if value == 0.0:
+            return f"{math.copysign(0.0, value):.0f}.7{place:07d}e-400"  # which is read as zero
+        mantissa, exponent = f"{value:.17e}".split("e")
+        return f"{mantissa}7{place:07d}e{exponent}"
+
+    def read(self, text: Any) -> Traced | None:
+        """Return the traced number that a text is; None if it is none."""
+        word = text.strip() if isinstance(text, str) else ""
+        found = _TEXT.fullmatch(word.lstrip("+-"))
+        if found is None or len(word) - len(found[0]) > 1:
+            return None
+        size = self._size(found)
+        return -size if word[0] == "-" else size
+
+    def named(self, text: str) -> tuple[str, dict[str, Traced]]:
+        """Return an expression with names in place of traced numbers written into it."""
+        names: dict[str, Traced] = {}
+
+        def name(found: re.Match[str]) -> str:
+            key = f"traced_{found[1]}"
+            names[key] = self._size(found)
+            return key
+
+        return _TEXT.sub(name, text), names
+
+    def _size(self, found: re.Match[str]) -> Traced:
+        """Return the number of a text without its sign."""
+        place = int(found[1])
+        if place >= len(self._values) or abs(self._values[place]) != float(found[0]):
+            self.give_up()
+            return self.number(0)
+        number = self.number(place)
+        return -number if math.copysign(1.0, number) < 0.0 else number
+
+    # ------------------------------------------------------------ other arguments
+
+    def at(self, arguments: Array, places: Iterable[int]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return numbers at other arguments, and which of these lead to the same decisions.
+
+        Args:
+            arguments: (len(names), m).
+            places: of the numbers.
+
+        Returns:
+            (len(places), m) numbers, and (m,) whether they are those of the file.
+        """
+        wanted, m = list(places), arguments.shape[1]
+        values: list[Any] = list(arguments) + [None] * (len(self._operations) - len(arguments))
+        needed = self._needed([*wanted, *(p for o, _ in self._decisions for p in _places(o))])
+        holds = np.full(m, self.is_whole)
+        with np.errstate(all="ignore"):  # where a number is none, the arguments are left out
+            for place in needed:
+                values[place] = _worked_out(self._operations[place], values)
+            for operation, value in self._decisions:
+                holds &= np.equal(_worked_out(operation, values), value)
+        found = np.array([np.broadcast_to(values[p], m) for p in wanted]).reshape(len(wanted), m)
+        return found, holds & np.isfinite(found).all(axis=0)
+
+    def _needed(self, places: list[int]) -> list[int]:
+        """Return the places, in order, of the operations that some numbers are made of."""
+        todo, seen = list(places), set()
+        while todo:
+            place = todo.pop()
+            operation = self._operations[place]
+            if operation is not None and place not in seen:
+                seen.add(place)
+                todo += _places(operation)
+        return sorted(seen)
+
+
+def _placed(argument: Any) -> Any:
+    return argument.place if isinstance(argument, Traced) else argument
+
+
+def _places(operation: _Operation) -> list[_Place]:
+    return [x for x in operation.arguments if isinstance(x, _Place)]
+
+
+def _worked_out(operation: _Operation | None, values: list[Any]) -> Any:
+    assert operation is not None
+    return operation.function(
+        *(values[x] if isinstance(x, _Place) else x for x in operation.arguments))
+
+
+def depends(value: Any) -> bool:
+    """Whether a value is or holds a traced number or the text of one."""
+    stack = [value]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, Traced) or (isinstance(item, str) and _TEXT.search(item)):
+            return True
+        if isinstance(item, dict):
+            stack += [*dict.keys(item), *dict.values(item)]
+        elif isinstance(item, list | tuple | set | frozenset):
+            stack += list.copy(item) if isinstance(item, list) else item
+    return False
+
+
+def _writing(function: Callable[..., Any], turned: bool = False) -> Callable[..., Any]:
+    """Return the method of an operator that gives a number."""
+
+    def method(self: Traced, *others: Any) -> Any:
+        pair = (*others, self) if turned else (self, *others)
+        if not all(isinstance(x, float | int) for x in others):
+            return NotImplemented
+        value = function(*map(_plain, pair))
+        if value.__class__ is not float:  # a power may be complex
+            self.tape.give_up()
+            return value
+        return self.tape.write(value, function, *pair)
+
+    return method
+
+
+def _deciding(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the method of a comparison."""
+
+    def method(self: Traced, *others: Any) -> Any:
+        if not all(isinstance(x, float | int) for x in others):
+            return NotImplemented
+        return self.tape.decide(function(*map(_plain, (self, *others))), function, self, *others)
+
+    return method
+
+
+def _plain(x: Any) -> Any:
+    return float.__float__(x) if isinstance(x, Traced) else x
+
+
+def _is_true(x: Any) -> Any:
+    return np.not_equal(x, 0.0)
+
+
+class Traced(float):
+    """A number that depends on arguments of the file, in the place of a plain one."""
+
+    __slots__ = ("place", "tape")
+    tape: Tape
+    place: _Place
+
+    __add__, __radd__ = _writing(operator.add), _writing(operator.add, True)
+    __sub__, __rsub__ = _writing(operator.sub), _writing(operator.sub, True)
+    __mul__, __rmul__ = _writing(operator.mul), _writing(operator.mul, True)
+    __truediv__, __rtruediv__ = _writing(operator.truediv), _writing(operator.truediv, True)
+    __floordiv__, __rfloordiv__ = _writing(operator.floordiv), _writing(operator.floordiv, True)
+    __mod__, __rmod__ = _writing(operator.mod), _writing(operator.mod, True)
+    __pow__, __rpow__ = _writing(operator.pow), _writing(operator.pow, True)
+    __neg__, __pos__, __abs__ = _writing(operator.neg), _writing(operator.pos), _writing(abs)
+    __lt__, __le__ = _deciding(operator.lt), _deciding(operator.le)
+    __gt__, __ge__ = _deciding(operator.gt), _deciding(operator.ge)
+    __eq__, __ne__ = _deciding(operator.eq), _deciding(operator.ne)
+
+    def __bool__(self) -> bool:
+        return bool(self.tape.decide(float.__bool__(self), _is_true, self))
+
+    def __str__(self) -> str:
+        return self.tape.text(self.place)
+
+    __repr__ = __str__
+
+    def __format__(self, spec: str) -> str:
+        if spec:
+            self.tape.give_up()
+        return str(self)
+
+    def __hash__(self) -> int:  # whoever asks for it goes by the value
+        self.tape.give_up()
+        return float.__hash__(self)
