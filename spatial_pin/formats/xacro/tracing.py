@@ -2,7 +2,7 @@
 
 While a file is expanded, arguments may be `Traced` numbers. Arithmetic on them is written on a
 `Tape`, which then gives every number of the expanded text at other values of the arguments: the
-same operations once more, for many values together [Griewank2008, 2]. Where the file decides by
+same operations once more, for many values together [GriewankWalther2008, 2]. Where the file decides by
 such a number (an `if`, a `max`), the decision is written too; the tape holds for arguments that
 lead to the same decisions. What it cannot follow, such as rounded texts, ends it: `is_whole`.
 
