@@ -37,15 +37,9 @@ from spatial_pin.formats.files import list_mechanisms, load
 from spatial_pin.formats.pinocchio_model.from_model import mechanism_of as _from_model
 from spatial_pin.mechanism import closures, laws
 from spatial_pin.mechanism.coordinates import CoordinateRates
-from spatial_pin.mechanism.mechanism import (
-    Closure,
-    Coordinate,
-    Driver,
-    Mechanism,
-    Passive,
-    Spring,
-)
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame
+from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Passive, Spring
 from spatial_pin.methods import offer as _offer
 from spatial_pin.mobility.grashof import Grashof, grashof
 from spatial_pin.mobility.mobility import Loop, Mobility, PassiveFreedom, mobility

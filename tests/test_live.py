@@ -19,7 +19,7 @@ from pictures import ink, pixels
 
 import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.mechanism import Spring
+from spatial_pin.mechanism.parts import Spring
 from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.browser.picture import find_browser
 from spatial_pin.view.page.drive import BESIDE, Drive

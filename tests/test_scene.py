@@ -22,8 +22,9 @@ from test_view import commands, data_of, needs_browser, picture
 
 import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError, UnknownNameError
-from spatial_pin.mechanism.mechanism import Mechanism, Spring
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
+from spatial_pin.mechanism.parts import Spring
 from spatial_pin.view.page.html import page
 from spatial_pin.view.scene.film import film, length_words
 from spatial_pin.view.scene.framing import rotate

@@ -11,7 +11,7 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.formats.xacro import expressions
-from spatial_pin.mechanism.lazy import cached_property
+from spatial_pin.lazy import cached_property
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 LINKS = ('<link name="base"/><link name="hand"/><joint name="slide" type="fixed">'

@@ -19,7 +19,8 @@ from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 
 REFINEMENTS = 12

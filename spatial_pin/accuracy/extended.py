@@ -18,9 +18,10 @@ import pinocchio as pin
 
 from spatial_pin.constraints.closure_equations import unit_length
 from spatial_pin.mechanism.equations import Row
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism import point_on_body as point_on
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 Long: Any = np.longdouble

@@ -31,8 +31,9 @@ from spatial_pin.mechanism.coordinates import (
     with_values,
 )
 from spatial_pin.mechanism.joint_limits import beyond_limits
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose
 from spatial_pin.settings import Accuracy, accuracy_of
 

@@ -12,7 +12,8 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.mechanism.coordinates import coordinate_row
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import NOT_FINITE, RANK_TOLERANCE, Array
 
 NOTHING: Mapping[str, float] = MappingProxyType({})

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from spatial_pin.checks import names_of
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 
 BASE, SPRINGS = "base", "springs"
 Hold = str | Iterable[str] | None

@@ -14,7 +14,8 @@ from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import coordinate_bias
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import (
     EPS,
     ROUND_OFF,

@@ -13,8 +13,9 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.mechanism.mechanism import Closure, Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array, decompose
 
 STILL = 1e-8  # twist of a body that rests, by that of the one that moves most

@@ -32,7 +32,8 @@ from spatial_pin.constraints.closure_equations import (
     evaluation_of,
 )
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.mechanism import Equations, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Equations
 from spatial_pin.numerics.linalg import (
     RANK_TOLERANCE,
     Array,

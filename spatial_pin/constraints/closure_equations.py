@@ -39,8 +39,9 @@ from spatial_pin.constraints.pinocchio_views import (
 )
 from spatial_pin.mechanism.coordinates import joint_values, needed, with_values
 from spatial_pin.mechanism.equations import Row
-from spatial_pin.mechanism.mechanism import Closure, Mechanism, point_on_body
+from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import Array
 

@@ -23,7 +23,8 @@ from spatial_pin.constraints.pinocchio_views import (
     twists,
 )
 from spatial_pin.mechanism.inertia import MassMatrix
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 FREEDOMS = 32  # of a piece, at least, if there are so many branches

@@ -16,7 +16,7 @@ from spatial_pin.continuation.idle_rotation import Spin
 from spatial_pin.continuation.pseudo_arclength import Arrival, march
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import blur, coordinate_value, with_values
-from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy

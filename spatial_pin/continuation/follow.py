@@ -23,7 +23,7 @@ from spatial_pin.continuation.evaluation_order import there_and_back
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples
-from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 

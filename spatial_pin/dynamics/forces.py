@@ -16,8 +16,9 @@ from spatial_pin.checks import finite_number, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
-from spatial_pin.mechanism.impossible_inertias import has_inertia
-from spatial_pin.mechanism.mechanism import Mechanism, Spring
+from spatial_pin.mechanism.checks import has_inertia
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 from spatial_pin.numerics.linalg import Array
 

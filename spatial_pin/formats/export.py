@@ -22,8 +22,9 @@ from spatial_pin.formats.urdf.model import (
     stated_limits,
     urdf_order,
 )
-from spatial_pin.mechanism.mechanism import Closure, Mechanism, Spring, drivers_of_tree
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
 from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.outputs import named_folder, named_path, replacing, write_text

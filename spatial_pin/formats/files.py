@@ -26,17 +26,9 @@ from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
 from spatial_pin.formats.xacro.expansion import dimensions
+from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
-from spatial_pin.mechanism.impossible_inertias import impossible_inertias
-from spatial_pin.mechanism.mechanism import (
-    Closure,
-    Driver,
-    Mechanism,
-    Passive,
-    Spring,
-    check_mechanism,
-    drivers_of_tree,
-)
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame, add_frames
 from spatial_pin.mechanism.pairs import (
     CLOSURE_TYPES,
@@ -48,6 +40,7 @@ from spatial_pin.mechanism.pairs import (
     closure_geometry,
     unit,
 )
+from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
 
 _REQUIRED: Any = object()

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from spatial_pin.checks import finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError
-from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, closure_geometry, unit
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint

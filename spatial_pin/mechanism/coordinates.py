@@ -17,8 +17,9 @@ import pinocchio as pin
 
 from spatial_pin.checks import finite_array, finite_number
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
 
 

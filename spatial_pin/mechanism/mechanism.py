@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,168 +19,22 @@ from spatial_pin.errors import (
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.inertia import inertia_as_given
-from spatial_pin.mechanism.lazy import cached_property
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.parts import (
+    Closure,
+    Coordinate,
+    Driver,
+    Equations,
+    Passive,
+    Spring,
+)
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 
 SMALLEST = 1e-100  # m
-
-
-class Coordinate(NamedTuple):
-    """One joint coordinate.
-
-    Attributes:
-        name: joint name, or joint name, dot, suffix of the pair.
-        joint: name of the joint.
-        unit: "rad" or "m".
-        q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
-        v: index in the velocity.
-        place: which of the joint's coordinates it is.
-    """
-
-    name: str
-    joint: str
-    unit: str
-    q: int
-    v: int
-    place: int
-
-
-class VelocityEntry(Coordinate):
-    """An entry of a joint's velocity as Pinocchio has it, which is not its coordinate's rate."""
-
-    __slots__ = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Closure:
-    """One loop closure.
-
-    Attributes:
-        name, type: as in the mechanism file.
-        frames: names of the two frames it joins (empty for a coupling).
-        between: names of two other frames whose distance is the length of this one (distance of
-            variable length; else empty).
-        geometry: the pair's axes, length and lead (None for a coupling).
-        joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
-        equations: which of the pair's equations are asked for, None for all; the others must
-            hold of themselves (planar loops).
-        source: where it is stated, if not as a closure of a mechanism file.
-    """
-
-    name: str
-    type: str
-    frames: tuple[str, ...] = ()
-    geometry: PairGeometry | None = None
-    joints: tuple[str, ...] = ()
-    ratio: float = 1.0
-    offset: float = 0.0
-    equations: tuple[int, ...] | None = None
-    between: tuple[str, ...] = ()
-    source: str = ""
-
-    @property
-    def pair(self) -> Pair:
-        """The pair it realises; a coupling has none."""
-        return PAIRS[self.type]
-
-    @cached_property
-    def rows(self) -> tuple[Row, ...]:
-        """Its scalar equations on the relative placement (none for a coupling)."""
-        if self.geometry is None or self.pair.rows is None:
-            return ()
-        rows = self.pair.rows(self.geometry)
-        return rows if self.equations is None else tuple(rows[k] for k in self.equations)
-
-    @property
-    def n_rows(self) -> int:
-        """Number of scalar equations."""
-        return 1 if self.type == COUPLING else len(self.rows)
-
-    def with_equations(self, places: Iterable[int]) -> Closure:
-        """Return it with some of its equations, by their places in `rows`."""
-        own = self.equations
-        return replace(self, equations=tuple(k if own is None else own[k] for k in places))
-
-    @property
-    def can_turn(self) -> bool:
-        """Whether it means the same with its two frames exchanged, once all its equations hold."""
-        return (self.type != COUPLING and not self.between and not self.pair.uses_lead
-                and self.equations is None and self.type not in ("point_on_line", "point_on_plane"))
-
-    def turned(self) -> Closure:
-        """Return it with its two frames exchanged: directions of frame 2 in its equations."""
-        g = self.geometry
-        assert g is not None
-        return replace(self, frames=self.frames[::-1],
-                       geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
-
-
-class Equations(NamedTuple):
-    """Some equations of a mechanism, by closure: places in `Closure.rows`, a coupling's is 0.
-
-    Attributes:
-        own: of the closures as they are.
-        turned: of the same with their frames exchanged.
-    """
-
-    own: tuple[tuple[int, ...], ...]
-    turned: tuple[tuple[int, ...], ...]
-
-    def counts(self) -> list[int]:
-        """Return how many there are of each closure."""
-        return [len(a) + len(b) for a, b in zip(self.own, self.turned, strict=True)]
-
-
-@dataclass(frozen=True)
-class Driver:
-    """A coordinate that is prescribed.
-
-    Attributes:
-        name: the driver's name.
-        joint: the joint, or coordinate (`joint.slide`), it drives.
-    """
-
-    name: str
-    joint: str
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A spring and damper between two frames, or about or along a joint (SI units).
-
-    Attributes:
-        name, frames, joint, stiffness, damping: as in the mechanism file; either two frames or a
-            joint's coordinate, whose value is the spring's length or angle.
-        free_length: between frames, or of a coordinate that slides, at no force [m].
-        free_angle: of a coordinate that turns [rad]; of one that slides it is taken as [m].
-    """
-
-    name: str
-    frames: tuple[str, ...] = ()
-    joint: str | None = None
-    stiffness: float = 0.0
-    damping: float = 0.0
-    free_length: float = 0.0
-    free_angle: float = 0.0
-
-    @property
-    def free(self) -> float:
-        """The length or angle without force [m or rad]: one of the two, the other is zero."""
-        return self.free_length + self.free_angle
-
-
-@dataclass(frozen=True)
-class Passive:
-    """A passive spin that is resolved: `body` has no absolute spin about the line `axis`."""
-
-    name: str
-    body: str
-    axis: tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -604,138 +458,17 @@ for _name in ("visual_model", "collision_model", "dimensions"):
     setattr(Mechanism, _name, _MadeWhenAsked(_name))
 
 
-def drivers_of_tree(
-    joints: Mapping[str, str], closures: Iterable[Closure]
-) -> dict[str, Driver]:
-    """Return what drives an open tree of which nobody says: every coordinate, by its own name.
-
-    Those that couplings give are left out, and the components of balls and floating joints, which
-    are no entries of the configuration. Where loops are closed nobody knows: nothing is returned.
-
-    Args:
-        joints: pair by joint, in the order of the tree.
-        closures: the closures and couplings.
-    """
-    closures = list(closures)
-    if any(c.type != COUPLING for c in closures):
-        return {}
-    given = {c.joints[1] for c in closures}
-    names = [f"{joint}.{suffix}" if suffix else joint
-             for joint, pair in joints.items() if PAIRS[pair].is_linear
-             for suffix, _ in PAIRS[pair].coordinates]
-    return {name: Driver(name, name) for name in names if name not in given}
-
-
-def check_mechanism(mechanism: Mechanism, where: str) -> None:
-    """Refuse names that do not exist and closures that cannot be.
-
-    Raises:
-        MechanismFileError: with `where` (the file) and the key at fault.
-    """
-    _check_unique([c.name for c in mechanism.closures], f"{where}: closures")
-    _check_unique([s.name for s in mechanism.springs], f"{where}: springs")
-    for closure in mechanism.closures:
-        _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
-    _check_drivers(mechanism, where)
-    for spring in mechanism.springs:
-        bodies = [_named(mechanism.frame_on_joint, name, f"{where}: spring {spring.name!r}: ")[0]
-                  for name in spring.frames]
-        if len(bodies) == 2 and bodies[0] == bodies[1]:
-            raise MechanismFileError(
-                f"{where}: spring {spring.name!r}: frames {spring.frames[0]!r} and "
-                f"{spring.frames[1]!r} are fixed to the same body"
-            )
-        if spring.joint is not None:
-            coordinate = _named(mechanism.driven_coordinate, spring.joint,
-                                f"{where}: spring {spring.name!r}: ")
-            if spring.free_length and coordinate.unit == "rad":
-                raise MechanismFileError(
-                    f"{where}: spring {spring.name!r}: {spring.joint!r} turns; give free_angle, "
-                    "not free_length")
-    for passive in mechanism.passives:
-        _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
-
-
-def _check_drivers(mechanism: Mechanism, where: str) -> None:
-    driven: dict[str, str] = {}
-    for driver in mechanism.drivers.values():
-        here = f"{where}: drivers.{driver.name}"
-        table = mechanism.coordinate_table
-        if driver.joint in mechanism.drivers and driver.joint not in table:
-            raise MechanismFileError(
-                f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
-                f"there are: {', '.join(table)}"
-            )
-        _named(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
-        if driver.name in table and driver.name != driver.joint:
-            raise MechanismFileError(
-                f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
-            )
-        if driver.joint in driven:
-            raise MechanismFileError(
-                f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
-            )
-        driven[driver.joint] = driver.name
-
-
-def _check_unique(names: Iterable[str], where: str) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise MechanismFileError(f"{where}: two are named {name!r}")
-        seen.add(name)
-
-
-def _named(lookup: Any, name: str, where: str) -> Any:
+def named(lookup: Any, name: str, where: str) -> Any:
+    """Return what a look-up finds of a name; says where, if it is nothing."""
     try:
         return lookup(name)
     except SpatialPinError as error:
         raise MechanismFileError(f"{where}{error}") from error
 
 
-def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
-    if closure.type == COUPLING:
-        for name in closure.joints:
-            _named(mechanism.driven_coordinate, name, f"{where}: joints: ")
-        if closure.joints[0] == closure.joints[1]:
-            raise MechanismFileError(f"{where}: couples {closure.joints[0]!r} with itself")
-        return
-    ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
-    if closure.frames[0] == closure.frames[1]:
-        raise MechanismFileError(f"{where}: joins frame {closure.frames[0]!r} with itself")
-    if ids[0] == ids[1]:
-        raise MechanismFileError(
-            f"{where}: frames {closure.frames[0]!r} and {closure.frames[1]!r} are fixed to the "
-            "same body; a closure joins two bodies that can move against each other"
-        )
-    ids = _bodies(mechanism, closure.between, f"{where}: length_between: ")
-    if set(closure.between) == set(closure.frames):
-        raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
-    if len(set(ids)) == 1:
-        raise MechanismFileError(
-            f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are fixed "
-            "to the same body, so that their distance is constant: give it as length"
-        )
-
-
-def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:
-    return [_named(mechanism.frame_on_joint, name, where)[0] for name in frames]
-
-
-def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
-    body = _named(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
-    if body == 0:
-        raise MechanismFileError(f"{where}.body: {passive.body!r} is fixed to the ground")
-    points = [point_on_body(mechanism, body, name, f"{where}.axis: ") for name in passive.axis]
-    if np.linalg.norm(points[1] - points[0]) < 1e-12 * mechanism.characteristic_length:
-        raise MechanismFileError(
-            f"{where}.axis: {passive.axis[0]!r} and {passive.axis[1]!r} are the same point"
-        )
-
-
 def point_on_body(mechanism: Mechanism, body: int, name: str, where: str = "") -> Array:
     """Return the point `name` (a frame, or the centre of a joint) in the axes of joint `body`."""
-    frame = _named(mechanism.frame_id, name, where)
+    frame = named(mechanism.frame_id, name, where)
     joint, placement = mechanism.frame_on_joint(name)
     if joint == body:
         return placement.translation.copy()

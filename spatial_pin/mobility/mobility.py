@@ -27,8 +27,9 @@ from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import (
     Array,
     decompose,

@@ -18,8 +18,9 @@ import pinocchio as pin
 from spatial_pin.constraints.closure_equations import SHORT
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.equations import Row, dot
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PairGeometry
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 POINTS = ("spherical", "universal", "distance")  # pairs that hold a link at a point

@@ -19,7 +19,8 @@ from spatial_pin.continuation.pseudo_arclength import Arrival, march, turning_po
 from spatial_pin.continuation.singular_points import located, room_after, room_ahead
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_range import within_joint_limits
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.ranges import Bound, Range

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import SLACK
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.summary import EFFORTS, where

@@ -10,8 +10,9 @@ import numpy as np
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import AssemblyError, SingularError
-from spatial_pin.mechanism.mechanism import Mechanism, Spring
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Spring
 from spatial_pin.mechanism.resistance import resistance_texts
 from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.motion.dead_centres import dead_centres

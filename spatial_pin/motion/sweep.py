@@ -21,7 +21,8 @@ from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events

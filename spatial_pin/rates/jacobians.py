@@ -15,8 +15,9 @@ from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import frame_jacobian, own_jacobian
 from spatial_pin.mechanism.coordinates import finite_array, needed
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, drivers_of_tree
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates import regular
 from spatial_pin.rates.prescribed import rate_coordinates

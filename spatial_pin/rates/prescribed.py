@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.checks import finite_array, finite_number
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 
 
 def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:

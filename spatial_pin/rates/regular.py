@@ -16,7 +16,8 @@ from spatial_pin.checks import finite_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import Solved, rates_of
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism, VelocityEntry
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.prescribed import rate_coordinates
 

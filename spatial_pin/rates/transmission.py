@@ -12,8 +12,9 @@ from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.rates.rates import driven_coordinates, square_system
 

@@ -21,8 +21,9 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mobility.mobility import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import COORDINATE_OUTPUTS

@@ -14,8 +14,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.reduction.influence import Influence
 from spatial_pin.reduction.links import (
     SAME,

@@ -31,8 +31,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.export import tree_axes
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, least_squares
 
 SAME = 1e-12  # difference of lengths relative to the characteristic length, or of directions

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.formats.export import content_of
 from spatial_pin.formats.files import from_text
-from spatial_pin.mechanism.mechanism import Closure, Mechanism, Passive, point_on_body
+from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.reduction.files import Tree, relation_table

@@ -17,7 +17,7 @@ from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.kkt import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.impossible_inertias import refuse_negative_inertias
+from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -22,8 +22,9 @@ from numpy.lib.stride_tricks import as_strided
 from spatial_pin.dynamics.solvers.kkt import ROUNDING
 from spatial_pin.errors import ClosureTypeError
 from spatial_pin.mechanism.inertia import MassMatrix
-from spatial_pin.mechanism.mechanism import Closure, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import EPS, Array
 
 ROWS = 90  # up to which Pinocchio's dense factors are the faster ones

@@ -35,9 +35,10 @@ from spatial_pin.dynamics.solvers.constraint_dynamics import NativeDynamics, nat
 from spatial_pin.dynamics.solvers.kkt import DOUBTFUL, ROUNDING, SINGULAR, Motions, SaddlePoint
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.impossible_inertias import refuse_negative_inertias
+from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.inertia import MassMatrix
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import (
     Array,

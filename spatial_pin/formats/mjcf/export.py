@@ -21,8 +21,8 @@ from spatial_pin.formats.mjcf.export_shapes import add_shapes
 from spatial_pin.formats.mjcf.tree import WORLD
 from spatial_pin.formats.mjcf.writing import Writing, is_movable, placed
 from spatial_pin.formats.urdf.elements import numbers_text
+from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.impossible_inertias import refuse_negative_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import named_path, write_text

@@ -12,8 +12,8 @@ from spatial_pin.formats.mjcf.export_joints import add_parts, parts_of, tie_scre
 from spatial_pin.formats.mjcf.writing import Writing, placed
 from spatial_pin.formats.urdf.elements import numbers_text
 from spatial_pin.formats.urdf.writing import unique
-from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 WELDED = ("weld", "fixed")

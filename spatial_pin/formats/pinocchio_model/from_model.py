@@ -14,19 +14,13 @@ from spatial_pin.checks import finite_array
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.pinocchio_model.joints import own_configuration, pair_tree
 from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, fresh, urdf_of
+from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.closures import FramePlace, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
-from spatial_pin.mechanism.mechanism import (
-    Closure,
-    Driver,
-    Mechanism,
-    Passive,
-    Spring,
-    check_mechanism,
-    drivers_of_tree,
-)
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame, add_frames, frames_by_name
+from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
 GROUND = "world"  # the link that stands for the world
 UNIVERSE = "universe"  # what Pinocchio calls it

@@ -16,8 +16,8 @@ import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.urdf.elements import UNBOUNDED
-from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, axes_from_z, unit
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 SQUARE = 1e-9  # cosine of the angle between the pins of a universal joint

@@ -14,7 +14,7 @@ from spatial_pin.continuation.branch import Branch, Stopped
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_number
-from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limits_passed
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep

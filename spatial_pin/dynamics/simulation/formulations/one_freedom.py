@@ -15,7 +15,7 @@ from spatial_pin.dynamics.simulation.formulations.one_freedom_table import Table
 from spatial_pin.dynamics.simulation.formulations.sample_energies import PlacedRows
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost, plain_coordinates
 from spatial_pin.dynamics.simulation.problem import LIGHT, Problem, Row
-from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 
 SURELY = 1.5  # joints move no faster between the nodes of a piece than this times at them

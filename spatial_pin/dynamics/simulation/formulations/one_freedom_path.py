@@ -11,7 +11,7 @@ from spatial_pin.continuation import branch_points
 from spatial_pin.continuation.branch import Branch, Stopped
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.mechanism.mechanism import Coordinate
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 

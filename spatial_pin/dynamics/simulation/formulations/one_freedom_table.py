@@ -23,7 +23,8 @@ from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.formulations.one_freedom_nodes import NodeRows
 from spatial_pin.dynamics.simulation.formulations.one_freedom_path import Path
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.mechanism.mechanism import Coordinate, Mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.chebyshev import (
     CELLS,
     FEWER,

@@ -8,8 +8,8 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.mechanism.equations import Row
-from spatial_pin.mechanism.mechanism import Closure
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import OPEN, Film, Reading, unit_of_length
 from spatial_pin.view.scene.shapes import ball, rod

@@ -1,0 +1,192 @@
+"""What a mechanism must be: names that exist, closures and inertias that can be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure, Passive
+from spatial_pin.numerics.linalg import Array
+
+ROUNDED = 1e-6  # of mass times length squared: inertias are written with six digits or more
+
+
+def check_mechanism(mechanism: Mechanism, where: str) -> None:
+    """Refuse names that do not exist and closures that cannot be.
+
+    Raises:
+        MechanismFileError: with `where` (the file) and the key at fault.
+    """
+    _check_unique([c.name for c in mechanism.closures], f"{where}: closures")
+    _check_unique([s.name for s in mechanism.springs], f"{where}: springs")
+    for closure in mechanism.closures:
+        _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
+    _check_drivers(mechanism, where)
+    for spring in mechanism.springs:
+        bodies = [named(mechanism.frame_on_joint, name, f"{where}: spring {spring.name!r}: ")[0]
+                  for name in spring.frames]
+        if len(bodies) == 2 and bodies[0] == bodies[1]:
+            raise MechanismFileError(
+                f"{where}: spring {spring.name!r}: frames {spring.frames[0]!r} and "
+                f"{spring.frames[1]!r} are fixed to the same body"
+            )
+        if spring.joint is not None:
+            coordinate = named(mechanism.driven_coordinate, spring.joint,
+                                f"{where}: spring {spring.name!r}: ")
+            if spring.free_length and coordinate.unit == "rad":
+                raise MechanismFileError(
+                    f"{where}: spring {spring.name!r}: {spring.joint!r} turns; give free_angle, "
+                    "not free_length")
+    for passive in mechanism.passives:
+        _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
+
+
+def _check_drivers(mechanism: Mechanism, where: str) -> None:
+    driven: dict[str, str] = {}
+    for driver in mechanism.drivers.values():
+        here = f"{where}: drivers.{driver.name}"
+        table = mechanism.coordinate_table
+        if driver.joint in mechanism.drivers and driver.joint not in table:
+            raise MechanismFileError(
+                f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
+                f"there are: {', '.join(table)}"
+            )
+        named(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
+        if driver.name in table and driver.name != driver.joint:
+            raise MechanismFileError(
+                f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
+            )
+        if driver.joint in driven:
+            raise MechanismFileError(
+                f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
+            )
+        driven[driver.joint] = driver.name
+
+
+def _check_unique(names: Iterable[str], where: str) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise MechanismFileError(f"{where}: two are named {name!r}")
+        seen.add(name)
+
+
+def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
+    if closure.type == COUPLING:
+        for name in closure.joints:
+            named(mechanism.driven_coordinate, name, f"{where}: joints: ")
+        if closure.joints[0] == closure.joints[1]:
+            raise MechanismFileError(f"{where}: couples {closure.joints[0]!r} with itself")
+        return
+    ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
+    if closure.frames[0] == closure.frames[1]:
+        raise MechanismFileError(f"{where}: joins frame {closure.frames[0]!r} with itself")
+    if ids[0] == ids[1]:
+        raise MechanismFileError(
+            f"{where}: frames {closure.frames[0]!r} and {closure.frames[1]!r} are fixed to the "
+            "same body; a closure joins two bodies that can move against each other"
+        )
+    ids = _bodies(mechanism, closure.between, f"{where}: length_between: ")
+    if set(closure.between) == set(closure.frames):
+        raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
+    if len(set(ids)) == 1:
+        raise MechanismFileError(
+            f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are fixed "
+            "to the same body, so that their distance is constant: give it as length"
+        )
+
+
+def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:
+    return [named(mechanism.frame_on_joint, name, where)[0] for name in frames]
+
+
+def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
+    body = named(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
+    if body == 0:
+        raise MechanismFileError(f"{where}.body: {passive.body!r} is fixed to the ground")
+    points = [point_on_body(mechanism, body, name, f"{where}.axis: ") for name in passive.axis]
+    if np.linalg.norm(points[1] - points[0]) < 1e-12 * mechanism.characteristic_length:
+        raise MechanismFileError(
+            f"{where}.axis: {passive.axis[0]!r} and {passive.axis[1]!r} are the same point"
+        )
+
+
+class Impossible(NamedTuple):
+    """Inertias of moving bodies that no body has, by the link at fault, in words.
+
+    Attributes:
+        negative: a mass or a principal moment of inertia is below zero.
+        lopsided: a principal moment is more than the sum of the other two.
+    """
+
+    negative: dict[str, str]
+    lopsided: dict[str, str]
+
+
+def impossible_inertias(mechanism: Mechanism) -> Impossible:
+    """Return the links whose bodies have inertias that no body has.
+
+    Links that are fixed to one another are one body, of which it is judged; what round-off of the
+    file's numbers can do to a moment, relative to mass times length squared, is let pass.
+    """
+    if "impossible inertias" not in mechanism.memo:
+        mechanism.memo["impossible inertias"] = _impossible(mechanism)
+    found: Impossible = mechanism.memo["impossible inertias"]
+    return found
+
+
+def refuse_negative_inertias(mechanism: Mechanism) -> None:
+    """Refuse to work with a body whose mass, or a moment of inertia, is below zero.
+
+    Raises:
+        SpatialPinError: there is one; names the link.
+    """
+    for link, words in impossible_inertias(mechanism).negative.items():
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
+            "has, so that no forces come of it; mend its <inertial>")
+
+
+def _impossible(mechanism: Mechanism) -> Impossible:
+    model, length = mechanism.model, mechanism.characteristic_length
+    found = Impossible({}, {})
+    for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
+        for joint in map(int, np.flatnonzero(kinds) + 1):
+            links = [f.name for f in model.frames
+                     if f.type == pin.FrameType.BODY and f.parentJoint == joint]
+            own = [x for x in links if x in mechanism.inertias]
+            at_fault = [x for x in own if np.any(_kinds([mechanism.inertias[x]], length))]
+            for name in at_fault or own[:1] or [model.names[joint]]:
+                kind[name] = _words(mechanism.inertias.get(name, model.inertias[joint]))
+    return found
+
+
+def _kinds(bodies: list[pin.Inertia], length: float) -> Array:
+    """Return which bodies have negative, and which else lopsided inertias, shape (2, N)."""
+    mass = np.array([x.mass for x in bodies])
+    a, b, c = np.linalg.eigvalsh(np.array([x.inertia for x in bodies]).reshape(-1, 3, 3)).T
+    slack = ROUNDED * np.maximum(np.maximum(abs(a), abs(c)), abs(mass) * length**2)
+    negative = (mass < 0.0) | (a < -slack)
+    return np.array([negative, ~negative & (a + b < c - slack)])
+
+
+def _words(body: pin.Inertia) -> str:
+    moments = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(body.inertia))
+    return f"mass {body.mass:.4g} kg, principal moments {moments} kg·m²"
+
+
+def has_inertia(mechanism: Mechanism) -> bool:
+    """Whether anything that moves has a mass, a moment of inertia or an armature."""
+    if "has inertia" not in mechanism.memo:
+        model = mechanism.model
+        bodies = (x for x in list(model.inertias)[1:] if x.mass or np.any(x.inertia))
+        mechanism.memo["has inertia"] = bool(
+            np.any(model.armature) or next(bodies, None) is not None)
+    found: bool = mechanism.memo["has inertia"]
+    return found

@@ -1,0 +1,186 @@
+"""The parts of a mechanism besides its tree: coordinates, closures, drivers, springs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from spatial_pin.lazy import cached_property
+from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
+
+
+class Coordinate(NamedTuple):
+    """One joint coordinate.
+
+    Attributes:
+        name: joint name, or joint name, dot, suffix of the pair.
+        joint: name of the joint.
+        unit: "rad" or "m".
+        q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
+        v: index in the velocity.
+        place: which of the joint's coordinates it is.
+    """
+
+    name: str
+    joint: str
+    unit: str
+    q: int
+    v: int
+    place: int
+
+
+class VelocityEntry(Coordinate):
+    """An entry of a joint's velocity as Pinocchio has it, which is not its coordinate's rate."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """One loop closure.
+
+    Attributes:
+        name, type: as in the mechanism file.
+        frames: names of the two frames it joins (empty for a coupling).
+        between: names of two other frames whose distance is the length of this one (distance of
+            variable length; else empty).
+        geometry: the pair's axes, length and lead (None for a coupling).
+        joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
+        equations: which of the pair's equations are asked for, None for all; the others must
+            hold of themselves (planar loops).
+        source: where it is stated, if not as a closure of a mechanism file.
+    """
+
+    name: str
+    type: str
+    frames: tuple[str, ...] = ()
+    geometry: PairGeometry | None = None
+    joints: tuple[str, ...] = ()
+    ratio: float = 1.0
+    offset: float = 0.0
+    equations: tuple[int, ...] | None = None
+    between: tuple[str, ...] = ()
+    source: str = ""
+
+    @property
+    def pair(self) -> Pair:
+        """The pair it realises; a coupling has none."""
+        return PAIRS[self.type]
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """Its scalar equations on the relative placement (none for a coupling)."""
+        if self.geometry is None or self.pair.rows is None:
+            return ()
+        rows = self.pair.rows(self.geometry)
+        return rows if self.equations is None else tuple(rows[k] for k in self.equations)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of scalar equations."""
+        return 1 if self.type == COUPLING else len(self.rows)
+
+    def with_equations(self, places: Iterable[int]) -> Closure:
+        """Return it with some of its equations, by their places in `rows`."""
+        own = self.equations
+        return replace(self, equations=tuple(k if own is None else own[k] for k in places))
+
+    @property
+    def can_turn(self) -> bool:
+        """Whether it means the same with its two frames exchanged, once all its equations hold."""
+        return (self.type != COUPLING and not self.between and not self.pair.uses_lead
+                and self.equations is None and self.type not in ("point_on_line", "point_on_plane"))
+
+    def turned(self) -> Closure:
+        """Return it with its two frames exchanged: directions of frame 2 in its equations."""
+        g = self.geometry
+        assert g is not None
+        return replace(self, frames=self.frames[::-1],
+                       geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
+
+
+class Equations(NamedTuple):
+    """Some equations of a mechanism, by closure: places in `Closure.rows`, a coupling's is 0.
+
+    Attributes:
+        own: of the closures as they are.
+        turned: of the same with their frames exchanged.
+    """
+
+    own: tuple[tuple[int, ...], ...]
+    turned: tuple[tuple[int, ...], ...]
+
+    def counts(self) -> list[int]:
+        """Return how many there are of each closure."""
+        return [len(a) + len(b) for a, b in zip(self.own, self.turned, strict=True)]
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A coordinate that is prescribed.
+
+    Attributes:
+        name: the driver's name.
+        joint: the joint, or coordinate (`joint.slide`), it drives.
+    """
+
+    name: str
+    joint: str
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring and damper between two frames, or about or along a joint (SI units).
+
+    Attributes:
+        name, frames, joint, stiffness, damping: as in the mechanism file; either two frames or a
+            joint's coordinate, whose value is the spring's length or angle.
+        free_length: between frames, or of a coordinate that slides, at no force [m].
+        free_angle: of a coordinate that turns [rad]; of one that slides it is taken as [m].
+    """
+
+    name: str
+    frames: tuple[str, ...] = ()
+    joint: str | None = None
+    stiffness: float = 0.0
+    damping: float = 0.0
+    free_length: float = 0.0
+    free_angle: float = 0.0
+
+    @property
+    def free(self) -> float:
+        """The length or angle without force [m or rad]: one of the two, the other is zero."""
+        return self.free_length + self.free_angle
+
+
+@dataclass(frozen=True)
+class Passive:
+    """A passive spin that is resolved: `body` has no absolute spin about the line `axis`."""
+
+    name: str
+    body: str
+    axis: tuple[str, str]
+
+
+def drivers_of_tree(
+    joints: Mapping[str, str], closures: Iterable[Closure]
+) -> dict[str, Driver]:
+    """Return what drives an open tree of which nobody says: every coordinate, by its own name.
+
+    Those that couplings give are left out, and the components of balls and floating joints, which
+    are no entries of the configuration. Where loops are closed nobody knows: nothing is returned.
+
+    Args:
+        joints: pair by joint, in the order of the tree.
+        closures: the closures and couplings.
+    """
+    closures = list(closures)
+    if any(c.type != COUPLING for c in closures):
+        return {}
+    given = {c.joints[1] for c in closures}
+    names = [f"{joint}.{suffix}" if suffix else joint
+             for joint, pair in joints.items() if PAIRS[pair].is_linear
+             for suffix, _ in PAIRS[pair].coordinates]
+    return {name: Driver(name, name) for name in names if name not in given}
