@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     finally:
         for worker in found:
             worker.close()
-    absent = [a for a in absent if a[0] in options.tasks]
+    absent = [a for a in absent if a[0] in options.tasks and not options.bars]
     return {"date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
             "machine": report.machine(), "versions": versions, "effort": effort._asdict(),
             "tools": [t.title for t in tools.PEERS] if options.peers else [],

@@ -72,7 +72,9 @@ def closed_to(errors: Any, closure_errors: Any) -> Any:
     return np.asarray(errors) * np.maximum(1.0, np.asarray(closure_errors) / ROUND_OFF)
 
 
-def motion(found: sp.Motion, known: Any = None, by: str = "") -> Answer:
+def motion(
+    found: sp.Motion, known: Any = None, by: str = "", *, along: bool = False
+) -> Answer:
     """Return the samples of a motion, and its events.
 
     Args:
@@ -81,6 +83,8 @@ def motion(found: sp.Motion, known: Any = None, by: str = "") -> Answer:
             states of a driver's motion say. Configurations are known better, as the driver's part
             of the rates is.
         by: what states it.
+        along: whether samples are counted along the curve, so that what is lost where branches
+            cross is lost for all that follow.
     """
     mechanism, n = found.mechanism, len(found)
     answer: Answer = {}
@@ -89,6 +93,7 @@ def motion(found: sp.Motion, known: Any = None, by: str = "") -> Answer:
         known, by = closed_to(np.where(np.isfinite(lost), lost, 1.0),
                               found.closure_error).reshape(n, 1), "rate_error and closure_error"
         answer["rate error"] = at_most(lost, MORE * lost)
+    known = np.maximum.accumulate(known) if along else known
     pace, own = paces(mechanism, found.v), mechanism.velocity_scale
     bend = np.maximum(paces(mechanism, found.a), pace**2)
     placed = known / _ahead(found, pace)
@@ -102,7 +107,7 @@ def motion(found: sp.Motion, known: Any = None, by: str = "") -> Answer:
     for name, values in (("driver", found.driver), ("time", found.time)):
         if values is not None:
             answer[name] = numbers(values, np.abs(values).max(initial=1e-300))
-    return answer | events(found.events)
+    return answer | events(found.events, known if found.driver is None else None)
 
 
 def _ahead(found: sp.Motion, pace: Array) -> Array:
@@ -114,12 +119,24 @@ def _ahead(found: sp.Motion, pace: Array) -> Array:
     return np.maximum(pace / np.maximum(speed, 1e-300), 1.0)
 
 
-def events(found: Sequence[sp.Event]) -> Answer:
-    """Return events: kinds, samples before them, words of their sentences, and values."""
-    return {"events": "\n".join(f"{e.kind}, sample {e.row}: {NUMBER.sub('#', e.text)}"
+def events(found: Sequence[sp.Event], known: Any = None) -> Answer:
+    """Return events: kinds, samples before them, words of their sentences, and values.
+
+    Args:
+        found: the events.
+        known: (N, 1) stated error of each sample, where events are known no better.
+    """
+    errors = [crossing(e.kind) if known is None else float(known[min(e.row, len(known) - 1), 0])
+              for e in found]
+    return {"events": "\n".join(f"{e.kind}, sample {e.row}: {without_numbers(e.text)}"
                                 for e in found),
-            "event values": numbers([e.value for e in found], 1.0,
-                                    [crossing(e.kind) for e in found], "branches that cross")}
+            "event values": numbers([e.value for e in found], 1.0, errors,
+                                    "branches that cross" if known is None else "its samples")}
+
+
+def without_numbers(text: str) -> str:
+    """Return a sentence with a sign in the place of every number."""
+    return NUMBER.sub("#", text)
 
 
 def crossing(kind: str) -> float:

@@ -98,7 +98,7 @@ def beyond(mechanism: sp.Mechanism) -> Answer:
 def trace(mechanism: sp.Mechanism) -> Answer:
     """Trace the curve of the first driver."""
     curve = sp.trace(mechanism, driver_of(mechanism), step=STEP, most_rows=ROWS)
-    return answer.motion(curve)
+    return answer.motion(curve, along=True)
 
 
 def limits(mechanism: sp.Mechanism) -> Answer:
@@ -226,7 +226,7 @@ def simulate(mechanism: sp.Mechanism) -> Answer:
                 for settings in ({}, {"tolerance": EXACT.tolerance,
                                       "time_tolerance": EXACT.time_tolerance}))
         except sp.SpatialPinError as error:
-            found[formulation] = told(error)
+            found[formulation] = answer.without_numbers(told(error))  # they follow the steps
             continue
         known = left_by_integrator(usual, exact)
         whole = answer.motion(usual, known, "the integrator's error")
