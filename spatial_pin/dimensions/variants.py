@@ -21,8 +21,8 @@ from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.expansion import parse_urdf, traced
 from spatial_pin.formats.xacro.tracing import depends
+from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.inertia import inertia_as_given
-from spatial_pin.mechanism.lazy import cached_property
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
