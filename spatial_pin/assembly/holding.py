@@ -71,6 +71,13 @@ def _entries(mechanism: Mechanism, joint: str) -> range:
     return range(at, at + int(mechanism.model.nvs[i]))
 
 
+def _joint_names(mechanism: Mechanism) -> frozenset[str]:
+    if "joint names" not in mechanism.memo:
+        mechanism.memo["joint names"] = frozenset(list(mechanism.model.names)[1:])
+    found: frozenset[str] = mechanism.memo["joint names"]
+    return found
+
+
 def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
     """Return what is held.
 
@@ -86,7 +93,7 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
     """
     entries: list[int] = []
     single: list[Coordinate] = []
-    joints = set(list(mechanism.model.names)[1:])
+    joints = _joint_names(mechanism)
     for name in () if hold is None else names_of(hold, "hold"):
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers

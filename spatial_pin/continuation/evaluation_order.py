@@ -18,6 +18,8 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     Args:
         values: (N,) driver values.
     """
+    if len(values) < 3:
+        return None
     first = values[0]
     with np.errstate(over="ignore"):
         way = np.abs(np.diff(values)).sum()

@@ -93,7 +93,9 @@ class Start:
         return path if path.start(q, angles) else None
 
 
-def followed_in_order(start: Start, values: Array, bar: tqdm[Any]) -> Samples | None:
+def followed_in_order(
+    start: Start, values: Array, bar: tqdm[Any] | None
+) -> Samples | None:
     """Return the samples, followed in the order of their values from the first on, both ways.
 
     None where the order asked for is no detour, or anything lies in the way: what it is, and which
@@ -109,11 +111,13 @@ def followed_in_order(start: Start, values: Array, bar: tqdm[Any]) -> Samples | 
             for _ in follow(start, values[rows], own, None):
                 pass
         except (Stopped, SpatialPinError):
-            bar.reset()
+            if bar is not None:
+                bar.reset()
             return None
+        if bar is not None:
+            bar.update(len(rows))
         for whole, part in zip(samples, own, strict=True):
             whole[rows] = part
-        bar.update(len(rows))
     return samples
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
+UNSTATED = float(np.finfo(float).max)  # size of a limit where there is none
 SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
 
 
@@ -53,17 +54,13 @@ def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
     Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
     neither.
     """
-    model, found = mechanism.model, []
-    for c in mechanism.coordinate_table.values():
-        if c.q < 0:
-            continue
-        low, high = float(model.lowerPositionLimit[c.q]), float(model.upperPositionLimit[c.q])
-        if low < high:
-            size = float(mechanism.velocity_scale[c.v])
-            found += [JointLimit(c.name, c.unit, c.q, c.v, value, side, size)
-                      for value, side in ((low, -1), (high, 1))
-                      if abs(value) < np.finfo(float).max]
-    return found
+    table = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
+    places = [c.q for c in table]
+    lows, highs = (x[places].tolist() for x in (mechanism.model.lowerPositionLimit,
+                                                mechanism.model.upperPositionLimit))
+    return [JointLimit(c.name, c.unit, c.q, c.v, value, side, float(mechanism.velocity_scale[c.v]))
+            for c, low, high in zip(table, lows, highs, strict=True) if low < high
+            for value, side in ((low, -1), (high, 1)) if abs(value) < UNSTATED]
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:

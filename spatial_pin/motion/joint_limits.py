@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.continuation.branch import Branch, Stopped
 from spatial_pin.errors import SpatialPinError
@@ -117,20 +118,29 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
     """
     if not len(motion):
         return []
+    limits = joint_limits(motion.mechanism)
+    if not limits:
+        return []
     values = motion.driver if motion.driver is not None else motion.time
     start = float(values[0]) if values is not None else 0.0
     found = passed_at_start(motion.mechanism, motion.q[0], start)
-    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
-    sense = _sense(motion)
-    for limit in joint_limits(motion.mechanism):
-        closing = limit.closing(motion.v)
-        before, after = sense * closing[:-1], sense * closing[1:]
-        outside = limit.room(motion.q) < -SLACK * limit.size
-        turning = (before > noise * limit.size) & (after < -noise * limit.size)
-        for k in np.flatnonzero(~outside[:-1] & (outside[1:] | turning)).tolist():
-            passing = _between(motion, limit, k)
-            found += [passing] if passing is not None else []
+    for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion, limits))),
+                     strict=True):
+        passing = _between(motion, limits[at], k)
+        found += [passing] if passing is not None else []
     return sorted(found, key=lambda passing: passing.row)
+
+
+def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_]:
+    """Return (limits, N - 1) whether each limit may be passed outwards in each step."""
+    q, v, side, value, size = (np.array(x) for x in zip(*(
+        (c.q, c.v, c.side, c.value, c.size) for c in limits), strict=True))
+    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
+    closing = side * motion.v[:, v]
+    sense = _sense(motion)[:, None]
+    outside = side * (value - motion.q[:, q]) < -SLACK * size
+    turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
+    return (~outside[:-1] & (outside[1:] | turning)).T
 
 
 def joint_limit_events(motion: Motion) -> list[Event]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -113,23 +114,24 @@ def sweep(
     held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
         hold, Mapping) else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [coordinate], held)
-    tight = replace(accuracy, tolerance=min(accuracy.tolerance, TIGHT))
+    tight = accuracy if accuracy.tolerance <= TIGHT else replace(accuracy, tolerance=TIGHT)
     state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess, accuracy=tight)
     mechanism = state.mechanism
     driven = prescribed_at(state, [driver, *given], held)
     still = divided(mechanism, driven, held)[1]
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
-    bar = tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False,
-               disable=None if progress else True)
-    with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
+    bar = (tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False, disable=None)
+           if progress else nullcontext())
+    with bar as shown, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
         start = Start(state, driven, still, accuracy, kernel, evaluation)
-        samples = followed_in_order(start, values, bar) if accuracy.corrections is None else None
+        samples = followed_in_order(start, values, shown) if accuracy.corrections is None else None
         if samples is None:
             samples = start.samples(n)
             passed = crossed if on_crossing == "straight" else None
             try:
                 for done in follow(start, values, samples, passed):
-                    bar.update(done - bar.n)
+                    if shown is not None:
+                        shown.update(done - shown.n)
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], accels[:n])
