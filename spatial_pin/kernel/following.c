@@ -29,11 +29,10 @@
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
                             that way, (0.03)^6 / 720 is round-off */
 #define HALVINGS 8       /* of a step, before the caller is asked */
-#define IDLE_FIRST 0.02  /* first way with idle rotations, whose error is not known yet: of 4e-12
-                            rad at 0.18 rad, as measured, (1/9)^6 is round-off */
+#define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
+                            rad at a way of 0.3, as measured, (1/6)^6 is round-off */
 #define IDLE_SAME 1e-15  /* rotation [rad] that is round-off */
 #define IDLE_SMALL 1e-8  /* rotation whose square is round-off */
-#define NOISY 100.0      /* what Hermite's polynomial makes of the errors of its points, r = 1 to 2 */
 #define IDLE_PASSES 6    /* of turning links back that move other joints with them */
 #define ALONE 1e-9       /* part of a displacement in other joints that is round-off */
 
@@ -49,7 +48,6 @@ struct Path {
     Real zero;      /* driver value where it would vanish as it last fell; infinite if it rose */
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
-    Real first_correction;
     Real open;      /* residual of equations left out that no other choice makes smaller */
     Real *memory;
 };
@@ -136,23 +134,19 @@ static void expect_angles(const Path *path, Real h)
         path->k->turns[i] = path->here->angle[i] + h * path->here->angle_rate[i];
 }
 
-/* Predict `next` at a driver value; returns by how much Hermite's error exceeds that between its
- * points, or 0 where it is no measure. */
-static Real predict(Path *path, Real target)
+/* Predict `next` at a driver value. */
+static void predict(Path *path, Real target)
 {
     const Point *here = path->here, *before = path->before;
-    const Real h = target - here->s, ratio = path->has_before ? h / (here->s - before->s) : 0.0;
-    const int is_near = path->accuracy.order == 3 && path->has_before && fabs(ratio) < FAR_AHEAD;
-    if (is_near)
+    const Real h = target - here->s;
+    const int is_near = path->has_before && fabs(h) < FAR_AHEAD * fabs(here->s - before->s);
+    if (path->accuracy.order == 3 && is_near)
         predict_hermite(path->k, before, here, h, path->next->q);
     else
         predict_taylor(path->k, here, h, path->accuracy.order < 2 ? path->accuracy.order : 2,
                        path->next->q);
     path->next->q[path->driver_q] = target;
     path->next->s = target;
-    const Real growth = 64.0 * fabs(ratio * ratio * ratio * (1.0 + ratio) * (1.0 + ratio) *
-                                    (1.0 + ratio));
-    return is_near && growth > 1.0 ? growth : 0.0;
 }
 
 /* Closure error that round-off of the coordinates themselves may leave: an angle that counts a
@@ -178,7 +172,6 @@ static int close_prediction(Path *path, Real way)
     c.allowed = wanted->order ? EXPLAINED * way : INFINITY;
     path->stale = 1;
     int code = correct(k, path->next->q, &c);
-    path->first_correction = c.first;
     if (code != DONE || !has_redundant(k) || equations_error(k) <= fmax(c.tolerance, path->open))
         return code;
     equations_jacobian(k);
@@ -287,17 +280,21 @@ static void turn_rates(const Path *path, const Real *x)
 }
 
 /* Displacement x = k->right (nv) that takes back what links have turned about their own axes in
- * the step. Returns the largest such rotation [rad]. */
-static Real idle_displacement(Path *path)
+ * the step. Returns the largest such rotation, and of all the largest error by estimate [rad]. */
+static Real idle_displacement(Path *path, Real *error)
 {
     Kernel *k = path->k;
+    const Point *before = path->before, *here = path->here;
     Real most = 0.0;
     memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
     for (Int i = 0; i < k->n_idle; i++) {
-        const Real turned = idle_turned(path->here->axis + i, path->next->axis + i,
-                                        path->next->s - path->here->s);
+        Real own;
+        const Real turned = idle_turned(path->has_before ? before->axis + i : NULL, here->axis + i,
+                                        path->next->axis + i, here->s - before->s,
+                                        path->next->s - here->s, &own);
         k->right[k->n_chosen + i] = -turned;
         idle_turn(path->next->axis + i, -turned);
+        *error = fmax(*error, own);
         if (!(fabs(turned) <= most))
             most = fabs(turned);
     }
@@ -307,14 +304,25 @@ static Real idle_displacement(Path *path)
     return most;
 }
 
+/* Longest step that idle rotations allow next, from the error of this one, of ninth order. */
+static int is_exact(Path *path, Real way, Real error)
+{
+    const Real part = path->accuracy.idle / fmax(error, 1e-30);
+    path->idle_way = way * fmin(fmax(0.9 * pow(part, 1.0 / 9.0), 0.5), 2.5);
+    return error <= 4.0 * path->accuracy.idle;
+}
+
 /* Turn links about their own axes to where no idle rotation leaves them. */
-static int take_idle_back(Path *path)
+static int take_idle_back(Path *path, Real way)
 {
     Kernel *k = path->k;
     for (int pass = 0; pass < IDLE_PASSES; pass++) {
-        const Real most = idle_displacement(path);
-        if (!isfinite(most))
+        Real error = 0.0;
+        const Real most = idle_displacement(path, &error);
+        if (!isfinite(most + error))
             return NOT_FINITE;
+        if (!is_exact(path, way, error))
+            return UNSAFE;
         if (most <= IDLE_SAME)
             return DONE;
         tree_integrate(k, path->next->q, k->right);
@@ -333,23 +341,10 @@ static int take_idle_back(Path *path)
     return NOT_CONVERGED;
 }
 
-/* Longest step that idle rotations allow next, from the error of this one: Hermite's between its
- * points, of sixth order. Tells whether the error is small enough. */
-static int note_idle_error(Path *path, Real way, Real growth)
-{
-    const Real noise = NOISY * path->accuracy.enough; /* of the points that the prediction rests on */
-    const Real error = growth > 0.0 ? fmax(path->first_correction - noise, 0.0) / growth : 0.0;
-    const Real allowed = path->accuracy.idle;
-    if (growth > 0.0)
-        path->idle_way = way * fmin(fmax(0.9 * pow(allowed / fmax(error, 1e-30), 1.0 / 6.0), 0.5),
-                                    2.5);
-    return error <= 16.0 * allowed; /* a step longer by 1.6 than allowed */
-}
-
 /* ---- one step, whole or not at all ---- */
 
 /* What is known at the corrected `next`: DONE if it lies on the same stretch of the same path. */
-static int arrive(Path *path, Real way, Real growth)
+static int arrive(Path *path, Real way)
 {
     Kernel *k = path->k;
     Point *here = path->here, *next = path->next;
@@ -371,7 +366,7 @@ static int arrive(Path *path, Real way, Real growth)
     if (code == DONE && !is_explained(path))
         code = UNSAFE;
     if (code == DONE && k->n_idle)
-        code = note_idle_error(path, way, growth) ? take_idle_back(path) : UNSAFE;
+        code = take_idle_back(path, way);
     if (code != DONE)
         return code;
     if (is_new) {
@@ -396,9 +391,9 @@ static int try_step(Path *path, Real target)
         code = look_ahead(path, h);
     if (code != DONE || fabs(h) > NEARER * room_ahead(path, h))
         return code != DONE ? code : UNSAFE;
-    const Real growth = predict(path, target);
+    predict(path, target);
     code = close_prediction(path, way);
-    return code == DONE ? arrive(path, way, growth) : code;
+    return code == DONE ? arrive(path, way) : code;
 }
 
 /* Make `next` the present point. The point before stays what it is as long as it is near: what

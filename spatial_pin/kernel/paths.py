@@ -19,7 +19,7 @@ PART = 0.1  # of the tolerance, which points are closed to: what is left of it i
 FINEST = 1e-14  # residual: below it round-off decides
 LEFT = 1e-11  # residual that round-off may leave where there is no closer
 TIGHT = 1e-12  # of loops with redundant equations: open ones hide which of these are
-IDLE = 2e-14  # idle rotation that a step may leave at most [rad]; over a turn, 1e-14 is measured
+IDLE = 1e-14  # idle rotation that a step may leave at most, by estimate [rad]
 IDLE_PART = 1e-3  # the same by the tolerance, where that is larger
 
 
