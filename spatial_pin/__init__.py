@@ -48,11 +48,11 @@ from spatial_pin.mobility.modes import assembly_modes
 from spatial_pin.motion import outputs as _outputs
 from spatial_pin.motion.dead_centres import dead_centres
 from spatial_pin.motion.joint_limits import JointLimit, Passing
-from spatial_pin.motion.limits import limits, trace
+from spatial_pin.motion.limits import Range, limits
 from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
-from spatial_pin.motion.ranges import Range
 from spatial_pin.motion.summary import summary as _summary
 from spatial_pin.motion.sweep import sweep
+from spatial_pin.motion.trace import trace
 from spatial_pin.rates.jacobians import (
     Influence,
     closure_jacobian,

@@ -11,7 +11,7 @@ from masses import heavy
 
 import spatial_pin as sp
 from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
-from spatial_pin.motion.limits import trace
+from spatial_pin.motion.trace import trace
 from spatial_pin.view.page.report import report
 from spatial_pin.view.scene.film import film
 

@@ -1,42 +1,75 @@
-"""How far a driver can go, and the whole curve of closed configurations through its limits."""
+"""How far a driver can go, and how far before a joint reaches a limit of the URDF."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.holding import BASE, Hold, divided
+from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.newton import SquareSystem
-from spatial_pin.assembly.passive_freedoms import moved_bodies
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, positive_number
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.continuation.branch_points import straight_on
-from spatial_pin.continuation.pseudo_arclength import Arrival, march, turning_point
-from spatial_pin.continuation.singular_points import located, room_after, room_ahead
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
-from spatial_pin.errors import SingularError
+from spatial_pin.checks import checked
+from spatial_pin.continuation.pseudo_arclength import march
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.joint_range import within_joint_limits
-from spatial_pin.motion.motion import Event, Motion
-from spatial_pin.motion.ranges import Bound, Range
+from spatial_pin.motion.curve_start import body_places, direction_of, not_spinning, system_at
+from spatial_pin.motion.joint_limits import Passing, falls, joint_limits_passed, passed_at_start
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
 FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
 REPEATED = 1e-6  # difference of placements that are the same again
-MOST_TURNS = 100  # turns of a driver that leads elsewhere with every turn
-SAME = 1e-6  # difference of crossings seen from either side that are one [rad or m]
-BESIDE = 0.05  # arc length that a start on a dead centre is moved by
-# Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
-# along the last step as in the first; two and a half, as they do not.
-STEPS_NEAR = 2.5
+MOST_TURNS = 100  # of a driver that leads elsewhere, or takes a joint further, with every turn
+ROWS = 721  # of a span
+TOWARDS = 0.5 ** np.arange(13.0) / ROWS  # parts of the way left before a bound, at rows near it
+SAME = 1e-6  # change of joints with limits over a turn that is none [rad, characteristic lengths]
+
+
+class Bound(NamedTuple):
+    """One end of a driver's range.
+
+    Attributes:
+        value: driver value [rad or m], infinite where there is no limit.
+        kind: "limit" (dead centre), "branch point", "singular", "none", "upper limit of JOINT" or
+            "lower limit of JOINT" (of the URDF), or "not followed further" (the value is then the
+            last one reached).
+    """
+
+    value: float
+    kind: str
+
+
+class Range(NamedTuple):
+    """How far a driver can go on its branch.
+
+    Attributes:
+        driver: name of the driver or coordinate.
+        lower, upper: the two ends.
+        unit: "rad" or "m".
+        full_turn: whether it turns all the way round.
+    """
+
+    driver: str
+    lower: Bound
+    upper: Bound
+    unit: str
+    full_turn: bool
+
+    def __str__(self) -> str:
+        if self.full_turn:
+            return f"{self.driver}: full turn"
+        ends = []
+        for bound in (self.lower, self.upper):
+            degrees = f" ({np.degrees(bound.value):.9g}°)" * (self.unit == "rad")
+            ends.append("no limit" if bound.kind == "none" else
+                        f"{bound.value:.12g} {self.unit}{degrees} ({bound.kind})")
+        return f"{self.driver}: from {ends[0]} to {ends[1]}"
 
 
 @checked
@@ -65,15 +98,15 @@ def limits(
         SingularError: the guess closes in a singular configuration.
         SpatialPinError: with `joints`, the guess closes beyond a joint limit.
     """
-    system, state = _system(mechanism, driver, guess, hold)
+    system, state = system_at(mechanism, driver, guess, hold)
     coordinate = system.driven[0]
     start = float(state.q[coordinate.q])
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
-    direction = _direction(system)
+    direction = direction_of(system)
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
     found = Range(driver, ends[0], ends[1], coordinate.unit, turns)
-    return within_joint_limits(state.mechanism, state, found, span, hold) if joints else found
+    return _within_joint_limits(state.mechanism, state, found, span, hold) if joints else found
 
 
 def _bound(
@@ -84,8 +117,8 @@ def _bound(
     evaluation = system.evaluation
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
-    bodies = _not_spinning(system)
-    place, angles, q = _body_places(evaluation, bodies), evaluation.angles.copy(), state.q
+    bodies = not_spinning(system)
+    place, angles, q = body_places(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
         arrival = march(system, q, start + sense * k * span, direction, tolerance)
         if arrival.kind == "lost":
@@ -93,261 +126,85 @@ def _bound(
         if arrival.kind != "reached":
             return Bound(arrival.value, arrival.kind)
         evaluation.update(arrival.q)
-        repeats = np.abs(_body_places(evaluation, bodies) - place).max(initial=0.0) < REPEATED
+        repeats = np.abs(body_places(evaluation, bodies) - place).max(initial=0.0) < REPEATED
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")
         q = arrival.q
         evaluation.turns[:] = evaluation.angles
         system.select(q)
-        direction = _direction(system)
+        direction = direction_of(system)
     return Bound(start + sense * MOST_TURNS * span, "not followed further")
 
 
-@checked
-def trace(
-    mechanism: Mechanism,
-    driver: str,
-    guess: Mapping[str, Any] | State | Array | None = None,
-    *,
-    step: float = 0.02,
-    most_rows: int = 20_000,
-    hold: Hold = BASE,
-) -> Motion:
-    """Follow the curve of closed configurations by arc length, through limits, until it closes.
+# ---------------------------------------------------------------- joint limits
+
+
+def _within_joint_limits(
+    mechanism: Mechanism, state: State, found: Range, span: float, hold: Hold = BASE
+) -> Range:
+    """Return a driver's range as far as no joint is beyond a limit.
 
     Args:
-        mechanism: the mechanism; other drivers stay where the guess has them.
-        driver: the driver or coordinate that is set free; its values are `Motion.driver`.
-        guess: where to start, as for `assemble`.
-        step: arc length from row to row [rad, characteristic lengths].
-        most_rows: where to stop in any case.
-        hold: names of what stands still besides, as for `sweep`.
-
-    Returns:
-        A Motion whose rates are with respect to the arc length; limit positions, and crossings
-        with other branches that are passed straight on, are its events.
-        The last row is the first one again, in which bodies that spin freely jump back; if the
-        curve was not closed within `most_rows`, the last event is of kind "not closed".
+        mechanism: the mechanism.
+        state: where the driver starts.
+        found: its range without joint limits.
+        span: a whole turn, or the longest way of a slide.
+        hold: names of what stands still besides.
 
     Raises:
-        AssemblyError: the guess does not close.
-        SingularError: branches cross and none goes straight on; `.motion` holds what came before.
+        SpatialPinError: a joint is beyond its limit at the start.
     """
-    step = positive_number(step, "step")
-    system, state = _system(mechanism, driver, guess, hold)
-    curve = Curve(system, Accuracy.named("engineering").tolerance)
-    first = curve.settle(state.q, _direction(system) / system.scale)
-    if first is None:
-        raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
-                            state=state)
-    rows = _TracedRows(curve, driver, state.mechanism)
-    rows.add(first)
-    rows.room = room_ahead(curve, first)
-    point = first
-    while len(rows.points) < most_rows:
-        ahead = _advance(curve, point, step, rows)
-        if isinstance(ahead, Arrival):
-            beyond = straight_on(curve, point)
-            if beyond is not None:
-                rows.note_crossings(point, beyond)
-                point = beyond
-                rows.add(point)
-                continue
-            motion = rows.motion()
-            raise SingularError(
-                f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
-                f"{ahead.value:.12g}: {ahead.kind}", motion=motion,
-            )
-        point = ahead
-        if rows.is_back(point, step):
-            rows.add_first_again()
-            break
-        rows.add(point)
-    else:
-        rows.note("not closed", float(point.q[curve.driver.q]))
-    return rows.motion()
+    if not joint_limits(mechanism):
+        return found
+    start = passed_at_start(mechanism, state.q, 0.0)
+    if start:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {state} is beyond the {start[0].limit.words}; give a "
+            "guess within the joint limits (assemble(limits=True) finds one)")
+    lower, upper = (_nearer(mechanism, state, found.driver, bound, sense * span, hold)
+                    for bound, sense in ((found.lower, -1.0), (found.upper, 1.0)))
+    free = found.full_turn and lower == found.lower and upper == found.upper
+    return found._replace(lower=lower, upper=upper, full_turn=free)
 
 
-def _system(
-    mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
-) -> tuple[SquareSystem, State]:
-    """Return the square system with `driver` prescribed first, at the assembled guess or near it.
-
-    Where the guess is just a dead centre of the driver, a point a little further on is taken.
-    """
-    state = assembled(mechanism, {}, guess)
-    mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
-    driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]
-    still = divided(mechanism, driven, hold)[1]
-    try:
-        return _square(mechanism, driven, state, still), state
-    except SingularError as error:
-        beside = _beside(mechanism, driven, state, still)
-        if beside is None:
-            raise error
-    return _square(mechanism, driven, beside, still), beside
-
-
-def _square(
-    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
-) -> SquareSystem:
-    evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
-    system = SquareSystem(evaluation, driven, state.q, still)
-    system.check_regular(state.q)
-    return system
+def _nearer(
+    mechanism: Mechanism, state: State, driver: str, bound: Bound, span: float, hold: Hold
+) -> Bound:
+    """Return the first joint limit before a bound, else the bound; spans, turns, one by one."""
+    for _ in range(MOST_TURNS):
+        start = float(state.coordinate(driver).value)
+        end = start + span
+        last = abs(bound.value - start) <= abs(span)
+        parts = np.append(np.arange(ROWS - 1.0) / (ROWS - 1), 1.0 - TOWARDS if last else 1.0)
+        values = start + parts * ((bound.value if last else end) - start)
+        motion = sweep(mechanism, driver, values, guess=state, hold=hold, on_limit="stop")
+        passed = joint_limits_passed(motion)
+        if passed:
+            side = "upper" if passed[0].limit.side > 0 else "lower"
+            return Bound(_exactly(motion, passed[0]), f"{side} limit of {passed[0].limit.name}")
+        if last or _returns(motion) or mechanism.coordinate(driver).unit == "m":
+            return bound
+        state = motion.state(-1)
+    return Bound(float(state.coordinate(driver).value), "not followed further")
 
 
-def _beside(
-    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
-) -> State | None:
-    """Return a closed state a little further along the curve, found with another driver."""
-    for other in mechanism.coordinate_table.values():
-        if other.q < 0 or other in driven or other.v in still:
-            continue
-        try:
-            system = _square(mechanism, [other, *driven[1:]], state, still)
-        except SingularError:
-            continue
-        curve = Curve(system, Accuracy.named("engineering").tolerance)
-        point = curve.settle(state.q, _direction(system) / system.scale)
-        q = curve.ahead(point, BESIDE) if point is not None else None
-        if q is not None:
-            return State(mechanism, q, closure_error=curve.evaluation.closure_error,
-                         angles=curve.evaluation.angles)
-    return None
+def _exactly(motion: Motion, passing: Passing) -> float:
+    """Return where a limit is passed between two rows, loops closed at every trial."""
+    row, limit = passing.row, passing.limit
+    rooms = limit.room(motion.q[row - 1 : row + 1])
+    if not rooms[0] > 0.0 > rooms[1]:
+        return passing.value  # it turns back in between
+    ends, before = motion.swept[row - 1 : row + 1], motion.state(row - 1)
+
+    def room(value: float) -> float:
+        way = sweep(motion.mechanism, motion.driver_name, [ends[0], value], guess=before,
+                    hold=motion.held)
+        return float(limit.room(way.q[-1]))
+
+    return falls(room, *ends.tolist())
 
 
-def _direction(system: SquareSystem) -> Array:
-    """Return dq/d(driver) (nv,) at the system's configuration."""
-    return system.driver_rates()[:, 0]
-
-
-def _advance(
-    curve: Curve, point: CurvePoint, step: float, rows: _TracedRows
-) -> CurvePoint | Arrival:
-    """Go one row further, by smaller steps where the curve bends, noting limits on the way."""
-    left, length = step, step
-    at = curve.driver.q
-    while left > 1e-12 * step:
-        length = min(length, left, 0.5 * rows.room)  # two crossings in one step are not noticed
-        ahead = curve.ahead(point, length)
-        t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
-        if length < min(1e-6 * step, left):
-            return Arrival("branch point", point.q, float(point.q[at]))
-        if ahead is None or t @ point.t < 0.98 or sign != point.sign:
-            length *= 0.5
-            continue
-        if curve.slope(t) * curve.slope(point.t) < 0.0:
-            limit = curve.ahead(point, turning_point(curve, point, length))
-            if limit is not None:
-                rows.note("limit", float(limit[at]))
-        settled = curve.settle(ahead, t)
-        if settled is None:
-            return Arrival("branch point", ahead, float(ahead[at]))
-        rows.room = room_after(point, settled, length)
-        point, left = settled, left - length
-    return point
-
-
-def _not_spinning(system: SquareSystem) -> list[int]:
-    """Return the bodies without passive freedoms, resolved or not, where the system stands.
-
-    The others need not come back with the loops: what they spin over a turn is no whole one.
-    """
-    evaluation, mechanism = system.evaluation, system.evaluation.mechanism
-    spinning = {joint for joint, _ in evaluation.constraints.spins}
-    if len(system.passive):
-        spinning |= set(moved_bodies(evaluation, system.passive * system.scale))
-    return [i for i in range(mechanism.model.njoints) if i not in spinning]
-
-
-def _body_places(evaluation: Evaluation, bodies: list[int]) -> Array:
-    """Return the placements of bodies, lengths scaled."""
-    scale = np.array([1.0, 1.0, 1.0, evaluation.mechanism.characteristic_length])[:, None]
-    return evaluation.placements[bodies] / scale
-
-
-class _TracedRows:
-    """Rows of a traced curve."""
-
-    def __init__(self, curve: Curve, driver: str, mechanism: Mechanism) -> None:
-        self.curve, self.driver, self.mechanism = curve, driver, mechanism
-        self.points: list[CurvePoint] = []
-        self.accelerations: list[Array] = []
-        self.errors: list[float] = []
-        self.places: list[Array] = []
-        self.events: list[Event] = []
-        self.room = np.inf  # arc length ahead to where the closure rows would lose their rank
-        self.near, self.has_left = np.inf, False  # how near to the first place counts as back there
-
-    def add(self, point: CurvePoint) -> None:
-        """Keep a point, with the second derivative of the curve there."""
-        model = self.curve.model
-        self.points.append(point)
-        self.accelerations.append(self.curve.curvature(point))
-        self.errors.append(self.curve.evaluation.closure_error)
-        if len(self.points) < 2:
-            self.bodies = _not_spinning(self.curve.system)
-            self.own = np.isin(np.repeat(np.arange(model.njoints), model.nvs), self.bodies)
-            self.first_place = _body_places(self.curve.evaluation, self.bodies)
-
-    def is_back(self, point: CurvePoint, step: float) -> bool:
-        """Whether all bodies are within a step of where they began, moving the same way.
-
-        But for those that spin freely, whose joints have other axes then. Where many joints share
-        a step of arc length, bodies move by a small part of it only.
-        """
-        self.curve.rows(point.q)
-        places = _body_places(self.curve.evaluation, self.bodies)
-        gap = float(np.abs(places - self.first_place).max())
-        if len(self.points) == 1:
-            self.near = min(step, STEPS_NEAR * gap)
-        if gap >= self.near:
-            self.has_left = True
-        now, first = (x.t[self.own] for x in (point, self.points[0]))
-        same_way = now @ first > 0.5 * np.sqrt((now @ now) * (first @ first))
-        return bool(self.has_left and gap < self.near and same_way)
-
-    def add_first_again(self) -> None:
-        """End with the first configuration, angles counted on."""
-        first, last = self.points[0], self.points[-1]
-        q = first.q.copy()
-        for c in self.mechanism.coordinate_table.values():
-            if c.q >= 0 and c.unit == "rad":
-                q[c.q] += TURN * np.round((last.q[c.q] - q[c.q]) / TURN)
-        self.points.append(first._replace(q=q))
-        self.accelerations.append(self.accelerations[0])
-        self.errors.append(self.errors[0])
-
-    def note(self, kind: str, value: float) -> None:
-        """Keep a limit position, a crossing, or an end before the curve is closed, as an event."""
-        unit = self.mechanism.coordinate(self.driver).unit
-        words = {"limit": "limit position (dead centre)",
-                 "branch point": "branch point, passed straight on,",
-                 "not closed": f"not closed within {len(self.points)} rows: left off"}
-        text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
-        self.events.append(Event(kind, value, len(self.points), text))
-
-    def note_crossings(self, point: CurvePoint, beyond: CurvePoint) -> None:
-        """Keep the crossings between two points: as seen from both, there may be more than one."""
-        back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
-        seen = [located(self.curve, x) for x in (point, back)]
-        values = [found[1] for found in seen if found is not None]
-        for k, value in enumerate(values):
-            if not k or abs(value - values[0]) > SAME:
-                self.note("branch point", value)
-        self.room = room_ahead(self.curve, beyond)
-
-    def motion(self) -> Motion:
-        """Return the rows as a Motion over the arc length."""
-        scale = self.curve.scale
-        q = np.array([p.q for p in self.points])
-        v = np.array([scale * p.t for p in self.points])
-        driver = self.curve.driver
-        return Motion(
-            mechanism=self.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
-            time=None, q=q, v=v, a=np.array(self.accelerations),
-            closure_error=np.array(self.errors), driver_speed=v[:, driver.v].copy(),
-            events=self.events, angles=np.array([p.angles for p in self.points]), per="length",
-        )
+def _returns(motion: Motion) -> bool:
+    """Whether joints with limits end where they began."""
+    return all(abs(motion.q[-1, limit.q] - motion.q[0, limit.q]) < SAME * limit.size
+               for limit in joint_limits(motion.mechanism))

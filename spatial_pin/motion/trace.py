@@ -1,0 +1,205 @@
+"""The whole curve of closed configurations of one driver, by arc length, through its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import checked, positive_number
+from spatial_pin.continuation.branch_points import straight_on
+from spatial_pin.continuation.pseudo_arclength import Arrival, turning_point
+from spatial_pin.continuation.singular_points import located, room_after, room_ahead
+from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.errors import SingularError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.curve_start import body_places, direction_of, not_spinning, system_at
+from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy
+
+TURN = 2.0 * np.pi
+SAME = 1e-6  # difference of crossings seen from either side that are one [rad or m]
+# Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
+# along the last step as in the first; two and a half, as they do not.
+STEPS_NEAR = 2.5
+
+
+@checked
+def trace(
+    mechanism: Mechanism,
+    driver: str,
+    guess: Mapping[str, Any] | State | Array | None = None,
+    *,
+    step: float = 0.02,
+    most_rows: int = 20_000,
+    hold: Hold = BASE,
+) -> Motion:
+    """Follow the curve of closed configurations by arc length, through limits, until it closes.
+
+    Args:
+        mechanism: the mechanism; other drivers stay where the guess has them.
+        driver: the driver or coordinate that is set free; its values are `Motion.driver`.
+        guess: where to start, as for `assemble`.
+        step: arc length from row to row [rad, characteristic lengths].
+        most_rows: where to stop in any case.
+        hold: names of what stands still besides, as for `sweep`.
+
+    Returns:
+        A Motion whose rates are with respect to the arc length; limit positions, and crossings
+        with other branches that are passed straight on, are its events.
+        The last row is the first one again, in which bodies that spin freely jump back; if the
+        curve was not closed within `most_rows`, the last event is of kind "not closed".
+
+    Raises:
+        AssemblyError: the guess does not close.
+        SingularError: branches cross and none goes straight on; `.motion` holds what came before.
+    """
+    step = positive_number(step, "step")
+    system, state = system_at(mechanism, driver, guess, hold)
+    curve = Curve(system, Accuracy.named("engineering").tolerance)
+    first = curve.settle(state.q, direction_of(system) / system.scale)
+    if first is None:
+        raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
+                            state=state)
+    rows = _TracedRows(curve, driver, state.mechanism)
+    rows.add(first)
+    rows.room = room_ahead(curve, first)
+    point = first
+    while len(rows.points) < most_rows:
+        ahead = _advance(curve, point, step, rows)
+        if isinstance(ahead, Arrival):
+            beyond = straight_on(curve, point)
+            if beyond is not None:
+                rows.note_crossings(point, beyond)
+                point = beyond
+                rows.add(point)
+                continue
+            motion = rows.motion()
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
+                f"{ahead.value:.12g}: {ahead.kind}", motion=motion,
+            )
+        point = ahead
+        if rows.is_back(point, step):
+            rows.add_first_again()
+            break
+        rows.add(point)
+    else:
+        rows.note("not closed", float(point.q[curve.driver.q]))
+    return rows.motion()
+
+
+def _advance(
+    curve: Curve, point: CurvePoint, step: float, rows: _TracedRows
+) -> CurvePoint | Arrival:
+    """Go one row further, by smaller steps where the curve bends, noting limits on the way."""
+    left, length = step, step
+    at = curve.driver.q
+    while left > 1e-12 * step:
+        length = min(length, left, 0.5 * rows.room)  # two crossings in one step are not noticed
+        ahead = curve.ahead(point, length)
+        t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
+        if length < min(1e-6 * step, left):
+            return Arrival("branch point", point.q, float(point.q[at]))
+        if ahead is None or t @ point.t < 0.98 or sign != point.sign:
+            length *= 0.5
+            continue
+        if curve.slope(t) * curve.slope(point.t) < 0.0:
+            limit = curve.ahead(point, turning_point(curve, point, length))
+            if limit is not None:
+                rows.note("limit", float(limit[at]))
+        settled = curve.settle(ahead, t)
+        if settled is None:
+            return Arrival("branch point", ahead, float(ahead[at]))
+        rows.room = room_after(point, settled, length)
+        point, left = settled, left - length
+    return point
+
+
+class _TracedRows:
+    """Rows of a traced curve."""
+
+    def __init__(self, curve: Curve, driver: str, mechanism: Mechanism) -> None:
+        self.curve, self.driver, self.mechanism = curve, driver, mechanism
+        self.points: list[CurvePoint] = []
+        self.accelerations: list[Array] = []
+        self.errors: list[float] = []
+        self.places: list[Array] = []
+        self.events: list[Event] = []
+        self.room = np.inf  # arc length ahead to where the closure rows would lose their rank
+        self.near, self.has_left = np.inf, False  # how near to the first place counts as back there
+
+    def add(self, point: CurvePoint) -> None:
+        """Keep a point, with the second derivative of the curve there."""
+        model = self.curve.model
+        self.points.append(point)
+        self.accelerations.append(self.curve.curvature(point))
+        self.errors.append(self.curve.evaluation.closure_error)
+        if len(self.points) < 2:
+            self.bodies = not_spinning(self.curve.system)
+            self.own = np.isin(np.repeat(np.arange(model.njoints), model.nvs), self.bodies)
+            self.first_place = body_places(self.curve.evaluation, self.bodies)
+
+    def is_back(self, point: CurvePoint, step: float) -> bool:
+        """Whether all bodies are within a step of where they began, moving the same way.
+
+        But for those that spin freely, whose joints have other axes then. Where many joints share
+        a step of arc length, bodies move by a small part of it only.
+        """
+        self.curve.rows(point.q)
+        places = body_places(self.curve.evaluation, self.bodies)
+        gap = float(np.abs(places - self.first_place).max())
+        if len(self.points) == 1:
+            self.near = min(step, STEPS_NEAR * gap)
+        if gap >= self.near:
+            self.has_left = True
+        now, first = (x.t[self.own] for x in (point, self.points[0]))
+        same_way = now @ first > 0.5 * np.sqrt((now @ now) * (first @ first))
+        return bool(self.has_left and gap < self.near and same_way)
+
+    def add_first_again(self) -> None:
+        """End with the first configuration, angles counted on."""
+        first, last = self.points[0], self.points[-1]
+        q = first.q.copy()
+        for c in self.mechanism.coordinate_table.values():
+            if c.q >= 0 and c.unit == "rad":
+                q[c.q] += TURN * np.round((last.q[c.q] - q[c.q]) / TURN)
+        self.points.append(first._replace(q=q))
+        self.accelerations.append(self.accelerations[0])
+        self.errors.append(self.errors[0])
+
+    def note(self, kind: str, value: float) -> None:
+        """Keep a limit position, a crossing, or an end before the curve is closed, as an event."""
+        unit = self.mechanism.coordinate(self.driver).unit
+        words = {"limit": "limit position (dead centre)",
+                 "branch point": "branch point, passed straight on,",
+                 "not closed": f"not closed within {len(self.points)} rows: left off"}
+        text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
+        self.events.append(Event(kind, value, len(self.points), text))
+
+    def note_crossings(self, point: CurvePoint, beyond: CurvePoint) -> None:
+        """Keep the crossings between two points: as seen from both, there may be more than one."""
+        back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
+        seen = [located(self.curve, x) for x in (point, back)]
+        values = [found[1] for found in seen if found is not None]
+        for k, value in enumerate(values):
+            if not k or abs(value - values[0]) > SAME:
+                self.note("branch point", value)
+        self.room = room_ahead(self.curve, beyond)
+
+    def motion(self) -> Motion:
+        """Return the rows as a Motion over the arc length."""
+        scale = self.curve.scale
+        q = np.array([p.q for p in self.points])
+        v = np.array([scale * p.t for p in self.points])
+        driver = self.curve.driver
+        return Motion(
+            mechanism=self.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
+            time=None, q=q, v=v, a=np.array(self.accelerations),
+            closure_error=np.array(self.errors), driver_speed=v[:, driver.v].copy(),
+            events=self.events, angles=np.array([p.angles for p in self.points]), per="length",
+        )
