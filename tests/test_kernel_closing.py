@@ -92,8 +92,8 @@ def test_answer_does_not_depend_on_what_was_closed_before() -> None:
     for seed in range(3):
         used.close(_near(mechanism, seed, 1.0), free, np.empty(0), 1e-13, 60, (), 1e-10)
     again = used.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
-    assert np.array_equal(fresh[0], again[0])
-    assert fresh[1] == again[1]
+    assert np.array_equal(fresh.q, again.q)
+    assert fresh.error == again.error
 
 
 def test_many_loops_close_as_few_do() -> None:
@@ -103,7 +103,7 @@ def test_many_loops_close_as_few_do() -> None:
     free[[mechanism.coordinate(d).v for d in mechanism.drivers]] = False
     q = _near(mechanism, 5, MOVED)
     closer = Closer(mechanism)
-    few, error = closer.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+    few, error, _ = closer.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
     q[[mechanism.coordinate(d).q for d in mechanism.drivers]] = few[
         [mechanism.coordinate(d).q for d in mechanism.drivers]]
     many, left = closer.descend(q[None], free, 1e-13, 60)

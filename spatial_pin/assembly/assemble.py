@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import close
+from spatial_pin.assembly.close import close, closed
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.rounding import allowed_from, cut_of, may_be_rounded, rounded
@@ -20,6 +20,7 @@ from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.checks import checked, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import AssemblyError, warn
+from spatial_pin.kernel.closer import Closed
 from spatial_pin.mechanism.coordinates import (
     blur,
     coordinate_value,
@@ -301,6 +302,12 @@ class _Search:
             table[name] for name in (*self.held, *(let_go or {}))))
         self.free = self._free(name for name in self.held if name not in self.pinned)
         self.first = self.free & self._free(self.named)
+        self.has_first = bool(self.first.any()) and not np.array_equal(self.first, self.free)
+        wanted = [table[name] for name in self.named]
+        self.is_plain = all(c.q >= 0 for c in wanted)
+        self.named_at = np.array([c.q for c in wanted], dtype=np.intp)
+        self.named_sizes = self.mechanism.velocity_scale[[c.v for c in wanted]]
+        self.named_values = np.array(list(self.named.values()), dtype=float)
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self.found_at = -1
@@ -322,7 +329,7 @@ class _Search:
         most = MAX_STARTS
         starts = _starts(self.mechanism, q, self.held, self.named, self.still)
         for k, start in enumerate(starts):
-            if _size(self.mechanism, start)[0] * ROUND_OFF < 1.0:  # else no digit is left of it
+            if _size(self.mechanism, start) * ROUND_OFF < 1.0:  # else no digit is left of it
                 self.attempt(start)
             if self.done(k) or self.is_near:
                 break
@@ -340,11 +347,12 @@ class _Search:
         table = self.mechanism.coordinate_table
         pinned = {name: x for name, x in self.given.items() if table[name].q < 0}
         free = self._free(name for name in self.given if name not in pinned)
-        if _size(self.mechanism, q)[0] * ROUND_OFF >= 1.0:
+        if _size(self.mechanism, q) * ROUND_OFF >= 1.0:
             return MAX_STARTS
-        there, error = self._closed(q, free, pinned)
+        there, error, _ = self._closed(q, free, pinned)
         if not error <= ACCEPTED:
             return MAX_STARTS
+        self.evaluation.update(there)
         if not can_stand(self.evaluation, free, self.standing, pinned):
             return 1
         there, _ = least_motion(self.evaluation, there, free, self.standing, self.tolerance, pinned)
@@ -356,20 +364,20 @@ class _Search:
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
         evaluation = self.evaluation
-        if self.first.any() and not np.array_equal(self.first, self.free):
-            q, _ = self._closed(q, self.first, self.pinned, max(self.tolerance, LOOSE))
-        q, error = self._closed(q, self.free, self.pinned)
+        if self.has_first:
+            q = self._closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
+        found = self._closed(q, self.free, self.pinned)
+        q, error = found.q, found.error
         if self.let_go and error <= ACCEPTED:
             least, error = self._least(q, self.free)
-            if self.given or can_move(evaluation, self.free, self.let_go,
-                                         self.pinned):
+            if self.given or can_move(evaluation, self.free, self.let_go, self.pinned):
                 q = least
-        q, error, problem = self._judged(q)
+        q, error, problem = self._judged(q, found)
         violated = _violated(self.mechanism, q) if self.limits and not problem else ""
         if violated:
             bounded, loose_ones = _within_limits(evaluation, q, self.free, self.let_go)
-            bounded, _ = (self._least(bounded, loose_ones) if self.let_go else
-                          self._closed(bounded, loose_ones, self.pinned))
+            bounded = (self._least(bounded, loose_ones)[0] if self.let_go else
+                       self._closed(bounded, loose_ones, self.pinned).q)
             bounded, _, fault = self._judged(bounded)
             if fault or _violated(self.mechanism, bounded):
                 problem = violated
@@ -387,12 +395,13 @@ class _Search:
     def _closed(
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
         tolerance: float | None = None,
-    ) -> tuple[Array, float]:
+    ) -> Closed:
         """Close the loops from q (nq,), all equations first as well as they can be."""
         tolerance = tolerance or self.tolerance
         if self.whole is not None:
-            q, _ = close(self.whole, q, free, tolerance, pinned=pinned, cut=self.cut)
-        return close(self.evaluation, q, free, tolerance, pinned=pinned)
+            q = closed(self.whole.mechanism, q, free, self.whole.turns, tolerance, pinned=pinned,
+                       cut=self.cut).q
+        return closed(self.mechanism, q, free, self.evaluation.turns, tolerance, pinned=pinned)
 
     def may_be_rounded(self) -> bool:
         """Whether loops closed nearly, or some equations nearly follow from others."""
@@ -401,10 +410,18 @@ class _Search:
         self.evaluation.update(self.best[1])
         return may_be_rounded(self.evaluation, self.gap)
 
-    def _judged(self, q: Array) -> tuple[Array, float, str]:
-        """Return q with its whole turns, its closure error, and the closure at fault or nothing."""
+    def _judged(self, q: Array, known: Closed | None = None) -> tuple[Array, float, str]:
+        """Return q with its whole turns, its closure error, and the closure at fault or nothing.
+
+        Args:
+            q: the configuration.
+            known: how it was closed, which may tell without a closer look that nothing is.
+        """
         evaluation = self.evaluation
         q = nearest_turn(self.mechanism, q, self.held, self.named)
+        if (known is not None and self.whole is None and known.error <= ACCEPTED
+                and not known.may_be_mirrored and np.array_equal(q, known.q)):
+            return q, known.error, ""
         evaluation.update(q)
         error = evaluation.closure_error
         fault = "" if error <= self._accepted(q) else evaluation.worst_closure()
@@ -428,7 +445,7 @@ class _Search:
 
         Those that need not go at all stand exactly.
         """
-        q, error = self._closed(q, free, self.pinned)
+        q = self._closed(q, free, self.pinned).q
         q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
                                 self.pinned)
         kept = {name: self.let_go[name] for name in self.let_go
@@ -448,9 +465,11 @@ class _Search:
     def _distance(self, q: Array) -> float:
         """How far q is from the named values; an orientation counts by its angle."""
         mechanism = self.mechanism
-        model = mechanism.model
-        target = with_values(mechanism, q, self.named)
-        gap = pin.difference(model, q, target) / mechanism.velocity_scale
+        if self.is_plain:
+            gap = (self.named_values - q[self.named_at]) / self.named_sizes
+        else:
+            target = with_values(mechanism, q, self.named)
+            gap = pin.difference(mechanism.model, q, target) / mechanism.velocity_scale
         size = max(float(np.abs(gap).max(initial=0.0)), 1.0)  # squares stay numbers
         return size * float(np.linalg.norm(gap / size))
 
@@ -501,7 +520,7 @@ class _Search:
             gap = open_gap(whole.mechanism, whole, worst)
             message = (f"{where} cannot be closed: closure {worst!r} stays open by {gap} "
                        f"(closure error {error:.1e}), the smallest gap found; ")
-            large = _size(self.mechanism, q)[0] * ROUND_OFF > ACCEPTED
+            large = _size(self.mechanism, q) * ROUND_OFF > ACCEPTED
             message += _too_large(self.mechanism, q) if large else self._open_words(q, worst)
             if any(c.name == worst and c.type == "screw" for c in self.mechanism.closures):
                 message += ("; a screw closure is assembled within half a turn of zero: sweep to "
@@ -577,21 +596,33 @@ def _gone(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str
     return gone
 
 
-def _size(mechanism: Mechanism, q: Array) -> tuple[float, str]:
-    """Return the largest coordinate of q by the size of the mechanism, and its name.
+def _sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp], Array]:
+    """Return names, places in q, and sizes of coordinates, but of periodic angles."""
+    if "sizes" not in mechanism.memo:
+        turning = {c.name for c in periodic(mechanism)}
+        found = [(name, at, mechanism.velocity_scale[c.v])
+                 for name, c in mechanism.coordinate_table.items()
+                 if (at := mechanism.place_of(c)) >= 0 and name not in turning]
+        mechanism.memo["sizes"] = (
+            [x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
+            np.array([x[2] for x in found], dtype=float))
+    names, places, sizes = mechanism.memo["sizes"]
+    return names, places, sizes
+
+
+def _size(mechanism: Mechanism, q: Array) -> float:
+    """Return the largest coordinate of q by the size of the mechanism.
 
     Angles that mean the same after a turn do not count.
     """
-    turning = {c.name for c in periodic(mechanism)}
-    sizes = [(abs(float(q[at])) / float(mechanism.velocity_scale[c.v]), name)
-             for name, c in mechanism.coordinate_table.items()
-             if (at := mechanism.place_of(c)) >= 0 and name not in turning]
-    return max(sizes, default=(0.0, ""))
+    _, places, sizes = _sizes(mechanism)
+    return float(np.abs(q[places] / sizes).max(initial=0.0))
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:
     """Say which coordinate of q is too large for its loops to be closed."""
-    name = _size(mechanism, q)[1]
+    names, places, sizes = _sizes(mechanism)
+    name = max(zip(np.abs(q[places] / sizes).tolist(), names, strict=True))[1]
     value = float(q[mechanism.place_of(mechanism.coordinate_table[name])])
     return (f"{name} = {value:.3g} {mechanism.coordinate_table[name].unit} is so large that its "
             "round-off alone opens the loops; give a value nearer to the mechanism's size of "
@@ -672,7 +703,6 @@ def _starts(
     model, scale = mechanism.model, mechanism.velocity_scale
     fixed = with_values(mechanism, q, {**named, **held})
     yield fixed
-    rng = np.random.default_rng(20110)
     table, far = mechanism.coordinate_table, FAR * mechanism.characteristic_length
     nearer = {name: float(np.clip(value, -far, far)) for name, value in named.items()
               if table[name].unit == "m"}
@@ -683,17 +713,33 @@ def _starts(
     if not np.any(~is_held):
         return
     open_ones = ~is_held & ~is_named
-    for k in range(1, MAX_STARTS):
+    for k, draw in enumerate(_draws(mechanism), start=1):
         reach = np.where(open_ones, np.pi, 0.0)
         if k > MAX_STARTS // 2 or not open_ones.any():
             reach = np.where(is_named, 1.0 if k < 3 * MAX_STARTS // 4 else np.pi, reach)
             fixed = near
         reach = reach * np.where(is_angle, 1.0, scale * 0.2)
-        yield pin.integrate(model, fixed, rng.uniform(-1.0, 1.0, model.nv) * reach)
+        yield pin.integrate(model, fixed, draw * reach)
+
+
+def _draws(mechanism: Mechanism) -> Array:
+    """Return the random numbers (MAX_STARTS - 1, nv) in [-1, 1] of the further starts."""
+    if "draws" not in mechanism.memo:
+        shape = MAX_STARTS - 1, mechanism.model.nv
+        mechanism.memo["draws"] = np.random.default_rng(20110).uniform(-1.0, 1.0, shape)
+    found: Array = mechanism.memo["draws"]
+    return found
 
 
 def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn."""
+    if "periodic" not in mechanism.memo:
+        mechanism.memo["periodic"] = _periodic(mechanism)
+    found: list[Coordinate] = mechanism.memo["periodic"]
+    return found
+
+
+def _periodic(mechanism: Mechanism) -> list[Coordinate]:
     coupled = {mechanism.coordinate(j).name for c in mechanism.closures if c.type == COUPLING
                for j in c.joints}
     return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.closer import closer_of
+from spatial_pin.kernel.closer import Closed, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_row
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -42,13 +43,28 @@ def close(
     Raises:
         SingularError: positions have grown beyond all numbers.
     """
-    with closer_of(evaluation.mechanism, pinned) as closer:
-        found, _ = closer.close(q, free, evaluation.turns, tolerance, iterations, pinned.values(),
-                                cut)
+    found = closed(evaluation.mechanism, q, free, evaluation.turns, tolerance, iterations, pinned,
+                   cut).q
     evaluation.update(found)
-    if not np.isfinite(evaluation.closure_error):
-        raise SingularError(NOT_FINITE)
     return found, evaluation.closure_error
+
+
+def closed(
+    mechanism: Mechanism,
+    q: Array,
+    free: NDArray[np.bool_],
+    turns: Array,
+    tolerance: float,
+    iterations: int = 60,
+    pinned: Mapping[str, float] = NOTHING,
+    cut: float = RANK_TOLERANCE,
+) -> Closed:
+    """Do as `close` without an evaluation; `turns` are those that it would have."""
+    with closer_of(mechanism, pinned) as closer:
+        found = closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut)
+    if not math.isfinite(found.error):
+        raise SingularError(NOT_FINITE)
+    return found
 
 
 def pinned_rows(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,30 @@ AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.ali
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
 
 
+class Closed(NamedTuple):
+    """Where closing has led.
+
+    Attributes:
+        q: the configuration (nq,).
+        error: its closure error.
+        may_be_mirrored: False where all axes that closures make parallel point the same way.
+    """
+
+    q: Array
+    error: float
+    may_be_mirrored: bool
+
+
 class Closer:
     """Closes the loops of a mechanism with some coordinates pinned; one caller at a time.
 
     Args:
         mechanism: the mechanism.
         pinned: names of components of balls and floating joints.
+
+    Attributes:
+        knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
+            those of which only some equations are kept.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
@@ -41,15 +60,17 @@ class Closer:
         self._handle = handle
         self._q, self._free = np.empty(kernel.nq), np.empty(kernel.nv, np.int64)
         self._turns, self._pinned = np.empty(kernel.n_angles), np.empty(len(pins))
-        self._error = np.empty(1)
+        self._error, self._mirrored = np.empty(1), np.empty(1, np.int64)
+        self.knows_mirrors = rotations.shape[1] == sum(
+            c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
         self._at = [address(x) for x in (self._q, self._free, self._pinned, self._turns)]
-        self._error_at = address(self._error)
+        self._ends = address(self._error), address(self._mirrored)
 
     def close(
         self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
         pinned: Iterable[float], cut: float,
-    ) -> tuple[Array, float]:
-        """Return q (nq,) closed as well as it can be, and its closure error.
+    ) -> Closed:
+        """Close q (nq,) as well as it can be.
 
         Args:
             q: where to start.
@@ -64,8 +85,9 @@ class Closer:
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
         self._library.closer_close(self._handle, 1, *self._at, tolerance, iterations, cut,
-                                   self._error_at)
-        return self._q.copy(), float(self._error[0])
+                                   *self._ends)
+        return Closed(self._q.copy(), self._error.item(),
+                      not self.knows_mirrors or bool(self._mirrored[0]))
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int

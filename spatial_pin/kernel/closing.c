@@ -417,9 +417,10 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
 
    free: (nv) the velocities that may move; pinned: values of pinned coordinates; turns: (n_angles)
    from which the angles of screws count; cut: size of the equations, by the largest, below which
-   they move nothing; error: (m) closure errors. */
+   they move nothing; error: (m) closure errors; mirrored: (m) whether axes point opposite ways. */
 EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *free, const Real *pinned,
-                         const Real *turns, Real tolerance, Int iterations, Real cut, Real *error)
+                         const Real *turns, Real tolerance, Int iterations, Real cut, Real *error,
+                         Int *mirrored)
 {
     const size_t nq = (size_t)c->k->nq;
     c->free = free;
@@ -430,6 +431,8 @@ EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *free, const Real 
     for (Int i = 0; i < m; i++) {
         memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
         error[i] = close_one(c, tolerance, iterations);
+        equations_values(c->k, c->q);
+        mirrored[i] = rotations_are_mirrored(c->k, &c->rotations);
         memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
     }
 }

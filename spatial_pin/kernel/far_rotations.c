@@ -14,6 +14,7 @@
 
 #define FAR 0.1        /* rad; the products of smaller angles differ from them in the third digit */
 #define OPPOSITE 1e-8  /* sine of the angle of opposite axes, between which no turn is shortest */
+#define SAME_WAY 0.5    /* cosine of axes, which is 1 or not above 0 where loops are closed */
 #define NEARLY_HALF 1e-2 /* rad short of half a turn, from where the axis is told by the squares */
 
 static Int n_rows(Int axes) { return axes == 3 ? 3 : 2; }
@@ -69,28 +70,51 @@ static void shortest_turn(const Real *z, Real *phi)
     phi[1] = z[2] > 0.0 ? z[0] : 0.0;
 }
 
-/* The rotation vector of a closure, in the axes of frame 1. */
-static void rotation_vector(const Kernel *k, Int first, Int axes, Real *phi)
+/* Axes of frame 2 in those of frame 1, r[3 * i + j] the product of axis i and axis j; of one axis
+   the last column only. */
+static void relative_axes(const Kernel *k, Int first, Int axes, Real *r)
 {
     const Real *one[3], *two[3];
+    Real z1[3];
     for (Int i = 0; i < n_rows(axes); i++) {
         one[i] = k->B + 3 * product_of(k, first + i);
         two[(i + 1) % 3] = k->A + 3 * product_of(k, first + i);
     }
+    if (axes == 1) {
+        cross3(one[0], one[1], z1);
+        one[2] = z1;
+        two[2] = two[1];
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = axes == 3 ? 0 : 2; j < 3; j++)
+            r[3 * i + j] = dot3(one[i], two[j]);
+}
+
+/* The rotation vector of a closure, in the axes of frame 1. */
+static void rotation_vector(const Kernel *k, Int first, Int axes, Real *phi)
+{
+    Real r[9];
+    relative_axes(k, first, axes, r);
     if (axes == 3) {
-        Real relative[9];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                relative[3 * i + j] = dot3(one[i], two[j]);
-        logarithm(relative, phi);
+        logarithm(r, phi);
         return;
     }
-    Real z1[3], z[3];
-    cross3(one[0], one[1], z1);
-    z[0] = dot3(one[0], two[1]);
-    z[1] = dot3(one[1], two[1]);
-    z[2] = dot3(z1, two[1]);
+    const Real z[3] = {r[2], r[5], r[8]};
     shortest_turn(z, phi);
+}
+
+/* Whether axes that closures make parallel point opposite ways, or are interchanged. */
+int rotations_are_mirrored(const Kernel *k, const Rotations *rotations)
+{
+    for (Int i = 0; i < rotations->n; i++) {
+        Real r[9];
+        const Int axes = rotations->axes[i];
+        relative_axes(k, rotations->first[i], axes, r);
+        for (int a = axes == 3 ? 0 : 2; a < 3; a++)
+            if (r[4 * a] < SAME_WAY)
+                return 1;
+    }
+    return 0;
 }
 
 int rotations_are_far(const Kernel *k, const Rotations *rotations)

@@ -11,6 +11,7 @@ typedef struct {
 
 int rotations_are_sound(const Kernel *k, const Rotations *rotations);
 int rotations_are_far(const Kernel *k, const Rotations *rotations); /* after equations_values */
+int rotations_are_mirrored(const Kernel *k, const Rotations *rotations);         /* likewise */
 void rotations_put_values(Kernel *k, const Rotations *rotations);   /* likewise */
 void rotations_put_entries(Kernel *k, const Rotations *rotations);  /* after equations_jacobian */
 

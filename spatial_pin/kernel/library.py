@@ -61,7 +61,7 @@ def library() -> ctypes.CDLL:
     found.rates_jacobian.argtypes = [POINTER, POINTER, POINTER, INT, INT, *[POINTER] * 3]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
-    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, POINTER]
+    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, *[POINTER] * 2]
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
     found.path_create.argtypes = [POINTER] * 3
     found.path_destroy.restype = None

@@ -57,6 +57,17 @@ def blur(mechanism: Mechanism, q: Array) -> float:
     return float(np.abs(q[places] * each).max(initial=0.0))
 
 
+def _by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
+    """Return the coordinates of every joint."""
+    if "by joint" not in mechanism.memo:
+        found: dict[str, list[Coordinate]] = {}
+        for c in mechanism.coordinate_table.values():
+            found.setdefault(c.joint, []).append(c)
+        mechanism.memo["by joint"] = found
+    known: dict[str, list[Coordinate]] = mechanism.memo["by joint"]
+    return known
+
+
 def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:
     """Return the named coordinate values of a guess keyed by joint, coordinate or driver.
 
@@ -65,12 +76,13 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
         ValueError: a value is no finite number, or a joint has another number of coordinates.
     """
     values: dict[str, float] = {}
-    by_joint: dict[str, list[Coordinate]] = {}
-    for c in mechanism.coordinate_table.values():
-        by_joint.setdefault(c.joint, []).append(c)
+    by_joint = _by_joint(mechanism)
     for key, value in guess.items():
         if key in by_joint:
             coordinates = by_joint[key]
+            if len(coordinates) == 1 and type(value) is float:
+                values[coordinates[0].name] = finite_number(value, f"{key!r}")
+                continue
             shape = () if len(coordinates) == 1 else (len(coordinates),)
             if isinstance(value, str | bool) or (
                 isinstance(value, list | tuple) and any(isinstance(x, str | bool) for x in value)
@@ -108,8 +120,9 @@ def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> 
         if c.q >= 0:
             q[c.q] = value
         else:
-            vector = vectors.setdefault(c.joint, joint_vector(mechanism, q, c.joint))
-            vector[c.place] = value
+            if c.joint not in vectors:
+                vectors[c.joint] = joint_vector(mechanism, q, c.joint)
+            vectors[c.joint][c.place] = value
     for joint, vector in vectors.items():
         i = mechanism.joint_id(joint)
         at = mechanism.model.idx_qs[i]
@@ -200,7 +213,7 @@ def rotation_vector(quaternion: Array) -> Array:
     To the last digits near half a turn too, where `pin.log3` of the matrix loses three.
     """
     v, w = quaternion[:3], float(quaternion[3])
-    sine = float(np.linalg.norm(v))
+    sine = math.sqrt(v @ v)
     factor = 2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0
     return math.copysign(factor, w) * v
 
