@@ -1,8 +1,12 @@
-/* Velocities and accelerations of all joints at given rates of driven freedoms, where all closure
- * equations are independent of each other, of the drivers and of the idle rotations, and clearly
- * so: K v = drive, K a = drive' - bias(v). Where they are not, the caller has to find out why.
+/* Velocities and accelerations of all joints at given rates of driven freedoms, where as many
+ * closure equations as there have to be are independent of each other, of the drivers and of the
+ * idle rotations, and clearly so: K v = drive, K a = drive' - bias(v). Where they are not, the
+ * caller has to find out why.
  *
- * Pivots are chosen anew at every configuration, so that answers depend on nothing else. */
+ * Equations and pivots are chosen anew at every configuration, so that answers depend on nothing
+ * else. Where equations are left out, a step of the driven freedoms tells whether they follow from
+ * the others beside the configuration too: if not, branches cross there. */
+#include <float.h>
 #include <string.h>
 
 #include "dense.h"
@@ -10,60 +14,151 @@
 
 /* Smallest over largest pivot below which rates lose digits that are worth a closer look. */
 #define WELL 1e-3
+#define NONE 1e-13  /* length of a row of derivatives that is none: others are of order one */
+#define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
 /* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
 #define FEW 40
+/* Equations among which independent ones are sought: of more, all that are not none are taken. */
+#define SEARCHED 200
+/* A trial step: long beside the square root of round-off, to which singular configurations are
+   known, and short beside the way to other branches. */
+#define STEP 1e-2   /* rad, characteristic lengths */
+#define SHUT 1e-11  /* closure error with which all loops are closed there */
+#define CORRECTIONS 8 /* Newton steps to it, of which four do as a rule */
 
 typedef struct {
     Kernel *k;
-    Int n_driven;
+    Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
     const Int *driven;
-    Int *all;         /* the closure equations: 0 to n_closure - 1 */
+    Int *chosen;      /* closure equations, ascending */
     Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
     Int *order;
     Real *x;          /* (nv) */
+    Real *q;          /* (nq) */
+    Real *rows, *tau, *scratch; /* to choose among equations, of which there are too many */
+    Int *columns;
     Real pivot;       /* smallest over largest */
 } Rates;
 
-/* Memory for rates of a kernel, freed with it; BAD_ARRAYS unless there are as many equations and
-   driven freedoms as freedoms. */
+static int make_room(Rates *r)
+{
+    Kernel *k = r->k;
+    const Int size = k->nv <= FEW ? k->nv * k->nv : 0;
+    const Int searched = k->n_closure > r->wanted && k->n_closure <= SEARCHED ? k->n_closure : 0;
+    r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
+    r->matrix = kernel_memory(k, size, sizeof(Real));
+    r->order = kernel_memory(k, k->nv, sizeof(Int));
+    r->x = kernel_memory(k, k->nv, sizeof(Real));
+    r->q = kernel_memory(k, k->nq, sizeof(Real));
+    r->rows = kernel_memory(k, searched * k->nv, sizeof(Real));
+    r->tau = kernel_memory(k, searched, sizeof(Real));
+    r->scratch = kernel_memory(k, 3 * searched, sizeof(Real));
+    r->columns = kernel_memory(k, searched, sizeof(Int));
+    return r->chosen && r->matrix && r->order && r->x && r->q && r->rows && r->tau && r->scratch &&
+                   r->columns
+               ? DONE
+               : NO_MEMORY;
+}
+
+/* Memory for rates of a kernel, freed with it; BAD_ARRAYS unless there are at least as many
+   equations and driven freedoms as freedoms. */
 EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
 {
     *out = NULL;
-    if (n_driven < 0 || k->n_closure + k->n_idle + n_driven != k->nv)
+    const Int wanted = k->nv - k->n_idle - n_driven;
+    if (n_driven < 0 || wanted < 0 || wanted > k->n_closure)
         return BAD_ARRAYS;
     for (Int i = 0; i < n_driven; i++)
         if (driven[i] < 0 || driven[i] >= k->nv)
             return BAD_ARRAYS;
     Rates *r = kernel_memory(k, 1, sizeof *r);
     Int *copy = kernel_memory(k, n_driven, sizeof(Int));
-    const Int size = k->nv <= FEW ? k->nv * k->nv : 0;
     if (!r || !copy)
         return NO_MEMORY;
-    r->k = k, r->n_driven = n_driven, r->driven = copy;
-    r->all = kernel_memory(k, k->n_closure, sizeof(Int));
-    r->matrix = kernel_memory(k, size, sizeof(Real));
-    r->order = kernel_memory(k, k->nv, sizeof(Int));
-    r->x = kernel_memory(k, k->nv, sizeof(Real));
-    if (!r->all || !r->matrix || !r->order || !r->x)
-        return NO_MEMORY;
     memcpy(copy, driven, (size_t)n_driven * sizeof(Int));
-    for (Int i = 0; i < k->n_closure; i++)
-        r->all[i] = i;
+    r->k = k, r->n_driven = n_driven, r->driven = copy, r->wanted = wanted;
+    if (make_room(r) != DONE)
+        return NO_MEMORY;
     *out = r;
     return DONE;
+}
+
+/* ---------------------------------------------------------------- choice of equations */
+
+/* Equations whose derivatives are not all none: planar loops keep those in their plane. */
+static void choose_those_that_are(Rates *r)
+{
+    const Kernel *k = r->k;
+    r->n_chosen = 0;
+    for (Int i = 0; i < k->n_closure; i++) {
+        Real square = 0.0;
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+            square += k->entry[e] * k->entry[e];
+        if (square > NONE * NONE)
+            r->chosen[r->n_chosen++] = i;
+    }
+}
+
+/* Independent ones of the chosen, by their Q R with the longest one left first [GolubVanLoan, 5.4];
+   0 where it is not clear which, or how many. */
+static int choose_independent(Rates *r)
+{
+    const Kernel *k = r->k;
+    const Int n = r->n_chosen, nv = k->nv, least = n < nv ? n : nv;
+    memset(r->rows, 0, (size_t)(nv * n) * sizeof(Real));
+    for (Int i = 0; i < n; i++)
+        for (Int e = k->entry_start[r->chosen[i]]; e < k->entry_start[r->chosen[i] + 1]; e++)
+            r->rows[k->entry_v[e] * n + i] = k->entry[e];
+    dense_qr(nv, n, r->rows, r->columns, r->tau, r->scratch);
+    const Real first = fabs(r->rows[0]);
+    if (r->wanted > least || (r->wanted && !(fabs(r->rows[(r->wanted - 1) * (n + 1)]) > WELL * first)))
+        return 0;
+    if (r->wanted < least && !(fabs(r->rows[r->wanted * (n + 1)]) <= FOLLOWS * first))
+        return 0;
+    Int kept = 0;
+    for (Int i = 0; i < n; i++) {
+        int is_one = 0;
+        for (Int c = 0; c < r->wanted; c++)
+            is_one |= r->columns[c] == i;
+        if (is_one)
+            r->chosen[kept++] = r->chosen[i];
+    }
+    r->n_chosen = kept;
+    return 1;
+}
+
+static int choose(Rates *r)
+{
+    const Int n = r->n_chosen = r->k->n_closure;
+    for (Int i = 0; i < n; i++)
+        r->chosen[i] = i;
+    if (n > r->wanted)
+        choose_those_that_are(r);
+    if (r->n_chosen > r->wanted && n <= SEARCHED && !choose_independent(r))
+        return UNSAFE;
+    return r->n_chosen == r->wanted ? DONE : UNSAFE;
+}
+
+/* ---------------------------------------------------------------- the square system */
+
+static void fill_row(Rates *r, Int row, Int equation)
+{
+    const Kernel *k = r->k;
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        r->matrix[k->entry_v[e] * k->nv + row] = k->entry[e];
 }
 
 /* K transposed: equation by equation in the columns. */
 static void fill_matrix(Rates *r)
 {
     const Kernel *k = r->k;
-    const Int n = k->nv;
-    memset(r->matrix, 0, (size_t)(n * n) * sizeof(Real));
-    for (Int i = 0; i < k->n_equations; i++)
-        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-            r->matrix[k->entry_v[e] * n + i] = k->entry[e];
+    memset(r->matrix, 0, (size_t)(k->nv * k->nv) * sizeof(Real));
+    for (Int i = 0; i < r->n_chosen; i++)
+        fill_row(r, i, r->chosen[i]);
+    for (Int i = 0; i < k->n_idle; i++)
+        fill_row(r, r->n_chosen + i, k->n_closure + i);
     for (Int i = 0; i < r->n_driven; i++)
-        r->matrix[r->driven[i] * n + k->n_equations + i] = 1.0;
+        r->matrix[r->driven[i] * k->nv + k->nv - r->n_driven + i] = 1.0;
 }
 
 static Real pivot_ratio(const Real *matrix, Int n)
@@ -87,7 +182,7 @@ static int factor(Rates *r)
         r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
         return DONE;
     }
-    int code = system_set(k, r->all, k->n_closure, r->driven, r->n_driven, NULL, 0);
+    int code = system_set(k, r->chosen, r->n_chosen, r->driven, r->n_driven, NULL, 0);
     if (code == DONE)
         code = system_factor(k);
     r->pivot = code == DONE ? k->pivot_ratio : 0.0;
@@ -112,7 +207,7 @@ static Real solve_columns(Rates *r, Int n, Real *columns)
         const Real own = k->scale[r->driven[c]];
         Real *x = columns + c * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof(Real));
-        x[k->n_equations + c] = 1.0 / own;
+        x[k->nv - r->n_driven + c] = 1.0 / own;
         solve(r, x);
         for (Int v = 0; v < k->nv; v++) {
             pace = fabs(x[v]) * own > pace ? fabs(x[v]) * own : pace;
@@ -126,10 +221,12 @@ static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration
 {
     Kernel *k = r->k;
     equations_bias(k, v);
-    for (Int i = 0; i < k->n_equations; i++)
-        r->x[i] = -k->bias[i];
+    for (Int i = 0; i < r->n_chosen; i++)
+        r->x[i] = -k->bias[r->chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        r->x[r->n_chosen + i] = -k->bias[k->n_closure + i];
     for (Int i = 0; i < r->n_driven; i++)
-        r->x[k->n_equations + i] = acceleration[i] / k->scale[r->driven[i]];
+        r->x[k->nv - r->n_driven + i] = acceleration[i] / k->scale[r->driven[i]];
     solve(r, r->x);
     for (Int i = 0; i < k->nv; i++)
         a[i] = k->scale[i] * r->x[i];
@@ -137,15 +234,93 @@ static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration
         a[r->driven[i]] = acceleration[i]; /* as asked for, to the last digit */
 }
 
-/* Evaluate and factor at q; UNSAFE where the equations are not clearly independent. */
+static void evaluate(Kernel *k, const Real *q)
+{
+    equations_values(k, q);
+    equations_jacobian(k);
+}
+
+/* Move r->q by scaled displacements r->x; returns their length. */
+static Real displace(Rates *r)
+{
+    Real square = 0.0;
+    for (Int v = 0; v < r->k->nv; v++) {
+        square += r->x[v] * r->x[v];
+        r->x[v] *= r->k->scale[v];
+    }
+    tree_integrate(r->k, r->q, r->x);
+    return sqrt(square);
+}
+
+/* Displacement x of length STEP that the driven freedoms make together, each its own part. */
+static void trial_step(Rates *r)
+{
+    const Kernel *k = r->k;
+    Real square = 0.0, part = 0.5;
+    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
+    for (Int i = 0; i < r->n_driven; i++) {
+        part = fmod(part + 0.6180339887498949, 1.0); /* the golden section: no two are alike */
+        r->x[k->nv - r->n_driven + i] = 2.0 * part - 1.0;
+    }
+    solve(r, r->x);
+    for (Int v = 0; v < k->nv; v++)
+        square += r->x[v] * r->x[v];
+    for (Int v = 0; v < k->nv; v++)
+        r->x[v] *= STEP / sqrt(square);
+}
+
+/* Close the chosen equations at r->q, the driven freedoms held; 0 where that leads far away. */
+static int correct(Rates *r)
+{
+    const Kernel *k = r->k;
+    Real last = INFINITY;
+    for (int i = 0; i < CORRECTIONS; i++) {
+        Real size = 0.0;
+        evaluate(r->k, r->q);
+        memset(r->x, 0, (size_t)k->nv * sizeof(Real));
+        for (Int c = 0; c < r->n_chosen; c++) {
+            r->x[c] = -k->residual[r->chosen[c]];
+            size = fabs(r->x[c]) > size ? fabs(r->x[c]) : size;
+        }
+        if (size <= DBL_EPSILON || (size <= SHUT && size > 0.5 * last))
+            return 1;
+        last = size;
+        if (factor(r) != DONE || !(r->pivot > 0.0))
+            return 0;
+        solve(r, r->x);
+        if (!(displace(r) < STEP))
+            return 0;
+    }
+    return 0;
+}
+
+/* Whether equations that are left out hold a step from q too. Comes back to q. */
+static int follow_beside(Rates *r, const Real *q)
+{
+    Kernel *k = r->k;
+    const Real error = equations_error(k), shut = 2.0 * error > SHUT ? 2.0 * error : SHUT;
+    if (r->n_chosen == k->n_closure || r->n_chosen == k->nv)
+        return 1;
+    memcpy(r->q, q, (size_t)k->nq * sizeof(Real));
+    trial_step(r);
+    displace(r);
+    const int holds = correct(r) && equations_error(k) < shut;
+    evaluate(k, q);
+    return factor(r) == DONE && holds;
+}
+
+/* Evaluate, choose and factor at q; UNSAFE where equations are not clearly independent. */
 static int place(Rates *r, const Real *q, const Real *turns)
 {
     Kernel *k = r->k;
     memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
-    equations_values(k, q);
-    equations_jacobian(k);
-    const int code = factor(r);
-    return code != DONE ? code : r->pivot > WELL ? DONE : UNSAFE;
+    evaluate(k, q);
+    int code = choose(r);
+    if (code == DONE)
+        code = factor(r);
+    if (code != DONE)
+        return code;
+    return r->pivot > WELL && follow_beside(r, q) ? DONE : UNSAFE;
 }
 
 static int are_finite(const Real *x, Int n)

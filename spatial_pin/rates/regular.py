@@ -19,7 +19,7 @@ from spatial_pin.kernel.rates import Solved, rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.prescribed import rate_coordinates
+from spatial_pin.rates.prescribed import rate_coordinates, siblings
 
 Made = TypeVar("Made")
 
@@ -115,12 +115,19 @@ def _once(
 def _plan(
     mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: Hold, drivers: list[Coordinate]
 ) -> tuple[Prescription, list[list[int]]] | None:
-    """Return the drivers, and the places of names among them; None if others are named too."""
-    given = _prescription(mechanism, drivers, hold)
+    """Return what is prescribed, and the places of names; None where it has to be tried.
+
+    The drivers if all names are of them, or the named ones where nothing stands still beside them.
+    """
     chosen = [[c for name in some for c in rate_coordinates(mechanism, name)] for some in names]
-    for some, coordinates in zip(names, chosen, strict=True):
-        if len(set(coordinates)) < len(some) or not set(coordinates) <= set(drivers):
+    if any(len(set(own)) != len(some) for some, own in zip(names, chosen, strict=True)):
+        return None
+    named = list(dict.fromkeys(c for own in chosen for c in own))
+    if not set(named) <= set(drivers):
+        if set(drivers) - set(named) or siblings(mechanism, named):
             return None
+        drivers = named
+    given = _prescription(mechanism, drivers, hold)
     if given is None:
         return None
     return given, [[given.driven.index(c.v) for c in some] for some in chosen]
