@@ -2,9 +2,10 @@
 
 While a file is expanded, arguments may be `Traced` numbers. Arithmetic on them is written on a
 `Tape`, which then gives every number of the expanded text at other values of the arguments: the
-same operations once more, for many values together [GriewankWalther2008, 2]. Where the file decides by
-such a number (an `if`, a `max`), the decision is written too; the tape holds for arguments that
-lead to the same decisions. What it cannot follow, such as rounded texts, ends it: `is_whole`.
+same operations once more, for many values together [GriewankWalther2008, 2]. Where the file
+decides by such a number (an `if`, a `max`), the decision is written too; the tape holds for
+arguments that lead to the same decisions. What it cannot follow, such as rounded texts, ends it:
+`is_whole`.
 
 On its way a number often becomes text. Its text has 25 decimals: 17 of its own, which alone give
 the number back, then a mark and its place on the tape, too small to change what any reader makes
