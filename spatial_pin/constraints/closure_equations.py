@@ -23,14 +23,14 @@ about a line fixed in it.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.pinocchio_views import (
     accelerations,
     joint_jacobian,
@@ -44,6 +44,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.taylor import Taylor
 
 SHORT = 1e-3  # length of a distance, by the characteristic length, that is no unit for it
 DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
@@ -82,9 +83,14 @@ class Constraints:
     Attributes:
         labels: closure and equation of each of the `n_rows` closure rows.
         n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
-        n_angles: number of screw closures, whose relative angles count turns.
+        n_angles: number of equations with an angle that counts turns.
         n_wrenches: of `Evaluation.row_wrenches`.
-        differences: (row, auxiliary row to be subtracted) of each distance between other frames.
+        equations: what they are made of, and after them the passive ones; see `kinds`.
+        plain: closure equations that are one product each; their numbers are its own.
+        composed: those that are more, by kind.
+        elsewhere: (equation, product) of products that act on other bodies than the closure's.
+        screws: (equation, product of the sine, pitch) of screws, in the order of their angles.
+        differences: (equation, product to be subtracted) of distances between other frames.
         spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
@@ -101,28 +107,32 @@ class Constraints:
         self._signs: list[Array] = []
         self.spins: list[tuple[int, Array]] = []
         labels: list[RowLabel] = []
-        screws: list[tuple[int, Row, Closure]] = []
-        lengths: list[tuple[int, Closure]] = []
+        made: list[tuple[Kind, Closure, Row]] = []
         for closure in mechanism.closures:
             for k, row in enumerate(closure.rows):
-                if row.pitch is not None:
-                    screws.append((len(labels), row, closure))
-                if closure.between:
-                    lengths.append((len(labels), closure))
+                made.append((KINDS["difference" if closure.between else row.kind], closure, row))
                 self._add_row(row, closure)
                 labels.append(RowLabel(closure.name, k))
-        self.n_products = len(labels)
-        self.screws = [self._add_screw(at, row, closure) for at, row, closure in screws]
-        self.differences = [self._add_length(at, closure) for at, closure in lengths]
+        self.n_products, self.n_angles = len(labels), 0
         self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
         labels += [RowLabel(c.name, 0) for c in self.couplings]
+        equations = self._equations(made)
         self.passive_at = len(self._constants)
         spin = [self._add_passive(p.body, p.axis) for p in mechanism.passives]
         self.labels = tuple(labels)
-        self.n_rows = len(labels)
-        self.n_passive = len(spin)
-        self.n_angles = len(self.screws)
-        self.n_wrenches = self.n_rows + len(self.differences)
+        self.n_rows, self.n_passive = len(labels), len(spin)
+        equations += [Equation(KINDS["idle"], (self.passive_at + k,)) for k in range(len(spin))]
+        self.equations = tuple(equations)
+        self.plain = np.array([at for at, e in enumerate(equations[: self.n_products])
+                               if e.kind.is_product], np.intp)
+        self.composed = _composed(self.equations)
+        self.elsewhere = [(at, e.products[k]) for at, e in enumerate(self.equations)
+                          for k in e.kind.elsewhere]
+        self.n_wrenches = self.n_rows + len(self.elsewhere)
+        self.screws = [(at, e.products[1], e.numbers[0]) for at, e in enumerate(self.equations)
+                       if e.kind is KINDS["screw"]]
+        self.differences = [(at, e.products[1]) for at, e in enumerate(self.equations)
+                            if e.kind is KINDS["difference"]]
         a, b, x = self._a.rows, self._b.rows, self._x.rows
         self.terms = self._a.terms, self._b.terms, self._x.terms
         self.c_abx = _matrix([*a, *b, *x], 4 * n)
@@ -133,6 +143,22 @@ class Constraints:
         signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
         self.signs = signs * mechanism.velocity_scale
         self.spin_bias = np.array(spin).reshape(self.n_passive, 6 * n)
+
+    def _equations(self, made: list[tuple[Kind, Closure, Row]]) -> list[Equation]:
+        """Return the closure equations; products beside their first ones are added kind by kind."""
+        equations: list[Any] = [None] * len(made)
+        for kind in KINDS.values():
+            for at, (own, closure, row) in enumerate(made):
+                if own is kind:
+                    equations[at] = self._equation(kind, (at,), kind.parts(self, closure, row))
+        kind = KINDS["coupling"]
+        return equations + [self._equation(kind, (), kind.parts(self, closure, None))
+                            for closure in self.couplings]
+
+    def _equation(self, kind: Kind, first: tuple[int, ...], parts: Parts) -> Equation:
+        angle = self.n_angles if kind.angle else -1
+        self.n_angles += kind.angle is not None
+        return Equation(kind, (*first, *parts.products), parts.coordinates, parts.numbers, angle)
 
     def _frames(self, closure: Closure) -> tuple[tuple[int, Any], tuple[int, Any]]:
         first, second = (self.mechanism.frame_on_joint(f) for f in closure.frames)
@@ -148,10 +174,10 @@ class Constraints:
         self._x.add((2.0, i2, p2, 1.0))
         self._finish(constant, 2.0, self.support(i2) - self.support(i1))
 
-    def _add_length(self, at: int, closure: Closure) -> tuple[int, int]:
-        """Add the distance row between the other two frames; return (row, auxiliary row)."""
+    def add_length(self, closure: Closure) -> int:
+        """Add the product of the distance between the closure's other two frames."""
         self._add_distance(closure.between, unit_length(self.mechanism, closure), 0.0)
-        return at, len(self._constants) - 1
+        return len(self._constants) - 1
 
     def _add_row(self, row: Row, closure: Closure) -> None:
         if row.u is None:  # distance: (d . d - L²) / 2L
@@ -177,15 +203,14 @@ class Constraints:
         self._x.add((1.0, i2, w, 0.0))
         self._finish(cosine, 0.0, sign)
 
-    def _add_screw(self, at: int, row: Row, closure: Closure) -> tuple[int, int, float]:
-        """Add the dot rows of sine and cosine; return (screw row, sine row, pitch)."""
+    def add_direction(self, closure: Closure, row: Row) -> tuple[int, int]:
+        """Add the products sine and cosine of the angle of a row; return their numbers."""
         (i1, m1), (i2, m2) = self._frames(closure)
         sign = self.support(i2) - self.support(i1)
-        assert row.angle_from is not None and row.angle_of is not None and row.pitch is not None
-        sine = len(self._constants)
+        assert row.angle_from is not None and row.angle_of is not None
         for u in row.angle_from[::-1]:  # y gives the sine, x the cosine
             self._add_dot(i1, m1.rotation @ u, i2, m2.rotation @ row.angle_of, 0.0, sign)
-        return at, sine, row.pitch * self.scale
+        return len(self._constants) - 2, len(self._constants) - 1
 
     def _add_passive(self, body: str, axis: tuple[str, str]) -> Array:
         """Add the spin row; return its bias row on the stacked local body accelerations."""
@@ -210,6 +235,15 @@ class Constraints:
         """(nv,) 1 for the freedoms that move the body of `joint`."""
         mask: Array = self.supports[joint]
         return mask
+
+
+def _composed(equations: tuple[Equation, ...]) -> list[Composed]:
+    """Return equations that are more than one product each, those of a kind together."""
+    found = []
+    for kind in dict.fromkeys(e.kind for e in equations if not e.kind.is_product):
+        rows = [at for at, e in enumerate(equations) if e.kind is kind]
+        found.append(Composed(kind, np.array(rows), tuple(equations[at] for at in rows)))
+    return found
 
 
 def _supports(model: pin.Model) -> Array:
@@ -323,6 +357,72 @@ for _i in range(3):
 _CYCLES = np.hstack([np.eye(3)[:, c] for c in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 2, 0])])
 
 
+def composed_rates(
+    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
+) -> Array:
+    """Return (n_rows, ...) the last of the products' derivatives, of the closure equations.
+
+    Args:
+        c: the equations.
+        products: (N, ...) derivatives 0, 1, ... of all products.
+        coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
+    """
+    order = len(products) - 1
+    out = np.zeros((c.n_rows, *products[0].shape[1:]))
+    out[: c.n_products] = products[order][: c.n_products]
+    for group in c.composed:
+        value, _ = group.values(group.inputs(products, coordinates))
+        out[group.rows] = value.derivative(order)
+    return out
+
+
+def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array) -> Array:
+    """Return (m, nv, ...) derivatives of composed equations by scaled velocities.
+
+    Args:
+        group: the equations.
+        slopes: (m, n, ...) by their products and coordinates.
+        products: (N, nv, ...) derivatives of all products.
+        scale: (nv,) of the velocities.
+    """
+    m, p = len(group.rows), len(group.products)
+    slopes = np.broadcast_to(slopes, (m, *slopes.shape[1:]))
+    out = np.zeros((m, *products.shape[1:]))
+    for k, at in enumerate(group.products):
+        out += slopes[:, k, None] * products[at]
+    for k, v in enumerate(group.coordinates[1], start=p):
+        own = slopes[:, k]
+        out[np.arange(m), v] += own * scale[v].reshape(-1, *[1] * (own.ndim - 1))
+    return out
+
+
+def combined_wrenches(
+    c: Constraints, products: Sequence[Array], wrenches: Sequence[Array]
+) -> list[Array]:
+    """Return the wrenches of the equations; after them those that act on other bodies.
+
+    Args:
+        c: the equations.
+        products: (N, 1, ...) of the products, and their derivative by something if wanted.
+        wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
+            the derivatives of that by the same.
+
+    Returns:
+        As many as `wrenches`, (n_wrenches, 6, ...).
+    """
+    out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
+    for total, w in zip(out, wrenches, strict=True):
+        total[c.plain] = w[c.plain]
+    extra = {row: k for k, (row, _) in enumerate(c.elsewhere, start=c.n_rows)}
+    for group in c.composed:
+        for k, (at, slope) in enumerate(zip(group.products, group.slopes(products), strict=True)):
+            to = [extra[row] for row in group.rows] if k in group.kind.elsewhere else group.rows
+            term = slope * Taylor.of([w[at] for w in wrenches])
+            for total, w in zip(out, term.values, strict=True):
+                total[to] += w
+    return out
+
+
 class Evaluation:
     """Closure value, Jacobian and bias at one configuration at a time.
 
@@ -361,7 +461,7 @@ class Evaluation:
         self._spins = self._accelerations.reshape(-1)
         self._joint_jacobian = joint_jacobian(self.data, nv)
         self._make_buffers(n, nv, r)
-        self._plain = not (c.screws or c.couplings or c.differences)
+        self._plain = not c.composed
         self._offset = bool(np.any(c.constants))
         self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
         self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
@@ -422,64 +522,38 @@ class Evaluation:
 
         World axes, at the last `update`; a row's derivative is its wrench times the twist of
         body 2 relative to body 1. Couplings, which act on joints, have none. After the rows come
-        those of `differences`: less their wrenches times the twists of their own two bodies.
+        those of `Constraints.elsewhere`: they act on two bodies of their own.
         """
-        c = self.constraints
-        wrenches = np.zeros((c.n_wrenches, 6))
-        wrenches[c.n_rows :] = self.wrenches[[other for _, other in c.differences]]
-        wrenches[: c.n_products] = self.wrenches[: c.n_products]
-        for at, sine, pitch in c.screws:
-            s, co = self._values[sine : sine + 2]
-            turn = co * self.wrenches[sine] - s * self.wrenches[sine + 1]
-            wrenches[at] -= pitch / (s * s + co * co) * turn
-        return wrenches
+        (found,) = combined_wrenches(self.constraints, [self._values[:, None]], [self.wrenches])
+        return found
 
     def opening(self, joint: int) -> Array:
         """Return (n_rows, 6) derivatives of the rows for a twist of what a joint carries."""
         c, at = self.constraints, self.model.idx_vs[joint]
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
-        wrenches = self.row_wrenches()
-        wrenches[: c.n_products] *= signs[: c.n_products]
-        for k, (row, other) in enumerate(c.differences, start=c.n_rows):
-            wrenches[row] -= signs[other] * wrenches[k]
-        return wrenches[: c.n_rows]
+        (moved,) = combined_wrenches(c, [self._values[:, None]], [signs * self.wrenches])
+        for k, (row, _) in enumerate(c.elsewhere, start=c.n_rows):
+            moved[row] += moved[k]
+        return moved[: c.n_rows]
 
     def _finish_rows(self, q: Array) -> None:
-        """Put product, screw, coupling and passive rows in their places."""
+        """Put the rows in their places, those of composed equations from what they are made of."""
         c, p = self.constraints, self.constraints.n_products
         products = self._products
         products *= c.signs
         self.jacobian[:p] = products[:p]
         self.residual[:p] = self._values[:p]
-        for k, (at, sine, pitch) in enumerate(c.screws):
-            self._screw(k, at, sine, pitch)
-        for at, other in c.differences:
-            self.residual[at] -= self._values[other]
-            self.jacobian[at] -= products[other]
-        if c.couplings:
-            self._couple(q)
-        self.jacobian[c.n_rows :] = products[c.passive_at :]
-
-    def _screw(self, k: int, at: int, sine: int, pitch: float) -> None:
-        s, c = self._values[sine], self._values[sine + 1]
-        angle = math.atan2(s, c)
-        angle += 2.0 * math.pi * round((self.turns[k] - angle) / (2.0 * math.pi))
-        self.angles[k] = angle
-        slope = (c * self._products[sine] - s * self._products[sine + 1]) / (s * s + c * c)
-        self.angle_jacobian[k] = slope
-        self.residual[at] -= pitch * angle
-        self.jacobian[at] -= pitch * slope
-
-    def _couple(self, q: Array) -> None:
-        """Coupling rows: coordinate b - ratio * coordinate a - offset, scaled by b's unit."""
-        c = self.constraints
-        for k, closure in enumerate(c.couplings, start=c.n_products):
-            a, b = (self.mechanism.coordinate(name) for name in closure.joints)
+        for group in c.composed:
+            inputs = group.seeded([self._values[:, None]], [q[:, None]])
+            value, angle = group.values(inputs, self.turns)
             size = self.mechanism.velocity_scale
-            scale = 1.0 if b.unit == "rad" else c.scale
-            self.residual[k] = scale * (q[b.q] - closure.ratio * q[a.q] - closure.offset)
-            self.jacobian[k, a.v] = -scale * closure.ratio * size[a.v]
-            self.jacobian[k, b.v] = scale * size[b.v]
+            self.residual[group.rows] = value.values[0][:, 0]
+            self.jacobian[group.rows] = composed_rows(group, value.changes[0], products, size)
+            if angle is not None:
+                self.angles[group.angles] = angle.values[0][:, 0]
+                self.angle_jacobian[group.angles] = composed_rows(
+                    group, angle.changes[0], products, size)
+        self.jacobian[c.n_rows :] = products[c.passive_at :]
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n_rows + n_passive,) second derivatives of the rows at zero joint acceleration.
@@ -502,30 +576,18 @@ class Evaluation:
         _product(c.rate_sum, self._rate_products, bias)
         if c.n_passive:
             bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
-        return bias if self._plain else self._finish_bias(bias)
+        return bias if self._plain else self._finish_bias(q, v, bias)
 
     def rates(self) -> tuple[Array, Array]:
         """Return views (njoints, 6) on the twists and spatial accelerations, joint axes."""
         return self._twists, self._accelerations
 
-    def _finish_bias(self, bias: Array) -> Array:
+    def _finish_bias(self, q: Array, v: Array, bias: Array) -> Array:
         c, r = self.constraints, self._n_all
-        out = np.zeros(c.n_rows + c.n_passive)
-        out[: c.n_products] = bias[: c.n_products]
         a1, b1 = self._a_rates[r : 2 * r], self._b_rates[r : 2 * r]
-        for at, sine, pitch in c.screws:
-            rows = slice(sine, sine + 2)
-            ds, dc = np.vecdot(a1[rows], self._b[rows]) + np.vecdot(self._a[rows], b1[rows])
-            s, co = self._values[rows]
-            dds, ddc = bias[rows]
-            n = s * s + co * co
-            out[at] -= pitch * float(
-                (co * dds - s * ddc) / n - 2.0 * (co * ds - s * dc) * (co * dc + s * ds) / n**2
-            )
-        for at, other in c.differences:
-            out[at] -= bias[other]
-        out[c.n_rows :] = bias[c.passive_at :]
-        return out
+        first = np.vecdot(a1, self._b) + np.vecdot(self._a, b1)
+        rows = composed_rates(c, [self._values, first, bias], [q, v])
+        return np.concatenate([rows, bias[c.passive_at :]])
 
     @property
     def closure_error(self) -> float:

@@ -12,7 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import Constraints
+from spatial_pin.constraints.closure_equations import (
+    Constraints,
+    composed_rates,
+    composed_rows,
+)
 from spatial_pin.constraints.sample_coefficients import Varying, times
 from spatial_pin.constraints.vectorised_tree import FlatJoint, cross, dot, flat_tree_of
 from spatial_pin.numerics.linalg import EPS, Array
@@ -105,20 +109,15 @@ class Batch:
         a, b, x = self._vectors(g).reshape(3, n, 5, q.shape[1])
         values = dot(a, b)
         values -= self.constants
-        residual = values[: c.n_products]
         angles = np.empty((c.n_angles, q.shape[1]))
-        if c.screws or c.couplings or c.differences:
+        residual = values[: c.n_products]
+        if c.composed:
             residual = np.concatenate([residual, np.empty((len(c.couplings), q.shape[1]))])
-        for at, other in c.differences:
-            residual[at] -= values[other]
-        for k, (at, sine, pitch) in enumerate(c.screws):
-            angle = np.arctan2(values[sine], values[sine + 1])
-            angles[k] = angle + 2.0 * np.pi * np.round((near[k] - angle) / (2.0 * np.pi))
-            residual[at] -= pitch * angles[k]
-        for k, closure in enumerate(c.couplings, start=c.n_products):
-            one, two = (self.mechanism.coordinate(name) for name in closure.joints)
-            scale = 1.0 if two.unit == "rad" else c.scale
-            residual[k] = scale * (q[two.q] - closure.ratio * q[one.q] - closure.offset)
+        for group in c.composed:
+            value, angle = group.values(group.inputs([values], [q]), near)
+            residual[group.rows] = value.values[0]
+            if angle is not None:
+                angles[group.angles] = angle.values[0]
         return Placed(q, g, a, b, x, values, residual, angles)
 
     def _vectors(self, g: Array) -> Array:
@@ -144,22 +143,14 @@ class Batch:
     def jacobian(self, p: Placed) -> Array:
         """Return (n_rows + n_passive, nv, m) derivatives of the rows, for scaled velocities."""
         c, products = self.constraints, self._products(p)
-        if not (c.screws or c.couplings or c.differences):
+        if not c.composed:
             return products
         out = np.zeros((c.n_rows + c.n_passive, *products.shape[1:]))
         out[: c.n_products], out[c.n_rows :] = products[: c.n_products], products[c.passive_at :]
-        for at, sine, pitch in c.screws:
-            s, co = p.values[sine : sine + 2]
-            slope = (co * products[sine] - s * products[sine + 1]) / (s * s + co * co)
-            out[at] -= pitch * slope
-        for at, other in c.differences:
-            out[at] -= products[other]
-        size = self.mechanism.velocity_scale
-        for k, closure in enumerate(c.couplings, start=c.n_products):
-            one, two = (self.mechanism.coordinate(name) for name in closure.joints)
-            scale = 1.0 if two.unit == "rad" else c.scale
-            out[k, one.v] = -scale * closure.ratio * size[one.v]
-            out[k, two.v] = scale * size[two.v]
+        for group in c.composed:
+            value, _ = group.values(group.seeded([p.values[:, None]], [p.q[:, None]]))
+            out[group.rows] = composed_rows(group, value.changes[0], products,
+                                            self.mechanism.velocity_scale)
         return out
 
     def bias(self, p: Placed, v: Array) -> tuple[Array, Array, Array]:
@@ -179,8 +170,10 @@ class Batch:
         bias = dot(a2, p.b) + 2.0 * dot(a1, b1) + dot(p.a, b2)
         for k, at in enumerate(self._spin_at, start=c.passive_at):
             bias[k] = dot(p.b[k], second[at, 0])
-        if c.screws or c.couplings or c.differences:
-            bias = self._finish_bias(p, bias, dot(a1, p.b) + dot(p.a, b1))
+        if c.composed:
+            rate = dot(a1, p.b) + dot(p.a, b1)
+            rows = composed_rates(c, [p.values, rate, bias], [p.q, v])
+            bias = np.concatenate([rows, bias[c.passive_at :]])
         return bias, first, second
 
     def _rates(self, tips: Array, bodies: Array) -> Array:
@@ -189,17 +182,6 @@ class Batch:
         every[self._tips], every[self._origins] = tips, bodies[self.bodies, 1]
         found: Array = times(self._c_ab, every)
         return found.reshape(2, self._n, *tips.shape[1:])
-
-    def _finish_bias(self, p: Placed, bias: Array, rate: Array) -> Array:
-        c = self.constraints
-        out = np.zeros((c.n_rows + c.n_passive, bias.shape[1]))
-        out[: c.n_products], out[c.n_rows :] = bias[: c.n_products], bias[c.passive_at :]
-        for at, sine, pitch in c.screws:
-            z, dz, ddz = (x[sine + 1] + 1j * x[sine] for x in (p.values, rate, bias))
-            out[at] -= pitch * (ddz / z - (dz / z) ** 2).imag
-        for at, other in c.differences:
-            out[at] -= bias[other]
-        return out
 
 
 def _on_arms(coefficients: Array) -> tuple[list[Array], Array]:

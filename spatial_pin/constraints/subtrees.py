@@ -14,7 +14,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import TWIST_MATRIX, constraints_of
+from spatial_pin.constraints.closure_equations import (
+    TWIST_MATRIX,
+    combined_wrenches,
+    composed_rates,
+    constraints_of,
+)
+from spatial_pin.constraints.kinds import Equation
 from spatial_pin.constraints.pinocchio_views import (
     accelerations,
     forces,
@@ -24,7 +30,6 @@ from spatial_pin.constraints.pinocchio_views import (
 )
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 FREEDOMS = 32  # of a piece, at least, if there are so many branches
@@ -129,28 +134,25 @@ class PiecewiseRows:
 
     def _make_pattern(self) -> None:
         c = self.constraints
-        moving = c.signs[: self._n] != 0.0
-        for at, other in c.differences:
-            moving[at] |= moving[other]
-        self._r, self._c = np.nonzero(moving)
+        self._r, self._c = np.nonzero(c.signs[: self._n])
         self._signs = c.signs[self._r, self._c]
-        self._own = self._r < c.n_products
-        is_plain = not (c.screws or c.differences)
-        self._of_row = [] if is_plain else [
-            np.flatnonzero(self._r == at) for at in range(self._n)]
-        coupled = [(c.n_products + k, *self._coupling(closure))
-                   for k, closure in enumerate(c.couplings)]
-        rows = [[row, row] for row, _, _ in coupled]
-        self.row_at = np.concatenate([self._r[self._own], np.array(rows, dtype=np.intp).ravel()])
-        columns = np.array([at for _, at, _ in coupled], dtype=np.intp).ravel()
-        self.column_at = np.concatenate([self._c[self._own], columns])
-        self._coupled = np.array([x for _, _, x in coupled], dtype=float).ravel()
+        self._own = np.isin(self._r, c.plain)
+        self._of_product = np.split(np.arange(len(self._r)),
+                                    np.searchsorted(self._r, np.arange(1, self._n)))
+        self._patterns = [[self._pattern(e) for e in group.equations] for group in c.composed]
+        rows = [np.full(len(columns), row) for group, patterns in zip(
+            c.composed, self._patterns, strict=True)
+            for row, (columns, _) in zip(group.rows, patterns, strict=True)]
+        columns = [columns for patterns in self._patterns for columns, _ in patterns]
+        self.row_at = np.concatenate([self._r[self._own], *rows])
+        self.column_at = np.concatenate([self._c[self._own], *columns])
 
-    def _coupling(self, closure: Closure) -> tuple[list[int], list[float]]:
-        a, b = (self.mechanism.coordinate(name) for name in closure.joints)
-        size, scale = self.mechanism.velocity_scale, self.constraints.scale
-        unit = 1.0 if b.unit == "rad" else scale
-        return [a.v, b.v], [-unit * closure.ratio * size[a.v], unit * size[b.v]]
+    def _pattern(self, equation: Equation) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
+        """Return columns of an equation, and where those of its products and coordinates are."""
+        parts = [self._c[self._of_product[at]] for at in equation.products]
+        parts += [np.array([c.v]) for c in equation.coordinates]
+        columns = np.unique(np.concatenate(parts))
+        return columns, [np.searchsorted(columns, part) for part in parts]
 
     def update(self, q: Array) -> None:
         """Evaluate the rows' Jacobian at the configuration q (nq,)."""
@@ -164,18 +166,27 @@ class PiecewiseRows:
         self._wrenches[:, :3] = b * c.factors[:n]
         self._wrenches[:, 3:] = np.cross(x, b)
         entries = np.vecdot(self._wrenches[self._r], self._columns.T[self._c]) * self._signs
-        for at, sine, pitch in c.screws:
-            z = self._direction(sine)
-            turn = z.real * entries[self._of_row[sine]] - z.imag * entries[self._of_row[sine + 1]]
-            entries[self._of_row[at]] -= pitch * turn / abs(z) ** 2
-        for at, other in c.differences:
-            row, less = self._of_row[at], self._of_row[other]
-            entries[row[np.searchsorted(self._c[row], self._c[less])]] -= entries[less]
-        self.values = np.concatenate([entries[self._own], self._coupled])
+        self._values = np.vecdot(a, b) - c.constants[:n]
+        parts = [entries[self._own]]
+        for group, patterns in zip(c.composed, self._patterns, strict=True):
+            value, _ = group.values(group.seeded([self._values[:, None]], [q[:, None]]))
+            slopes = np.broadcast_to(value.changes[0], (len(patterns), value.changes[0].shape[1]))
+            for own, slope, equation in zip(patterns, slopes, group.equations, strict=True):
+                parts.append(self._composed(equation, own, slope, entries))
+        self.values = np.concatenate(parts)
 
-    def _direction(self, sine: int) -> complex:
-        s, co = np.vecdot(self._a[sine : sine + 2], self._b[sine : sine + 2])
-        return complex(co, s)
+    def _composed(
+        self, equation: Equation, pattern: tuple[NDArray[np.intp], list[NDArray[np.intp]]],
+        slopes: Array, entries: Array,
+    ) -> Array:
+        """Return the entries of an equation, from those of its products."""
+        columns, places = pattern
+        own = [entries[self._of_product[at]] for at in equation.products]
+        own += [self.mechanism.velocity_scale[[c.v]] for c in equation.coordinates]
+        out = np.zeros(len(columns))
+        for at, slope, part in zip(places, slopes, own, strict=True):
+            out[at] += slope * part
+        return out
 
     @property
     def jacobian(self) -> Array:
@@ -186,15 +197,8 @@ class PiecewiseRows:
 
     def row_wrenches(self) -> Array:
         """Return (n_wrenches, 6) as `Evaluation.row_wrenches`."""
-        c = self.constraints
-        wrenches = np.zeros((c.n_wrenches, 6))
-        wrenches[c.n_rows :] = self._wrenches[[other for _, other in c.differences]]
-        wrenches[: c.n_products] = self._wrenches[: c.n_products]
-        for at, sine, pitch in c.screws:
-            z = self._direction(sine)
-            turn = z.real * self._wrenches[sine] - z.imag * self._wrenches[sine + 1]
-            wrenches[at] -= pitch / abs(z) ** 2 * turn
-        return wrenches
+        (found,) = combined_wrenches(self.constraints, [self._values[:, None]], [self._wrenches])
+        return found
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n_rows,) second derivatives of the rows at zero joint acceleration."""
@@ -208,16 +212,8 @@ class PiecewiseRows:
         (a1, b1), (a2, b2) = ((self._ab @ g.reshape(-1, 3)).reshape(2, -1, 3)[:, :n]
                               for g in (g1, g2))
         second = np.vecdot(a2, self._b) + 2.0 * np.vecdot(a1, b1) + np.vecdot(self._a, b2)
-        out = np.zeros(c.n_rows)
-        out[: c.n_products] = second[: c.n_products]
-        first = np.vecdot(a1, self._b) + np.vecdot(self._a, b1) if c.screws else second
-        for at, sine, pitch in c.screws:
-            z = self._direction(sine)
-            dz, ddz = (complex(x[sine + 1], x[sine]) for x in (first, second))
-            out[at] -= pitch * (ddz / z - (dz / z) ** 2).imag
-        for at, other in c.differences:
-            out[at] -= second[other]
-        return out
+        first = np.vecdot(a1, self._b) + np.vecdot(self._a, b1) if c.composed else second
+        return composed_rates(c, [self._values, first, second], [q, v])
 
     # ------------------------------------------------------------ forces
 

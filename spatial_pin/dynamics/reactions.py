@@ -93,8 +93,8 @@ class Pairs:
             total[..., pair.bodies[1], :] += wrench
         for row, at, (first, second) in self.lengths:
             wrench = multipliers[..., row, None] * rows[..., at, :]
-            total[..., first, :] += wrench
-            total[..., second, :] -= wrench
+            total[..., first, :] -= wrench
+            total[..., second, :] += wrench
         return total
 
     def carried(self, wrenches: Array) -> Array:

@@ -9,8 +9,11 @@
 
 #include "kernel.h"
 
+/* Of the four integers of an equation the first are products, then come the (q, v) of joint
+ * coordinates, then the angle that counts turns. Kinds are numbered as in Python's table
+ * (constraints/kinds.py): add one entry here and one there. */
 typedef struct {
-    int n_products, n_coordinates; /* of the four integers: products first, then (q, v) pairs */
+    int n_products, n_coordinates, n_angles;
     void (*value)(Kernel *k, Int equation, const Int *of, const Real *by);
     void (*jacobian)(Kernel *k, Int equation, const Int *of, const Real *by);
     void (*bias)(Kernel *k, Int equation, const Int *of, const Real *by);
@@ -91,31 +94,33 @@ static void bias_of_product(Kernel *k, Int equation, const Int *of, const Real *
     k->bias[equation] = k->product_bias[of[0]];
 }
 
-/* of: product, product of the sine (that of the cosine follows), angle; by: pitch */
+/* of: product, products of sine and cosine, angle; by: pitch */
 static void value_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
 {
-    const Real *sine = k->value + of[1], around = 2.0 * PI;
-    Real angle = atan2(sine[0], sine[1]);
-    angle += around * nearbyint((k->turns[of[2]] - angle) / around);
-    k->angle[of[2]] = angle;
+    const Real around = 2.0 * PI;
+    Real angle = atan2(k->value[of[1]], k->value[of[2]]);
+    angle += around * nearbyint((k->turns[of[3]] - angle) / around);
+    k->angle[of[3]] = angle;
     k->residual[equation] = k->value[of[0]] - by[0] * angle;
 }
 
 static void jacobian_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
 {
-    const Real s = k->value[of[1]], c = k->value[of[1] + 1], square = s * s + c * c;
+    const Real s = k->value[of[1]], c = k->value[of[2]], square = s * s + c * c;
     add_product_row(k, of[0], 1.0);
     add_product_row(k, of[1], -by[0] * c / square);
-    add_product_row(k, of[1] + 1, by[0] * s / square);
+    add_product_row(k, of[2], by[0] * s / square);
     store_row(k, equation);
 }
 
 static void bias_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
 {
-    const Real s = k->value[of[1]], c = k->value[of[1] + 1], n = s * s + c * c;
-    const Real ds = k->product_rate[of[1]], dc = k->product_rate[of[1] + 1];
-    const Real dds = k->product_bias[of[1]], ddc = k->product_bias[of[1] + 1];
-    const Real angle = (c * dds - s * ddc) / n - 2.0 * (c * ds - s * dc) * (c * dc + s * ds) / (n * n);
+    const Real s = k->value[of[1]], c = k->value[of[2]], n = s * s + c * c;
+    const Real ds = k->product_rate[of[1]], dc = k->product_rate[of[2]];
+    const Real dds = k->product_bias[of[1]], ddc = k->product_bias[of[2]];
+    const Real rate = (c * ds - s * dc) / n;
+    const Real angle = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
+    k->angle_rate[of[3]] = rate;
     k->bias[equation] = k->product_bias[of[0]] - by[0] * angle;
 }
 
@@ -182,13 +187,15 @@ static void bias_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
     k->bias[equation] = dot3(k->B + 3 * of[0], k->alpha + 3 * body);
 }
 
-static const EquationTable TABLE[N_EQUATION_KINDS] = {
-    [PRODUCT] = {1, 0, value_of_product, jacobian_of_product, bias_of_product},
-    [SCREW_ANGLE] = {2, 0, value_of_screw, jacobian_of_screw, bias_of_screw},
-    [DIFFERENCE] = {2, 0, value_of_difference, jacobian_of_difference, bias_of_difference},
-    [COUPLING] = {0, 2, value_of_coupling, jacobian_of_coupling, bias_of_coupling},
-    [IDLE] = {1, 0, value_of_idle, jacobian_of_idle, bias_of_idle},
+static const EquationTable TABLE[] = {
+    [PRODUCT] = {1, 0, 0, value_of_product, jacobian_of_product, bias_of_product},
+    [SCREW_ANGLE] = {3, 0, 1, value_of_screw, jacobian_of_screw, bias_of_screw},
+    [DIFFERENCE] = {2, 0, 0, value_of_difference, jacobian_of_difference, bias_of_difference},
+    [COUPLING] = {0, 2, 0, value_of_coupling, jacobian_of_coupling, bias_of_coupling},
+    [IDLE] = {1, 0, 0, value_of_idle, jacobian_of_idle, bias_of_idle},
 };
+
+#define N_KINDS ((Int)(sizeof TABLE / sizeof *TABLE))
 
 /* ---- what Python's arrays must satisfy ---- */
 
@@ -217,19 +224,19 @@ static int covers(const Kernel *k, Int equation, Int product)
 static int equation_is_sound(const Kernel *k, Int i)
 {
     const Int kind = k->equation_kind[i], *of = k->equation_int + 4 * i;
-    if (kind < 0 || kind >= N_EQUATION_KINDS || (kind == IDLE) != (i >= k->n_closure))
+    if (!within(kind, N_KINDS) || (kind == IDLE) != (i >= k->n_closure))
         return 0;
-    const Int extra = kind == SCREW_ANGLE; /* the cosine's product follows the sine's */
-    for (int p = 0; p < TABLE[kind].n_products; p++)
-        if (!within(of[p], k->n_products - (p ? extra : 0)) || !covers(k, i, of[p]) ||
-            (p && extra && !covers(k, i, of[p] + 1)))
+    const EquationTable *entry = TABLE + kind;
+    for (int p = 0; p < entry->n_products; p++, of++)
+        if (!within(of[0], k->n_products) || !covers(k, i, of[0]))
             return 0;
-    for (int c = 0; c < TABLE[kind].n_coordinates; c++)
-        if (!within(of[2 * c], k->nq) || !within(of[2 * c + 1], k->nv) ||
-            !holds(k, i, of[2 * c + 1]))
+    for (int c = 0; c < entry->n_coordinates; c++, of += 2)
+        if (!within(of[0], k->nq) || !within(of[1], k->nv) || !holds(k, i, of[1]))
             return 0;
-    if (kind == SCREW_ANGLE && !within(of[2], k->n_angles))
-        return 0;
+    for (int a = 0; a < entry->n_angles; a++, of++)
+        if (!within(of[0], k->n_angles))
+            return 0;
+    of = k->equation_int + 4 * i;
     if (kind == PRODUCT || kind == IDLE) { /* their entries are written in the support's order */
         const Int n = k->support_start[of[0] + 1] - k->support_start[of[0]];
         if (k->entry_start[i + 1] - k->entry_start[i] != n)

@@ -36,14 +36,13 @@ enum Code {
 
 enum JointKind { TURN = 1, SLIDE = 2, SCREW = 3, BALL = 4, FREE = 5 };
 
-/* Kinds of equations, one entry each in the table of equations.c. */
+/* Kinds of equations, in the order of the table of equations.c. */
 enum EquationKind {
-    PRODUCT = 0,    /* product of two vectors */
+    PRODUCT = 0,     /* product of two vectors */
     SCREW_ANGLE = 1, /* product less pitch times an angle that counts turns */
-    DIFFERENCE = 2, /* difference of two products: two distances */
-    COUPLING = 3,   /* b - ratio * a - offset of two joint coordinates */
-    IDLE = 4,       /* angular velocity of a link about a line fixed in it */
-    N_EQUATION_KINDS = 5
+    DIFFERENCE = 2,  /* difference of two products: two distances */
+    COUPLING = 3,    /* b - ratio * a - offset of two joint coordinates */
+    IDLE = 4         /* angular velocity of a link about a line fixed in it */
 };
 
 /* A square matrix with a fixed pattern, factored as L U with an order of pivots chosen once. */
@@ -100,7 +99,7 @@ typedef struct Kernel {
     Real *omega, *velocity;         /* (3) of each joint's body and origin, world axes */
     Real *alpha, *acceleration;     /* (3) classical accelerations */
     Real *bias;                     /* (n_equations) second derivatives at zero joint acceleration */
-    Real *product_rate, *product_bias;
+    Real *product_rate, *product_bias, *angle_rate; /* angle_rate: (n_angles) */
     Real *vector_rate, *vector_bias;
     Real *row;                      /* (nv) scratch, zero between uses */
 

@@ -32,7 +32,7 @@ def opened(path: Path) -> ctypes.CDLL:
     if now and now != compiled_from(found):
         raise SpatialPinError(
             f"the compiled kernel {path} is older than the C files beside it: {REMEDY}")
-    return found
+    return _declared(found)
 
 
 def compiled_from(found: ctypes.CDLL) -> str:
@@ -47,7 +47,11 @@ def compiled_from(found: ctypes.CDLL) -> str:
 @cache
 def library() -> ctypes.CDLL:
     """Return the compiled kernel; raises as `opened`."""
-    found = opened(Path(__file__).with_name(LIBRARY))
+    return opened(Path(__file__).with_name(LIBRARY))
+
+
+def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
+    """Tell what the functions take, and return the library."""
     found.kernel_destroy.restype = None
     found.kernel_destroy.argtypes = [POINTER]
     found.kernel_create.argtypes = [POINTER, INT, POINTER, INT, POINTER]

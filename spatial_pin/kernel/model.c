@@ -181,6 +181,7 @@ static int make_room(Kernel *k)
         {&k->linear, 3 * nv},     {&k->angular, 3 * nv},    {&k->vector, 3 * k->n_vectors},
         {&k->A, 3 * np},          {&k->B, 3 * np},          {&k->value, np},
         {&k->residual, k->n_closure}, {&k->angle, k->n_angles}, {&k->turns, k->n_angles},
+        {&k->angle_rate, k->n_angles},
         {&k->entry, k->entry_start[ne]}, {&k->omega, 3 * n}, {&k->velocity, 3 * n},
         {&k->alpha, 3 * n},       {&k->acceleration, 3 * n}, {&k->bias, ne},
         {&k->product_rate, np},   {&k->product_bias, np},   {&k->vector_rate, 3 * k->n_vectors},

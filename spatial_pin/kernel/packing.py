@@ -19,7 +19,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5
-PRODUCT, SCREW_ANGLE, DIFFERENCE, COUPLING, IDLE = range(5)
 AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
 
 Ints = NDArray[np.int64]
@@ -49,7 +48,7 @@ def packed(mechanism: Mechanism) -> Packed:
     tree = _Tree(model)
     vectors = _VectorTable(tree.frames, carriers)
     products = _products(constraints, vectors)
-    kinds, ints, reals, patterns = _equations(mechanism, constraints)
+    kinds, ints, reals, patterns = _equations(constraints)
     starts = np.cumsum([0] + [len(p) for p in patterns])
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
             constraints.n_rows, constraints.n_passive, constraints.n_angles,
@@ -179,27 +178,20 @@ def _products(constraints: Constraints, vectors: _VectorTable) -> _Products:
     return _Products(a, b, x, fa, fb, fx, start, columns, constraints.signs[rows, columns])
 
 
-def _equations(
-    mechanism: Mechanism, constraints: Constraints
-) -> tuple[Ints, Ints, Array, list[Ints]]:
-    """Return kinds (n,), integers (n, 4), numbers (n, 3) and patterns of all equations."""
-    c = constraints
-    n = c.n_rows + c.n_passive
+def _equations(constraints: Constraints) -> tuple[Ints, Ints, Array, list[Ints]]:
+    """Return kinds (n,), integers (n, 4), numbers (n, 3) and patterns of all equations.
+
+    The integers are products, then (q, v) of coordinates, then the angle.
+    """
+    n = len(constraints.equations)
     kinds, ints, reals = np.zeros(n, np.int64), np.full((n, 4), -1, np.int64), np.zeros((n, 3))
-    ints[: c.n_products, 0] = np.arange(c.n_products)
-    patterns = [np.flatnonzero(row) for row in c.signs[: c.n_products]]
-    for k, (at, sine, pitch) in enumerate(c.screws):
-        kinds[at], ints[at, :3], reals[at, 0] = SCREW_ANGLE, (at, sine, k), pitch
-    for at, other in c.differences:
-        kinds[at], ints[at, :2] = DIFFERENCE, (at, other)
-        patterns[at] = np.flatnonzero(c.signs[[at, other]].any(axis=0))
-    for at, closure in enumerate(c.couplings, start=c.n_products):
-        a, b = (mechanism.coordinate(name) for name in closure.joints)
-        unit = 1.0 if b.unit == "rad" else c.scale
-        kinds[at], ints[at], reals[at] = (
-            COUPLING, (a.q, a.v, b.q, b.v), (unit, closure.ratio, closure.offset))
-        patterns.append(np.unique([a.v, b.v]))
-    kinds[c.n_rows :] = IDLE
-    ints[c.n_rows :, 0] = np.arange(c.passive_at, c.passive_at + c.n_passive)
-    patterns += [np.flatnonzero(row) for row in c.signs[c.passive_at :][: c.n_passive]]
+    patterns = []
+    for at, e in enumerate(constraints.equations):
+        places = [*e.products, *(x for c in e.coordinates for x in (c.q, c.v)),
+                  *([e.angle] if e.angle >= 0 else [])]
+        kinds[at], ints[at, : len(places)], reals[at, : len(e.numbers)] = (
+            e.kind.code, places, e.numbers)
+        moved = np.any(constraints.signs[list(e.products)] != 0.0, axis=0)
+        moved[[c.v for c in e.coordinates]] = True
+        patterns.append(np.flatnonzero(moved))
     return kinds, ints, reals, patterns

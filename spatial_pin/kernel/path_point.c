@@ -30,20 +30,6 @@ void point_carve(const Kernel *k, Real **from, Point *point)
     point->axis = (IdleAxis *)carve(from, axis_numbers(k));
 }
 
-/* Angles of screws and their rates: of g = atan2(S, C), g' = (C S' - S C') / (S² + C²). */
-static void screw_angles(const Kernel *k, Point *point)
-{
-    for (Int i = 0; k->n_angles && i < k->n_closure; i++) {
-        if (k->equation_kind[i] != SCREW_ANGLE)
-            continue;
-        const Int sine = k->equation_int[4 * i + 1], angle = k->equation_int[4 * i + 2];
-        const Real *value = k->value + sine, *rate = k->product_rate + sine;
-        point->angle[angle] = k->angle[angle];
-        point->angle_rate[angle] = (value[1] * rate[0] - value[0] * rate[1]) /
-                                   (value[0] * value[0] + value[1] * value[1]);
-    }
-}
-
 int point_rates(Kernel *k, Point *point)
 {
     Real sum = 0.0;
@@ -54,7 +40,10 @@ int point_rates(Kernel *k, Point *point)
         point->t[k->driven[i]] = i ? 0.0 : 1.0;
         point->c[k->driven[i]] = 0.0;
     }
-    screw_angles(k, point); /* the products' rates are those of t */
+    for (Int i = 0; i < k->n_angles; i++) {
+        point->angle[i] = k->angle[i];
+        point->angle_rate[i] = k->angle_rate[i]; /* at the rates t */
+    }
     if (k->n_idle)
         tree_rates(k, point->t, point->c);
     for (Int i = 0; i < k->n_idle; i++)

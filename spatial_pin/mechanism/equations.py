@@ -37,6 +37,7 @@ class Row:
         angle_from: (2, 3) for a screw row: the directions in frame 1 (x then y, normal to u)
             against which the direction `angle_of` (3,) of frame 2 is measured.
         angle_of: see `angle_from`.
+        kind: in the table `spatial_pin.constraints.kinds`.
     """
 
     u: Array | None = None
@@ -45,6 +46,7 @@ class Row:
     pitch: float | None = None
     angle_from: Array | None = None
     angle_of: Array | None = None
+    kind: str = "product"
 
     @property
     def is_length(self) -> bool:
@@ -69,4 +71,5 @@ def distance(length: float) -> Row:
 
 def screw(axes1: Array, axes2: Array, pitch: float) -> Row:
     """Return the row slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
-    return Row(u=axes1[:, 2], pitch=pitch, angle_from=axes1[:, :2].T, angle_of=axes2[:, 0])
+    return Row(u=axes1[:, 2], pitch=pitch, angle_from=axes1[:, :2].T, angle_of=axes2[:, 0],
+               kind="screw")

@@ -15,7 +15,7 @@ import pinocchio as pin
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, of_mechanism
 from spatial_pin.checks import checked, finite_number
-from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation
+from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, composed_rates
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.errors import SpatialPinError
@@ -156,14 +156,8 @@ def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
     n = len(c.constants)
     a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
     products = [_product_rate(a, b, order) for order in range(4)]
-    out = np.zeros(c.n_rows + c.n_passive)
-    out[: c.n_products] = products[3][: c.n_products]
-    for at, sine, pitch in c.screws:
-        out[at] -= pitch * _angle_jerk(*(p[sine + 1] + 1j * p[sine] for p in products))
-    for at, other in c.differences:
-        out[at] -= products[3][other]
-    out[c.n_rows :] = c.spin_bias @ bodies.reshape(-1)
-    return out
+    rows = composed_rates(c, products, [state.q, state.v, state.a])
+    return np.concatenate([rows, c.spin_bias @ bodies.reshape(-1)])
 
 
 def _product_rate(a: list[Array], b: list[Array], order: int) -> Array:
@@ -171,9 +165,3 @@ def _product_rate(a: list[Array], b: list[Array], order: int) -> Array:
     binomial = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))[order]
     return sum(f * np.vecdot(a[order - k], b[k]) for k, f in enumerate(binomial))  # type: ignore[return-value]
 
-
-def _angle_jerk(z: complex, dz: complex, ddz: complex, dddz: complex) -> float:
-    """Return the third derivative of the argument of z, from those of its logarithm."""
-    first = dz / z
-    second = ddz / z - first**2
-    return float((dddz / z - 3.0 * first * second - first**3).imag)

@@ -147,13 +147,9 @@ class Rows:
         out = np.zeros((2, c.n_rows, self.nv))
         for total, change in zip(out, (rates.by_q, rates.by_v), strict=True):
             total[: c.n_products] = change[2][: c.n_products]
-            for at, sine, pitch in c.screws:
-                z, dz, ddz = (x[sine + 1] + 1j * x[sine] for x in rates.values)
-                cz, cdz, cddz = (x[sine + 1] + 1j * x[sine] for x in change)
-                turn = cddz / z - ddz * cz / z**2 - 2.0 * dz / z * (cdz / z - dz * cz / z**2)
-                total[at] -= pitch * turn.imag
-            for at, other in c.differences:
-                total[at] -= change[2][other]
+            for group in c.composed:
+                inputs = group.inputs([x[:, None] for x in rates.values], [], change)
+                total[group.rows] = group.values(inputs)[0].change(2)
         return out[0], out[1]
 
     def curvature(self, q: Array) -> tuple[Array, Array]:

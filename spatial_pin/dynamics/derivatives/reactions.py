@@ -18,6 +18,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.dynamics.derivatives.closures import Rates, Rows
@@ -172,8 +173,8 @@ class ReactionChanges:
             total[pair.bodies[1]] += wrench
         for row, at, (first, second) in pairs.lengths:
             wrench = borne(slice(row, row + 1), slice(at, at + 1))
-            total[first] += wrench
-            total[second] -= wrench
+            total[first] -= wrench
+            total[second] += wrench
         return found, total
 
     def _row_wrenches(self) -> tuple[Array, Array]:
@@ -187,18 +188,10 @@ class ReactionChanges:
         by_q = np.concatenate([
             db * c.factors[:, :, None],
             np.cross(dx, b[:, None]) + np.cross(x[:, None], db)], axis=-1).swapaxes(1, 2)
-        for at, sine, pitch in c.screws:
-            z = complex(rates.values[0][sine + 1], rates.values[0][sine])
-            dz = rates.by_q[0][sine + 1] + 1j * rates.by_q[0][sine]
-            turn = wrenches[sine + 1] + 1j * wrenches[sine]
-            wrenches[at] -= pitch * (turn / z).imag
-            by_q[at] -= pitch * ((by_q[sine + 1] + 1j * by_q[sine]) / z
-                                 - np.outer(turn, dz) / z**2).imag
-        couplings = len(c.couplings)  # rows without wrenches, between the products and the screws'
-        own = np.zeros((couplings, 6)), np.zeros((couplings, 6, nv))
-        p, lengths = c.n_products, [other for _, other in c.differences]
-        return (np.concatenate([wrenches[:p], own[0], wrenches[lengths]]),
-                np.concatenate([by_q[:p], own[1], by_q[lengths]]))
+        found, changed = combined_wrenches(
+            c, [rates.values[0][:n, None, None], rates.by_q[0][:n, None]],
+            [wrenches[:, :, None], by_q])
+        return found[:, :, 0], changed
 
     def _springs(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames."""
