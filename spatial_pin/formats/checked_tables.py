@@ -1,0 +1,215 @@
+"""Tables of a mechanism file, checked key by key: what is missing, misplaced or no such value."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NoReturn
+
+import numpy as np
+
+from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES
+from spatial_pin.mechanism.pairs import unit
+from spatial_pin.numerics.linalg import Array
+
+_REQUIRED: Any = object()
+BETWEEN = "length_between"
+TOP = "at the top of the file, before the first [table]"
+BELONGS = {  # where in a file each key has its place
+    TOP: ("name", "title", "source", "tree", "gravity", "order", "joints", "closures", "drivers",
+          "springs", "passive", "frames", "guess"),
+    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
+    "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
+                        "equations", "axis", "axis2", "lead", "source"),
+    "in [drivers.NAME]": ("joint",),
+    "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
+                       "free_angle"),
+    "in [passive.NAME]": ("body", "axis"),
+    "in [frames.NAME]": ("link", "xyz", "rpy"),
+}
+SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
+LONGEST = 80  # letters of a value in a message
+
+
+def _is_finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond float
+        return False
+
+
+def _said(value: Any) -> str:
+    """Return a value of the file for a message."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write numbers of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
+class Table:
+    """A TOML table that is read key by key; every complaint names file, table and key."""
+
+    def __init__(self, content: Any, where: str, place: str = TOP) -> None:
+        if not isinstance(content, dict):
+            key = where.rpartition(".")[2]
+            hint = f"; {key} belongs {TOP}" if place != TOP and key in BELONGS[TOP] else ""
+            raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
+        self.content, self.where, self.place = content, where, place
+        self.known: list[str] = []
+
+    def __contains__(self, key: str) -> bool:
+        self.known.append(key)
+        return key in self.content
+
+    def fail(self, key: str, complaint: str) -> NoReturn:
+        """Raise the error for one key."""
+        raise MechanismFileError(f"{self.where}: {key} {complaint}")
+
+    def get(self, key: str, default: Any = _REQUIRED) -> Any:
+        """Return a value as it is; a key with no default must be there."""
+        self.known.append(key)
+        if key not in self.content and default is _REQUIRED:
+            unknown = [k for k in self.content if k not in self.known]
+            near = [k for k in unknown if suggestion(k, [key]).startswith("did you mean")]
+            hint = f" (there is an unknown key {near[0]!r})" if near else ""
+            self.fail(key, f"is missing{hint}")
+        return self.content.get(key, default)
+
+    def text(self, key: str, default: Any = _REQUIRED) -> str:
+        """Return a text, which is not empty where it must be there."""
+        value = self.get(key, default)
+        if not isinstance(value, str) or (default is _REQUIRED and not value):
+            self.fail(key, f"must be text, not {_said(value)}")
+        return value
+
+    def choice(self, key: str, valid: tuple[str, ...]) -> str:
+        """Return one of a few texts."""
+        value = self.text(key)
+        if value not in valid:
+            self.fail(key, f"is {_said(value)}; {suggestion(value, valid)}")
+        return value
+
+    def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
+        """Return a finite number, no less than the least."""
+        value = self.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.fail(key, f"must be a number, not {_said(value)}")
+        if not _is_finite(value) or value < least:
+            self.fail(key, f"is {_said(value)}; it must be finite" +
+                      (f" and at least {least:g}" if least > -math.inf else ""))
+        return float(value)
+
+    def numbers(self, key: str, least: float = -math.inf) -> Array:
+        """One number, or a list of them."""
+        value = self.get(key)
+        if not isinstance(value, list):
+            return np.array([self.number(key, least=least)])
+        parts = [Table({key: x}, self.where).number(key, least=least) for x in value]
+        if not parts:
+            self.fail(key, "is an empty list")
+        return np.array(parts)
+
+    def bounds(self, key: str) -> Array:
+        """One number, or a list of them; inf and -inf are none."""
+        value = self.get(key)
+        values = value if isinstance(value, list) else [value]
+        for x in values:
+            is_number = isinstance(x, int | float) and not isinstance(x, bool)
+            if not is_number or not (_is_finite(x) or x in (math.inf, -math.inf)):
+                self.fail(key, f"must be a number, or a list of them, not {_said(value)}")
+        if not values:
+            self.fail(key, "is an empty list")
+        return np.array(values, dtype=float)
+
+    def names(self, key: str) -> tuple[str, ...]:
+        """A list of names, of any length; none where there is no such key."""
+        value = self.get(key, [])
+        if not (isinstance(value, list) and all(isinstance(x, str) for x in value)):
+            self.fail(key, f"must be a list of names, not {_said(value)}")
+        return tuple(value)
+
+    def vector(self, key: str) -> Array:
+        """Return three numbers (3,)."""
+        value = self.get(key)
+        numbers = isinstance(value, list) and len(value) == 3 and all(
+            isinstance(x, int | float) and not isinstance(x, bool) and _is_finite(x)
+            for x in value
+        )
+        if not numbers:
+            self.fail(key, f"must be three finite numbers, not {_said(value)}")
+        return np.array(value, dtype=float)
+
+    def axis(self, key: str) -> Array:
+        """A direction; written with a few digits it is normalised, else refused."""
+        value = self.vector(key)
+        norm = math.hypot(*value)  # of numbers of any size
+        if abs(norm - 1.0) > 1e-3:
+            self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
+        return unit(value)
+
+    def two_names(self, key: str) -> tuple[str, str]:
+        """Return a list of two texts."""
+        value = self.get(key)
+        if not (isinstance(value, list) and len(value) == 2
+                and all(isinstance(x, str) for x in value)):
+            self.fail(key, f"must be a list of two names, not {_said(value)}")
+        return value[0], value[1]
+
+    def places(self, key: str, count: int) -> tuple[int, ...]:
+        """Some of the numbers 0 to count - 1, ascending."""
+        value = self.get(key)
+        valid = isinstance(value, list) and value and all(
+            isinstance(x, int) and not isinstance(x, bool) and 0 <= x < count for x in value)
+        if not valid or sorted(set(value)) != value:
+            self.fail(key, f"must be a list of some of the numbers 0 to {count - 1}, ascending, "
+                           f"not {_said(value)}")
+        return tuple(value)
+
+    def closed_text(self, key: str) -> str:
+        """The one key of a table that has no other."""
+        value = self.text(key)
+        self.close()
+        return value
+
+    def table(self, key: str) -> Table:
+        """Return the table under a key; an empty one where there is none."""
+        return Table(self.get(key, {}), f"{self.where}: {key}")
+
+    def tables(self, key: str) -> dict[str, Table]:
+        """Return the tables `[KEY.NAME]`, by name."""
+        inner = self.table(key)
+        place = f"in [{key}.NAME]"
+        return {k: Table(v, f"{inner.where}.{k}", place) for k, v in inner.content.items()}
+
+    def array(self, key: str) -> list[Table]:
+        """Return the tables `[[KEY]]`."""
+        value = self.get(key, [])
+        if not isinstance(value, list):
+            self.fail(key, f"must be written as [[{key}]]")
+        place = f"in [[{key}]]"
+        return [Table(v, f"{self.where}: {key}[{i}]", place) for i, v in enumerate(value)]
+
+    def values(self) -> dict[str, Any]:
+        """Return everything in it, unchecked."""
+        return dict(self.content)
+
+    def close(self) -> None:
+        """Refuse keys that nothing has asked for."""
+        for key in self.content:
+            if key not in self.known:
+                self.fail(_said(key)[1:-1], self.misplaced(key))
+
+    def misplaced(self, key: str) -> str:
+        """Return why a key is none of this table, and where it belongs."""
+        places = [place for place, keys in BELONGS.items() if key in keys]
+        if self.place in places:
+            kind = self.content.get("type")
+            return (f"is not a key of this table of type {_said(kind)}; "
+                    f"{suggestion(key, self.known)}")
+        if self.place == "in [[closures]]" and key in SPRING:
+            return ("is not a key of this table: closures carry neither springs nor dampers; write "
+                    "[[springs]] with name, frames (the same two) and stiffness or damping")
+        if places:
+            return f"is not a key of this table; it belongs {' or '.join(places)}"
+        return f"is not a key of this table; {suggestion(key, self.known)}"

@@ -1,0 +1,216 @@
+"""The tables of a mechanism file, and an open tree, as a Mechanism."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table
+from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.graph.urdf import without_loops
+from spatial_pin.formats.imported import Request
+from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
+from spatial_pin.formats.xacro.expansion import dimensions
+from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
+from spatial_pin.mechanism.coordinates import check_guess
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.named_frames import Frame, add_frames
+from spatial_pin.mechanism.pairs import (
+    CLOSURE_TYPES,
+    COUPLING,
+    JOINT_TYPES,
+    PAIRS,
+    Pair,
+    PairGeometry,
+    closure_geometry,
+)
+from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
+
+
+def mechanism_of(
+    top: Table, file: Path, urdf: str, request: Request, faults: Faults
+) -> Mechanism:
+    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
+    name, _ = top.text("name"), top.text("tree")
+    refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
+    cut = without_loops(urdf, top.content, refinements, file, faults)
+    if cut is not None:
+        for notice in cut.notices:
+            faults.note(notice)
+        urdf, top = cut.urdf, Table(cut.content, top.where)
+        name, _ = top.text("name"), top.text("tree")
+        refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
+    tree = tree_of(urdf, file, refinements, faults, request.packages, top.names("order"))
+    if "gravity" in top:
+        tree.model.gravity.linear = top.vector("gravity")
+    if isinstance(top.get("frames", {}), list):
+        top.fail("frames", "is not a list here; two names of frames belong in [[closures]] or in "
+                           "[[springs]], and frames of the file's own are written [frames.NAME]")
+    frames = {key: _frame(key, table) for key, table in top.tables("frames").items()}
+    parts = {
+        "tree": file,
+        "dimensions": partial(dimensions, file, dict(request.parameters), request.trusted,
+                              request.packages),  # read when they are asked for
+        "title": top.text("title", ""),
+        "source": top.text("source", ""),
+        "closures": tuple(_closure(table) for table in top.array("closures")),
+        "drivers": {key: Driver(key, t.closed_text("joint"))
+                    for key, t in top.tables("drivers").items()},
+        "springs": tuple(_spring(table) for table in top.array("springs")),
+        "passives": tuple(_passive(key, t) for key, t in top.tables("passive").items()),
+        "frames": frames,
+        "guess": top.table("guess").values(),
+    }
+    top.close()
+    add_frames(tree.model, frames, str(request.path))
+    return _build(name, tree, parts, request, faults, "drivers" in top)
+
+
+def _build(
+    name: str, tree: Tree, parts: dict[str, Any], request: Request, faults: Faults,
+    states_drivers: bool,
+) -> Mechanism:
+    where = str(request.path)
+    mimics = tuple(
+        Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
+        for joint, source, ratio, offset in tree.mimics
+    )
+    parts["closures"] = (*parts.get("closures", ()), *mimics)
+    if not states_drivers:
+        joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
+        parts["drivers"] = drivers_of_tree(joints, parts["closures"])
+    mechanism = Mechanism(
+        name=name, model=tree.model, visual_model=tree.shapes.visual,
+        collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
+        parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
+        slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
+        free_flyer=request.free_flyer,
+        **parts,
+    )
+    mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
+    check_mechanism(mechanism, where)
+    _check_guess(mechanism, where)
+    _judge_inertias(mechanism, faults)
+    return mechanism.with_fields(notices=faults.notices())
+
+
+def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
+    found = impossible_inertias(mechanism)
+    for kind, links in (
+        ("below zero, which no body has: motion is computed, forces are refused", found.negative),
+        ("no body has these moments of inertia, one is above the sum of the other two",
+         found.lopsided),
+    ):
+        for link, words in links.items():
+            faults.note(kind, f"link {link!r}: {words}")
+
+
+def _check_guess(mechanism: Mechanism, where: str) -> None:
+    for key in mechanism.guess:
+        if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
+            raise MechanismFileError(
+                f"{where}: guess: {key} is no joint, coordinate or driver; it belongs {TOP}")
+    check_guess(mechanism, where)
+
+
+def _refinement(table: Table) -> JointRefinement:
+    resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
+    if np.any(resistances.get("slip_speed", 1.0) == 0.0):
+        table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
+    limits = {key: table.bounds(key) for key in LIMITS if key in table}
+    needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
+    if not needs_type:
+        table.close()
+        return JointRefinement(resistances=resistances, limits=limits, where=table.where)
+    kind = table.choice("type", JOINT_TYPES)
+    pair = PAIRS[kind]
+    refinement = JointRefinement(
+        kind,
+        axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
+        axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
+        lead=table.number("lead") if pair.uses_lead else 0.0,
+        resistances=resistances, limits=limits, where=table.where,
+    )
+    table.close()
+    return refinement
+
+
+def _closure(table: Table) -> Closure:
+    name = table.text("name")
+    table.where += f" ({name!r})"
+    kind, source = table.choice("type", CLOSURE_TYPES), table.text("source", "")
+    if kind == COUPLING:
+        closure = Closure(name, kind, source=source, joints=table.two_names("joints"),
+                          ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))
+        if closure.ratio == 0.0:
+            table.fail("ratio", "is zero; lock the joint instead")
+    else:
+        is_distance = PAIRS[kind].uses_length
+        closure = Closure(name, kind, source=source, frames=table.two_names("frames"),
+                          between=_between(table) if is_distance else (),
+                          geometry=_geometry(table, PAIRS[kind]))
+        if "equations" in table:
+            closure = replace(closure, equations=table.places("equations", closure.n_rows))
+    table.close()
+    return closure
+
+
+def _between(table: Table) -> tuple[str, ...]:
+    """The two frames whose distance is the length of a distance, if it has no other."""
+    if BETWEEN not in table:
+        return ()
+    if "length" in table:
+        table.fail("length", f"or {BETWEEN}: a distance has one of the two")
+    return table.two_names(BETWEEN)
+
+
+def _geometry(table: Table, pair: Pair) -> PairGeometry:
+    axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
+    axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
+    length = 0.0
+    if pair.uses_length and BETWEEN not in table:
+        length = table.number("length")
+        if length <= 0.0:
+            table.fail("length",
+                       f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
+    lead = table.number("lead") if pair.uses_lead else 0.0
+    return closure_geometry(pair, axis, axis2, length=length, lead=lead)
+
+
+def _spring(table: Table) -> Spring:
+    name = table.text("name")
+    if ("joint" in table) == ("frames" in table):
+        table.fail("frames", "or joint: a spring needs exactly one of the two")
+    about_joint = "joint" in table
+    if about_joint and "free_length" in table and "free_angle" in table:
+        table.fail("free_length", "or free_angle: a spring has one of the two")
+    spring = Spring(
+        name,
+        frames=() if about_joint else table.two_names("frames"),
+        joint=table.text("joint") if about_joint else None,
+        stiffness=table.number("stiffness", 0.0, least=0.0),
+        damping=table.number("damping", 0.0, least=0.0),
+        free_length=table.number("free_length", 0.0, least=-math.inf if about_joint else 0.0),
+        free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
+    )
+    table.close()
+    return spring
+
+
+def _passive(name: str, table: Table) -> Passive:
+    passive = Passive(name, table.text("body"), table.two_names("axis"))
+    table.close()
+    return passive
+
+
+def _frame(name: str, table: Table) -> Frame:
+    link = table.text("link")
+    given = {key: tuple(table.vector(key).tolist()) for key in ("xyz", "rpy") if key in table}
+    table.close()
+    return Frame(name, link, **given)
