@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -80,7 +79,7 @@ def replacing(path: Path) -> Iterator[Path]:
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     suffix = path.suffix if len(path.suffix) <= LONGEST_SUFFIX else ""
-    beside = path.with_name(f".{secrets.token_hex(8)}{suffix}")
+    beside = path.with_name(f".{os.urandom(8).hex()}{suffix}")
     try:
         with _naming(path, beside):
             os.close(os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))

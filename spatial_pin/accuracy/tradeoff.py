@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from spatial_pin.accuracy.grid import describe, simulation_settings, sweep_settings
 from spatial_pin.accuracy.reference import (
@@ -29,6 +28,7 @@ from spatial_pin.methods import method
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import named_path, write_text
+from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
 
 if TYPE_CHECKING:
@@ -230,8 +230,7 @@ def tradeoff(
     tried = [accuracy_of(x) for x in settings] if settings is not None else _grid(reference)
     if not tried:
         raise ValueError("no settings to try")
-    with tqdm(total=len(tried) * repeats, desc=f"{mechanism.name}: runs", delay=1.0, leave=False,
-              disable=None if progress else True) as bar:
+    with progress_bar(len(tried) * repeats, f"{mechanism.name}: runs", progress) as bar:
         rows = [_judged(doing, reference, accuracy, bar)
                 if time.perf_counter() < begun + 2.0 * budget
                 else Measured(accuracy, (), 0, said="not tried, the time was out")
@@ -265,7 +264,7 @@ def _grid(reference: SweepReference | SimulationReference) -> list[Accuracy]:
 
 
 def _judged(
-    task: Task, reference: SweepReference | SimulationReference, accuracy: Accuracy, bar: tqdm[Any]
+    task: Task, reference: SweepReference | SimulationReference, accuracy: Accuracy, bar: Any
 ) -> Measured:
     """Run a setting once, time it and compare it."""
     start = time.perf_counter()
@@ -285,7 +284,7 @@ def _judged(
     return row
 
 
-def _repeat(task: Task, rows: list[Measured], rounds: int, end: float, bar: tqdm[Any]) -> None:
+def _repeat(task: Task, rows: list[Measured], rounds: int, end: float, bar: Any) -> None:
     """Time the settings that work again, round by round in changing order."""
     good = [k for k, row in enumerate(rows) if row.errors is not None]
     rng = np.random.default_rng(0)

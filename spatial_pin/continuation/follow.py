@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.state import State
@@ -93,9 +92,7 @@ class Start:
         return path if path.start(q, angles) else None
 
 
-def followed_in_order(
-    start: Start, values: Array, bar: tqdm[Any] | None
-) -> Samples | None:
+def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
     """Return the samples, followed in the order of their values from the first on, both ways.
 
     None where the order asked for is no detour, or anything lies in the way: what it is, and which
@@ -111,11 +108,9 @@ def followed_in_order(
             for _ in follow(start, values[rows], own, None):
                 pass
         except (Stopped, SpatialPinError):
-            if bar is not None:
-                bar.reset()
+            bar.reset()
             return None
-        if bar is not None:
-            bar.update(len(rows))
+        bar.update(len(rows))
         for whole, part in zip(samples, own, strict=True):
             whole[rows] = part
     return samples

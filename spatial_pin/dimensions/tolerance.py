@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
@@ -27,6 +26,7 @@ from spatial_pin.formats.files import load
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.progress import progress_bar
 
 CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
 LARGEST = 1e100  # deviation, whose square is a number [m, rad]
@@ -181,8 +181,7 @@ def _solved(
     names, drive = list(nominal), Drive.of(mechanism, state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
-    bar = tqdm(total=len(drawn), desc=f"{mechanism.name}: samples", delay=1.0, leave=False,
-               disable=None if progress else True)
+    bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
     together = _Together.of(mechanism, state, drive, names, list(spread), drawn)
     if together:
         for begin in range(0, len(drawn), CHUNK):
@@ -192,7 +191,7 @@ def _solved(
                 values[name][some] = x
             bar.update(int(np.count_nonzero(is_closed[some])))
     rest = np.flatnonzero(~is_closed)
-    start, mark = (np.array(state.q), np.array(state.angles)), uuid4().hex
+    start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
     jobs = [_Job(str(mechanism.path), mechanism.loading,
                  dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]

@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from spatial_pin.assembly.assemble import (
     _read_guess,
@@ -40,6 +39,7 @@ from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, missing_by
 from spatial_pin.mobility.mode_marks import Mark, rows_of
 from spatial_pin.mobility.rods import Core, Rod, core_of, rods_of
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
+from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
 
 TIMES = 20  # starts that the rarest mode must have had before no more are sought
@@ -118,8 +118,7 @@ def assembly_modes(
     check = Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap)
     search = _Search(check, core_of(mechanism, held, rods), copies or limits)
     search.look_at_guess()
-    bar = tqdm(total=most_starts, desc=f"{mechanism.name}: modes", delay=1.0, leave=False,
-               disable=None if progress else True)
+    bar = progress_bar(most_starts, f"{mechanism.name}: modes", progress)
     while not search.done(patience, most_starts):
         search.attempt(rng, most_starts)
         bar.n = search.starts

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold, divided
@@ -29,6 +27,7 @@ from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.progress import progress_bar
 from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -120,18 +119,16 @@ def sweep(
     driven = prescribed_at(state, [driver, *given], held)
     still = divided(mechanism, driven, held)[1]
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
-    bar = (tqdm(total=n, desc=f"{mechanism.name}: {driver}", delay=1.0, leave=False, disable=None)
-           if progress else nullcontext())
-    with bar as shown, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
+    bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
+    with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
         start = Start(state, driven, still, accuracy, kernel, evaluation)
-        samples = followed_in_order(start, values, shown) if accuracy.corrections is None else None
+        samples = followed_in_order(start, values, bar) if accuracy.corrections is None else None
         if samples is None:
             samples = start.samples(n)
             passed = crossed if on_crossing == "straight" else None
             try:
                 for done in follow(start, values, samples, passed):
-                    if shown is not None:
-                        shown.update(done - shown.n)
+                    bar.update(done - bar.n)
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], accels[:n])

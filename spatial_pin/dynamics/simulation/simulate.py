@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import as_array, checked, positive_number
@@ -33,6 +32,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
@@ -123,8 +123,7 @@ def simulate(
         return run.motion() if fall is None else fall.motion(
             run.motion(), run.start, problem.constant)
 
-    bar = tqdm(total=float(times[-1]), desc=f"{mechanism.name}: seconds", delay=1.0, leave=False,
-               disable=None if progress else True)
+    bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)
     try:
         for t in run.follow(state):
             bar.update(t - bar.n)

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from spatial_pin.checks import checked, picture_size, positive_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.outputs import named_path, replacing
+from spatial_pin.progress import progress_bar
 from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import film
@@ -179,8 +179,7 @@ def movie(
         raise ValueError(f"fps is {fps:.3g}; the movie lasts {duration:.3g} s, and has 1 to "
                          f"{MOST_FRAMES} frames")
     seconds = (np.arange(round(duration * fps)) / fps).tolist()
-    bar = tqdm(total=len(seconds), desc=path.name, delay=1.0, leave=False,
-               disable=None if progress else True)
+    bar = progress_bar(len(seconds), path.name, progress)
     with tempfile.TemporaryDirectory() as folder, bar, Browser(size) as browser:
         page = export_html(motion, Path(folder) / "page.html", title=title, look=look)
         open_page(browser, page)
