@@ -19,11 +19,12 @@ import threading
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from importlib.machinery import ModuleSpec
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, NoReturn
-from xml.dom import minidom
+from xml.dom import Node, minidom
 from xml.parsers.expat import ExpatError, errors
 
 import numpy as np
@@ -475,9 +476,11 @@ class Expansion:
         text = read_text(path)
         self.budget.spend(len(text) // SHARE)
         try:
-            return minidom.parseString(text)
+            document = minidom.parseString(text)
         except (ExpatError, ValueError) as error:
             raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
+        _leave_out_space(document, "xacro:eval-comments" not in text)
+        return document
 
     def load_yaml(self, name: str) -> Any:
         """Return what a YAML file says."""
@@ -541,23 +544,68 @@ def _environment(name: str) -> str:
     return os.environ[name]
 
 
+def _leave_out_space(document: minidom.Document, comments: bool) -> None:
+    """Take out what xacro would copy with every macro and leave out in the end: half of a file.
+
+    That is space between elements, and comments where none is an instruction to xacro.
+    """
+    dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if comments else (Node.TEXT_NODE,)
+    stack: list[Any] = [document.documentElement]
+    while stack:
+        element = stack.pop()
+        children = element.childNodes
+        if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
+            continue
+        children[:] = [child for child in children if child.nodeType not in dropped or (
+            child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
+        for before, after in pairwise([None, *children, None]):
+            if before is not None:
+                before.nextSibling = after
+            if after is not None:
+                after.previousSibling = before
+        stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
+
+
 # ---------------------------------------------------------------- the module
+
+
+@lru_cache(maxsize=1)
+def _xacro_code() -> tuple[ModuleSpec, CodeType]:
+    """Return what a copy of the module xacro is made of.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    spec = importlib.util.find_spec("xacro")
+    loader: Any = spec.loader if spec is not None else None
+    if spec is None or loader is None:
+        raise ImportError
+    return spec, loader.get_code("xacro")
+
+
+@lru_cache(maxsize=4096)
+def _is_valid_name(name: str) -> bool:
+    """Whether xacro takes a text for the name of a property, which it parses to find out."""
+    return bool(importlib.import_module("xacro").is_valid_name(name))
 
 
 def _own_xacro(expansion: Expansion) -> ModuleType:
     """Return a new copy of the module xacro, whose dangerous parts are those of `expansion`."""
     with _IMPORTING:
         importlib.import_module("xml.dom.expatbuilder")  # minidom would, outside of the lock
-        spec = importlib.util.find_spec("xacro")
-        if spec is None or spec.loader is None:
-            raise MechanismFileError(f"{expansion.path}: the package xacro is not installed")
+        try:
+            spec, code = _xacro_code()
+        except ImportError:
+            raise MechanismFileError(
+                f"{expansion.path}: the package xacro is not installed") from None
         module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
+        exec(code, module.__dict__)
     parts = {
         "eval_text": expansion.eval_text, "parse": expansion.parse,
         "get_include_files": expansion.include_files, "replace_node": expansion.replace_node,
         "resolve_macro": expansion.macro, "load_yaml": expansion.load_yaml,
-        "re_macro_arg": _PARAMETER, "eval_extension": None, "safe_eval": None,
+        "re_macro_arg": _PARAMETER, "is_valid_name": _is_valid_name,
+        "eval_extension": None, "safe_eval": None,
         "_global_symbols": {**GLOBALS, **_functions(expansion, module)},
     }
     missing = [name for name in parts if not hasattr(module, name)]
