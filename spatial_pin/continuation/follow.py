@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.holding import Hold, divided
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
@@ -22,36 +23,52 @@ from spatial_pin.continuation.evaluation_order import there_and_back
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples
-from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
 
 REST = 8  # samples step by step behind a branch point: the kernel stops beside it anyway
 FAR = 1.0  # stretches from the last sample that are not gone again
+LARGE = 1_000_000  # multiplications, a millisecond: independent equations are chosen in the kernel
 CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
 
 
 class Start:
     """The beginning of a branch.
 
-    Args:
-        state: closed.
+    Attributes:
         driven: the prescribed coordinates, the driver first.
         still: places in the velocity vector that stand still.
+
+    Args:
+        state: closed.
+        names: what is prescribed, the driver first.
+        hold: what stands still, see `sweep`.
         accuracy: of the motion.
         kernel: of the state's mechanism.
         evaluation: its closure equations.
     """
 
     def __init__(
-        self, state: State, driven: Sequence[Coordinate], still: Sequence[int],
-        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation,
+        self, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, kernel: Kernel,
+        evaluation: Evaluation,
     ) -> None:
-        self.state, self.driven, self.still = state, driven, still
-        self.accuracy, self.kernel, self.evaluation = accuracy, kernel, evaluation
-        # a component of a ball or floating joint is no entry of q, and a fixed number of
-        # corrections is that of Taylor's predictor
-        self.is_compiled = all(c.q >= 0 for c in driven) and accuracy.corrections is None
+        self.state, self.accuracy = state, accuracy
+        self.kernel, self.evaluation = kernel, evaluation
+        self.driven, self.still = prescribed_first(state.mechanism, names, hold)
+        self._path_here = self._regular_path()
+        if self._path_here is None:
+            self.driven = prescribed_at(state, names, hold)
+            self.still = divided(state.mechanism, self.driven, hold)[1]
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the kernel can follow the branch.
+
+        A component of a ball or floating joint is no entry of q, and a fixed number of corrections
+        is that of Taylor's predictor.
+        """
+        return all(c.q >= 0 for c in self.driven) and self.accuracy.corrections is None
 
     def branch(self) -> Branch:
         """Return the branch that is followed step by step."""
@@ -63,20 +80,31 @@ class Start:
 
     def path(self) -> Path | None:
         """Return the path that the kernel follows from here; None where it cannot, or may not."""
-        kernel, state = self.kernel, self.state
-        prescribed = len(self.driven) + len(self.still)
+        found = self._path_here or self._regular_path() or self._path_of_system()
+        self._path_here = None
+        return found
+
+    def _regular_path(self) -> Path | None:
+        """Return the path where as many equations are independent as there are unknowns."""
+        k, prescribed = self.kernel, len(self.driven) + len(self.still)
+        wanted = k.nv - k.n_passive - prescribed
+        if not self.is_compiled or not 0 <= wanted <= k.n_rows or (
+                wanted < k.n_rows and wanted * k.n_rows * k.nv > LARGE):
+            return None
+        return self._path(np.arange(wanted), np.empty((0, k.nv)), self.state.q,
+                          self.state.angles, True)
+
+    def _path_of_system(self) -> Path | None:
+        """Return the path where passive freedoms are left, or the mechanism is large."""
         if not self.is_compiled:
             return None
-        if kernel.n_rows + kernel.n_passive + prescribed == kernel.nv:
-            return self._path(np.arange(kernel.n_rows), np.empty((0, kernel.nv)), state.q,
-                              state.angles)
-        self.evaluation.turns[:] = state.angles
+        self.evaluation.turns[:] = self.state.angles
         try:
-            system = SquareSystem(self.evaluation, self.driven, state.q, self.still)
-            system.check_regular(state.q)
+            system = SquareSystem(self.evaluation, self.driven, self.state.q, self.still)
+            system.check_regular(self.state.q)
         except SingularError:
             return None
-        return self._path(system.rows, system.passive, state.q, state.angles)
+        return self._path(system.rows, system.passive, self.state.q, self.state.angles)
 
     def path_on(self, branch: Branch) -> Path | None:
         """Return the path that the kernel follows from where a branch stands."""
@@ -85,11 +113,12 @@ class Start:
         return self._path(branch.system.rows, branch.system.passive, branch.q, branch.angles)
 
     def _path(
-        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array
+        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array,
+        choose: bool = False,
     ) -> Path | None:
         driven = [*(c.v for c in self.driven), *self.still]
         path = Path(self.kernel, chosen, driven, fill, self.accuracy)
-        return path if path.start(q, angles) else None
+        return path if path.start(q, angles, choose) else None
 
 
 def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:

@@ -20,10 +20,14 @@
 #define NEARER 0.75      /* part of the way to where the determinant vanishes that a step may go */
 #define LOOK 1e-3        /* part of a first step over which the determinant's fall is judged */
 #define NEAR_SINGULAR 1e-5 /* smallest over largest pivot: beyond, arc length has the better view */
-#define WORN 2.3         /* binary orders (a factor of 5) by which the determinant falls before
-                            redundant equations are chosen anew */
+#define WORN 2.3         /* binary orders (a factor of 5) by which the determinant falls, */
+#define WORN_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
                             before others are chosen: worn choices show there first */
+#define INDEPENDENT 1e-10 /* part of an equation left out above which it is independent */
+#define TRIAL 1e-2       /* way that tells whether a configuration is regular: long beside the root
+                            of round-off, short beside the way to other branches */
+#define SHUT 1e-11       /* closure error there, where all loops are closed */
 #define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
                             round-off grows by 20 r^5 */
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
@@ -44,7 +48,7 @@ struct Path {
     Int *chosen;    /* equations in use at `here` */
     Int driver_q;   /* the driver's place in q */
     Real sign;      /* of the determinant with these equations */
-    Real selected;  /* its size where they were chosen */
+    Real selected, selected_ratio; /* its size, and the ratio of pivots, where they were chosen */
     Real zero;      /* driver value where it would vanish as it last fell; infinite if it rose */
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
@@ -355,11 +359,12 @@ static int arrive(Path *path, Real way)
     if (k->pivot_ratio < NEAR_SINGULAR || (!is_new && k->sign != path->sign))
         return UNSAFE;
     const Real size = log2(k->mantissa) + (Real)k->exponent;
-    if (!is_new && has_redundant(k) && size < path->selected - WORN) {
+    if (!is_new && has_redundant(k) && size < path->selected - WORN &&
+        k->pivot_ratio < WORN_PIVOT * path->selected_ratio) {
         code = choose_again(path);
         is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
         if (!is_new)
-            path->selected = size;
+            path->selected = size, path->selected_ratio = k->pivot_ratio;
     }
     if (code == DONE)
         code = point_rates(k, next);
@@ -373,6 +378,7 @@ static int arrive(Path *path, Real way)
         keep_choice(path);
         path->sign = k->sign;
         path->selected = next->size;
+        path->selected_ratio = k->pivot_ratio;
         path->zero = INFINITY;
         path->zero_known = 0;
     } else
@@ -473,7 +479,41 @@ static int find_driver(Path *path)
     return BAD_ARRAYS;
 }
 
-EXPORT int path_start(Path *path, const Real *q, const Real *angles)
+/* Choose independent equations, as many as the system wants, at an evaluated point: SINGULAR where
+ * there are fewer, UNSAFE where there are more. */
+static int choose_first(Kernel *k)
+{
+    equations_jacobian(k);
+    const int code = system_reselect(k);
+    return code == DONE && k->left_out > INDEPENDENT ? UNSAFE : code;
+}
+
+/* Whether the equations left out hold a step from here too, in all freedoms: where branches cross,
+ * or a freedom is instantaneous only, they open by its square [ConnellyWhiteley1996]. */
+static int stays_closed(Path *path)
+{
+    Kernel *k = path->k;
+    Real *x = k->right, square = 0.0;
+    Point *next = path->next;
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_driven; i++)
+        x[k->n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* a direction of none of them alone */
+    system_solve(k, x);
+    for (Int v = 0; v < k->nv; v++)
+        square += x[v] * x[v];
+    for (Int v = 0; v < k->nv; v++)
+        x[v] *= TRIAL / sqrt(square) * k->scale[v];
+    memcpy(next->q, path->here->q, (size_t)k->nq * sizeof *next->q);
+    tree_integrate(k, next->q, x);
+    Correction c = {.enough = 0.0, .tolerance = SHUT, .left = SHUT, .allowed = TRIAL, .fixed = -1};
+    const int code = correct(k, next->q, &c);
+    path->stale = 1;
+    if (code != DONE)
+        return code;
+    return equations_error(k) > fmax(SHUT, 2.0 * path->here->error) ? UNSAFE : DONE;
+}
+
+EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
 {
     Kernel *k = path->k;
     Point *here = path->here;
@@ -486,7 +526,11 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles)
     equations_values(k, here->q);
     if (!isfinite(equations_error(k)))
         return NOT_FINITE;
-    code = factor_here(k);
+    const int is_chosen = choose && has_redundant(k);
+    if (is_chosen)
+        code = choose_first(k);
+    if (code == DONE)
+        code = factor_here(k);
     if (code == DONE && k->pivot_ratio < NEAR_SINGULAR)
         code = UNSAFE;
     if (code == DONE)
@@ -494,11 +538,12 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles)
     keep_choice(path);
     path->sign = k->sign;
     path->selected = here->size;
+    path->selected_ratio = k->pivot_ratio;
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = IDLE_FIRST;
     path->open = OPENED * here->error;
-    return code;
+    return code == DONE && is_chosen ? stays_closed(path) : code;
 }
 
 static void put_row(const Path *path, const PathRows *rows, Int i)

@@ -19,9 +19,10 @@ typedef struct Path Path;
 EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out);
 EXPORT void path_destroy(Path *path);
 
-/* Stand at a closed configuration q (nq), whose screw angles are near `angles`.
+/* Stand at a closed configuration q (nq), whose screw angles are near `angles`. The equations are
+ * those of the system, or with `choose` as many independent ones, if the loops are regular there.
  * DONE, or SINGULAR, NOT_FINITE, NO_MEMORY; UNSAFE: so near to a singular one that it is in doubt. */
-EXPORT int path_start(Path *path, const Real *q, const Real *angles);
+EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose);
 
 /* Where the values (n) of a path go: a row of each array belongs to one value. */
 typedef struct {

@@ -114,6 +114,8 @@ typedef struct Kernel {
     Real *system_value;
     Real sign;            /* of the determinant of the last factorisation */
     Real pivot_ratio;     /* smallest over largest pivot of it */
+    Real left_out;        /* largest part of an equation left out, by the longest one chosen, that
+                             was independent of the chosen ones when these were chosen */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
     Int exponent;
     Real *right, *scratch_q, *scratch_v;
@@ -156,7 +158,8 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
                       const Real *fill, Int n_fill);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
 void system_solve(const Kernel *k, Real *x); /* right sides of chosen, idle, driven, fill -> v / scale */
-int system_reselect(Kernel *k);          /* other independent equations, as many; SINGULAR if none */
+int system_reselect(Kernel *k);          /* other independent equations, as many; SINGULAR if none;
+                                            `left_out` tells how independent the others are */
 /* dq/ds and d2q/ds2 (joint rates) for the first driven freedom s, at a factored point */
 void system_path_rates(Kernel *k, Real *first, Real *second);
 

@@ -70,7 +70,7 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_create.argtypes = [POINTER] * 3
     found.path_destroy.restype = None
     found.path_destroy.argtypes = [POINTER]
-    found.path_start.argtypes = [POINTER] * 3
+    found.path_start.argtypes = [POINTER, POINTER, POINTER, INT]
     found.path_follow.restype = INT
     found.path_follow.argtypes = [POINTER, POINTER, INT, POINTER, POINTER]
     found.path_stand.restype = REAL

@@ -92,10 +92,16 @@ class Path:
         self._handle = handle
         weakref.finalize(self, self._library.path_destroy, handle)
 
-    def start(self, q: Array, angles: Array) -> bool:
-        """Stand at a closed configuration; False if it is singular, or may be."""
+    def start(self, q: Array, angles: Array, choose: bool = False) -> bool:
+        """Stand at a closed configuration; False if it is singular, or may be.
+
+        Args:
+            q: (nq,) the configuration.
+            angles: (n_angles,) of screw closures.
+            choose: which equations are independent, as many as were given.
+        """
         q, angles = numbers(q, (self.kernel.nq,)), numbers(angles, (self.kernel.n_angles,))
-        return not self._library.path_start(self._handle, address(q), address(angles))
+        return not self._library.path_start(self._handle, address(q), address(angles), choose)
 
     def follow(self, values: Array, samples: Samples) -> int:
         """Write samples at driver values (m,); return how many were reached."""

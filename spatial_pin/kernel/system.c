@@ -124,30 +124,39 @@ void system_solve(const Kernel *k, Real *x)
     lu_solve(k->lu, x, x);
 }
 
+/* The longest row that is left, -1 if all are round-off; `most` becomes the square of its length. */
+static Int longest_row(const Real *rows, const Int *left, Int n, Int nv, Real *most)
+{
+    Int best = -1;
+    *most = 1e-26; /* square of a length that is round-off of rows of length one */
+    for (Int i = 0; i < n; i++) {
+        Real square = 0.0;
+        for (Int v = 0; left[i] && v < nv; v++)
+            square += rows[i * nv + v] * rows[i * nv + v];
+        if (square > *most) {
+            *most = square;
+            best = i;
+        }
+    }
+    return best;
+}
+
 /* Gram-Schmidt on the rows of the closure equations, the longest one left first: `chosen` becomes
  * as many independent equations as before. */
 static int choose_rows(Kernel *k, Real *rows, Int *left)
 {
     const Int n = k->n_closure, nv = k->nv;
+    Real most, first = 0.0;
     for (Int i = 0; i < n; i++) {
         left[i] = 1;
         for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
             rows[i * nv + k->entry_v[e]] = k->entry[e];
     }
     for (Int picked = 0; picked < k->n_chosen; picked++) {
-        Int best = -1;
-        Real most = 1e-26; /* square of a length that is round-off of rows of length one */
-        for (Int i = 0; i < n; i++) {
-            Real square = 0.0;
-            for (Int v = 0; left[i] && v < nv; v++)
-                square += rows[i * nv + v] * rows[i * nv + v];
-            if (square > most) {
-                most = square;
-                best = i;
-            }
-        }
+        const Int best = longest_row(rows, left, n, nv, &most);
         if (best < 0)
             return SINGULAR;
+        first = fmax(first, most);
         left[best] = 0;
         const Real *along = rows + best * nv;
         for (Int i = 0; i < n; i++)
@@ -159,6 +168,7 @@ static int choose_rows(Kernel *k, Real *rows, Int *left)
                     rows[i * nv + v] -= part / most * along[v];
             }
     }
+    k->left_out = longest_row(rows, left, n, nv, &most) < 0 ? 0.0 : sqrt(most / first);
     return DONE;
 }
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.holding import BASE, Hold, divided
+from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -28,7 +28,7 @@ from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.progress import progress_bar
-from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held, prescribed_at
+from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
@@ -116,12 +116,10 @@ def sweep(
     tight = accuracy if accuracy.tolerance <= TIGHT else replace(accuracy, tolerance=TIGHT)
     state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess, accuracy=tight)
     mechanism = state.mechanism
-    driven = prescribed_at(state, [driver, *given], held)
-    still = divided(mechanism, driven, held)[1]
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
     with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
-        start = Start(state, driven, still, accuracy, kernel, evaluation)
+        start = Start(state, [driver, *given], held, accuracy, kernel, evaluation)
         samples = followed_in_order(start, values, bar) if accuracy.corrections is None else None
         if samples is None:
             samples = start.samples(n)
@@ -136,7 +134,7 @@ def sweep(
     if speed is None:
         motion.time, motion.per = None, coordinate.unit
     check_gaps(motion, accuracy.gap)
-    motion.events += _released(state, driven, still, float(values[0]))
+    motion.events += _released(state, start.driven, start.still, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, samples.t[:n]), *_drift(motion),
                       *joint_limit_events(motion), *velocity_limit_events(motion)]

@@ -51,17 +51,27 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     driven by some components the others are prescribed too. What is held comes last; what of it
     is an entry of the velocity is told by `holding.divided`.
     """
-    mechanism, names = state.mechanism, list(names)
-    wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
-    wanted += [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
-    usual = driven_coordinates(mechanism, [c.name for c in wanted])
-    usual = [*wanted, *(c for c in usual if c not in wanted)]
-    usual, still = divided(mechanism, usual, hold)
+    names = list(names)
+    usual, still = prescribed_first(state.mechanism, names, hold)
     try:
         with _system(state, usual, still):
             return usual
     except SingularError:
-        return _with_standing(state, wanted, hold) or usual
+        return _with_standing(state, _wanted(state.mechanism, names), hold) or usual
+
+
+def prescribed_first(
+    mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
+) -> tuple[list[Coordinate], tuple[int, ...]]:
+    """Return what `prescribed_at` returns where that is regular, and what stands still too."""
+    wanted = _wanted(mechanism, names)
+    usual = driven_coordinates(mechanism, [c.name for c in wanted])
+    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+
+
+def _wanted(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+    wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
+    return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
 
 def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
