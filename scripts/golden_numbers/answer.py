@@ -106,8 +106,10 @@ def motion(
     }
     for name, values in (("driver", found.driver), ("time", found.time)):
         if values is not None:
-            answer[name] = numbers(values, np.abs(values).max(initial=1e-300))
-    return answer | events(found.events, known if found.driver is None else None)
+            answer[name] = numbers(values, np.abs(values).max(initial=1e-300),
+                                   known[:, 0] if along else 0.0, by)
+    asked = found.driver is not None and not along  # at values that were asked for
+    return answer | events(found.events, None if asked else known)
 
 
 def _ahead(found: sp.Motion, pace: Array) -> Array:
@@ -126,12 +128,14 @@ def events(found: Sequence[sp.Event], known: Any = None) -> Answer:
         found: the events.
         known: (N, 1) stated error of each sample, where events are known no better.
     """
-    errors = [crossing(e.kind) if known is None else float(known[min(e.row, len(known) - 1), 0])
-              for e in found]
+    errors = [crossing(e.kind) for e in found]
+    if known is not None and len(known):
+        errors = [max(error, float(known[min(e.row, len(known) - 1), 0]))
+                  for error, e in zip(errors, found, strict=True)]
     return {"events": "\n".join(f"{e.kind}, sample {e.row}: {without_numbers(e.text)}"
                                 for e in found),
             "event values": numbers([e.value for e in found], 1.0, errors,
-                                    "branches that cross" if known is None else "its samples")}
+                                    "branches that cross, and its samples")}
 
 
 def without_numbers(text: str) -> str:
