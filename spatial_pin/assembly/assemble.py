@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import close, closed
+from spatial_pin.assembly.close import close, closed, closed_by
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.rounding import allowed_from, cut_of, may_be_rounded, rounded
@@ -20,7 +20,7 @@ from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.checks import checked, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import AssemblyError, warn
-from spatial_pin.kernel.closer import Closed
+from spatial_pin.kernel.closer import Closed, Closer, closer_of
 from spatial_pin.mechanism.coordinates import (
     blur,
     coordinate_value,
@@ -311,6 +311,7 @@ class _Search:
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self.found_at = -1
+        self.closer: Closer | None = None
 
     def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
@@ -326,8 +327,12 @@ class _Search:
             q: the guess.
             release: whether to give up where the drivers that stand cannot.
         """
+        with closer_of(self.mechanism, self.pinned) as self.closer:
+            self._try_starts(_starts(self.mechanism, q, self.held, self.named, self.still), release)
+        self.closer = None
+
+    def _try_starts(self, starts: Iterable[Array], release: bool) -> None:
         most = MAX_STARTS
-        starts = _starts(self.mechanism, q, self.held, self.named, self.still)
         for k, start in enumerate(starts):
             if _size(self.mechanism, start) * ROUND_OFF < 1.0:  # else no digit is left of it
                 self.attempt(start)
@@ -401,7 +406,10 @@ class _Search:
         if self.whole is not None:
             q = closed(self.whole.mechanism, q, free, self.whole.turns, tolerance, pinned=pinned,
                        cut=self.cut).q
-        return closed(self.mechanism, q, free, self.evaluation.turns, tolerance, pinned=pinned)
+        turns = self.evaluation.turns
+        if self.closer is not None and pinned is self.pinned:
+            return closed_by(self.closer, q, free, turns, tolerance, pinned=pinned)
+        return closed(self.mechanism, q, free, turns, tolerance, pinned=pinned)
 
     def may_be_rounded(self) -> bool:
         """Whether loops closed nearly, or some equations nearly follow from others."""

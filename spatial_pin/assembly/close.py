@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.closer import Closed, closer_of
+from spatial_pin.kernel.closer import Closed, Closer, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_row
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -61,7 +61,21 @@ def closed(
 ) -> Closed:
     """Do as `close` without an evaluation; `turns` are those that it would have."""
     with closer_of(mechanism, pinned) as closer:
-        found = closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut)
+        return closed_by(closer, q, free, turns, tolerance, iterations, pinned, cut)
+
+
+def closed_by(
+    closer: Closer,
+    q: Array,
+    free: NDArray[np.bool_],
+    turns: Array,
+    tolerance: float,
+    iterations: int = 60,
+    pinned: Mapping[str, float] = NOTHING,
+    cut: float = RANK_TOLERANCE,
+) -> Closed:
+    """Do as `closed` by what the caller has been lent, for the same names pinned."""
+    found = closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut)
     if not math.isfinite(found.error):
         raise SingularError(NOT_FINITE)
     return found
