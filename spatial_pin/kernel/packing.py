@@ -42,7 +42,14 @@ class Packed(NamedTuple):
 
 
 def packed(mechanism: Mechanism) -> Packed:
-    """Return the arrays of a mechanism."""
+    """Return the arrays of a mechanism, made once."""
+    if "packed" not in mechanism.memo:
+        mechanism.memo["packed"] = _packed(mechanism)
+    found: Packed = mechanism.memo["packed"]
+    return found
+
+
+def _packed(mechanism: Mechanism) -> Packed:
     constraints = constraints_of(mechanism)
     model, carriers = split_of(mechanism)
     tree = _Tree(model)

@@ -18,7 +18,7 @@ import math
 import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,15 +52,7 @@ DECISIONS: dict[Callable[..., Any], Callable[..., Any]] = {  # functions whose v
 FREE = (list, tuple, dict, min, max, sorted, any, all, bool, zip, enumerate, reversed, divmod)
 
 
-class _Operation(NamedTuple):
-    """What gives one number, or decides: a function, and numbers or places on the tape."""
-
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
-
-
-class _Place(int):
-    """A place on the tape."""
+Operation = tuple[Callable[..., Any], tuple[Any, ...]]  # a function of numbers, some traced
 
 
 class Tape:
@@ -74,9 +66,9 @@ class Tape:
     def __init__(self, arguments: Mapping[str, float]) -> None:
         self.is_whole = all(math.isfinite(x) for x in arguments.values())
         self.names = list(arguments)
-        self._operations: list[_Operation | None] = [None] * len(arguments)
+        self._operations: list[Operation | None] = [None] * len(arguments)
         self._values = list(arguments.values())
-        self._decisions: list[tuple[_Operation, Any]] = []
+        self._decisions: list[tuple[Operation, Any]] = []
 
     def give_up(self) -> None:
         """Note that something cannot be followed."""
@@ -87,13 +79,12 @@ class Tape:
     def number(self, place: int) -> Traced:
         """Return the number at a place."""
         found = Traced(self._values[place])
-        found.tape, found.place = self, _Place(place)
+        found.tape, found.place = self, place
         return found
 
     def write(self, value: float, function: Callable[..., Any], *arguments: Any) -> Traced:
         """Return a number that a function has given, of arguments some of which are traced."""
-        operation = _Operation(function, tuple(map(_placed, arguments)))
-        self._operations.append(operation)
+        self._operations.append((function, arguments))
         self._values.append(value)
         if not math.isfinite(value) or len(self._values) > _MOST:
             self.give_up()
@@ -101,7 +92,7 @@ class Tape:
 
     def decide(self, value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
         """Return what a function has given that must be the same for other arguments."""
-        self._decisions.append((_Operation(function, tuple(map(_placed, arguments))), value))
+        self._decisions.append(((function, arguments), value))
         return value
 
     def call(self, function: Callable[..., Any], given: Any, named: Mapping[str, Any]) -> Any:
@@ -198,18 +189,14 @@ class Tape:
         return sorted(seen)
 
 
-def _placed(argument: Any) -> Any:
-    return argument.place if isinstance(argument, Traced) else argument
+def _places(operation: Operation) -> list[int]:
+    return [x.place for x in operation[1] if isinstance(x, Traced)]
 
 
-def _places(operation: _Operation) -> list[_Place]:
-    return [x for x in operation.arguments if isinstance(x, _Place)]
-
-
-def _worked_out(operation: _Operation | None, values: list[Any]) -> Any:
+def _worked_out(operation: Operation | None, values: list[Any]) -> Any:
     assert operation is not None
-    return operation.function(
-        *(values[x] if isinstance(x, _Place) else x for x in operation.arguments))
+    function, arguments = operation
+    return function(*(values[x.place] if isinstance(x, Traced) else x for x in arguments))
 
 
 def depends(value: Any) -> bool:
@@ -226,35 +213,31 @@ def depends(value: Any) -> bool:
     return False
 
 
-def _writing(function: Callable[..., Any], turned: bool = False) -> Callable[..., Any]:
+def _writing(name: str, function: Callable[..., Any], turned: bool = False) -> Any:
     """Return the method of an operator that gives a number."""
+    own = getattr(float, name)
 
     def method(self: Traced, *others: Any) -> Any:
-        pair = (*others, self) if turned else (self, *others)
-        if not all(isinstance(x, float | int) for x in others):
-            return NotImplemented
-        value = function(*map(_plain, pair))
-        if value.__class__ is not float:  # a power may be complex
+        value = own(self, *others)
+        if value.__class__ is float:
+            pair = (*others, self) if turned else (self, *others)
+            return self.tape.write(value, function, *pair)
+        if value is not NotImplemented:  # a complex power
             self.tape.give_up()
-            return value
-        return self.tape.write(value, function, *pair)
+        return value
 
     return method
 
 
-def _deciding(function: Callable[..., Any]) -> Callable[..., Any]:
+def _deciding(name: str, function: Callable[..., Any]) -> Any:
     """Return the method of a comparison."""
+    own = getattr(float, name)
 
-    def method(self: Traced, *others: Any) -> Any:
-        if not all(isinstance(x, float | int) for x in others):
-            return NotImplemented
-        return self.tape.decide(function(*map(_plain, (self, *others))), function, self, *others)
+    def method(self: Traced, other: Any) -> Any:
+        value = own(self, other)
+        return value if value is NotImplemented else self.tape.decide(value, function, self, other)
 
     return method
-
-
-def _plain(x: Any) -> Any:
-    return float.__float__(x) if isinstance(x, Traced) else x
 
 
 def _is_true(x: Any) -> Any:
@@ -266,19 +249,31 @@ class Traced(float):
 
     __slots__ = ("place", "tape")
     tape: Tape
-    place: _Place
+    place: int
 
-    __add__, __radd__ = _writing(operator.add), _writing(operator.add, True)
-    __sub__, __rsub__ = _writing(operator.sub), _writing(operator.sub, True)
-    __mul__, __rmul__ = _writing(operator.mul), _writing(operator.mul, True)
-    __truediv__, __rtruediv__ = _writing(operator.truediv), _writing(operator.truediv, True)
-    __floordiv__, __rfloordiv__ = _writing(operator.floordiv), _writing(operator.floordiv, True)
-    __mod__, __rmod__ = _writing(operator.mod), _writing(operator.mod, True)
-    __pow__, __rpow__ = _writing(operator.pow), _writing(operator.pow, True)
-    __neg__, __pos__, __abs__ = _writing(operator.neg), _writing(operator.pos), _writing(abs)
-    __lt__, __le__ = _deciding(operator.lt), _deciding(operator.le)
-    __gt__, __ge__ = _deciding(operator.gt), _deciding(operator.ge)
-    __eq__, __ne__ = _deciding(operator.eq), _deciding(operator.ne)
+    __add__ = _writing("__add__", operator.add)
+    __radd__ = _writing("__radd__", operator.add, True)
+    __sub__ = _writing("__sub__", operator.sub)
+    __rsub__ = _writing("__rsub__", operator.sub, True)
+    __mul__ = _writing("__mul__", operator.mul)
+    __rmul__ = _writing("__rmul__", operator.mul, True)
+    __truediv__ = _writing("__truediv__", operator.truediv)
+    __rtruediv__ = _writing("__rtruediv__", operator.truediv, True)
+    __floordiv__ = _writing("__floordiv__", operator.floordiv)
+    __rfloordiv__ = _writing("__rfloordiv__", operator.floordiv, True)
+    __mod__ = _writing("__mod__", operator.mod)
+    __rmod__ = _writing("__rmod__", operator.mod, True)
+    __pow__ = _writing("__pow__", operator.pow)
+    __rpow__ = _writing("__rpow__", operator.pow, True)
+    __neg__ = _writing("__neg__", operator.neg)
+    __pos__ = _writing("__pos__", operator.pos)
+    __abs__ = _writing("__abs__", operator.abs)
+    __lt__ = _deciding("__lt__", operator.lt)
+    __le__ = _deciding("__le__", operator.le)
+    __gt__ = _deciding("__gt__", operator.gt)
+    __ge__ = _deciding("__ge__", operator.ge)
+    __eq__ = _deciding("__eq__", operator.eq)
+    __ne__ = _deciding("__ne__", operator.ne)
 
     def __bool__(self) -> bool:
         return bool(self.tape.decide(float.__bool__(self), _is_true, self))
