@@ -10,6 +10,7 @@
 #include "filling.h"
 #include "following.h"
 #include "path_point.h"
+#include "regular.h"
 
 #define LONGEST 1.0      /* rad, characteristic lengths: the joints' way in one step, norm */
 #define CURVED 1.05      /* room for the way's curvature where steps of that length are counted */
@@ -25,9 +26,6 @@
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
                             before others are chosen: worn choices show there first */
 #define INDEPENDENT 1e-10 /* part of an equation left out above which it is independent */
-#define TRIAL 1e-2       /* way that tells whether a configuration is regular: long beside the root
-                            of round-off, short beside the way to other branches */
-#define SHUT 1e-11       /* closure error there, where all loops are closed */
 #define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
                             round-off grows by 20 r^5 */
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
@@ -488,29 +486,11 @@ static int choose_first(Kernel *k)
     return code == DONE && k->left_out > INDEPENDENT ? UNSAFE : code;
 }
 
-/* Whether the equations left out hold a step from here too, in all freedoms: where branches cross,
- * or a freedom is instantaneous only, they open by its square [ConnellyWhiteley1996]. */
-static int stays_closed(Path *path)
+/* Whether the path begins where the loops are regular. */
+static int is_regular(Path *path)
 {
-    Kernel *k = path->k;
-    Real *x = k->right, square = 0.0;
-    Point *next = path->next;
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_driven; i++)
-        x[k->n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* a direction of none of them alone */
-    system_solve(k, x);
-    for (Int v = 0; v < k->nv; v++)
-        square += x[v] * x[v];
-    for (Int v = 0; v < k->nv; v++)
-        x[v] *= TRIAL / sqrt(square) * k->scale[v];
-    memcpy(next->q, path->here->q, (size_t)k->nq * sizeof *next->q);
-    tree_integrate(k, next->q, x);
-    Correction c = {.enough = 0.0, .tolerance = SHUT, .left = SHUT, .allowed = TRIAL, .fixed = -1};
-    const int code = correct(k, next->q, &c);
     path->stale = 1;
-    if (code != DONE)
-        return code;
-    return equations_error(k) > fmax(SHUT, 2.0 * path->here->error) ? UNSAFE : DONE;
+    return stays_closed(path->k, path->here->q, path->here->error, path->next->q);
 }
 
 EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
@@ -543,7 +523,7 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = IDLE_FIRST;
     path->open = OPENED * here->error;
-    return code == DONE && is_chosen ? stays_closed(path) : code;
+    return code == DONE && is_chosen ? is_regular(path) : code;
 }
 
 static void put_row(const Path *path, const PathRows *rows, Int i)

@@ -6,32 +6,29 @@
  * Equations and pivots are chosen anew at every configuration, so that answers depend on nothing
  * else. Where equations are left out, a step of the driven freedoms tells whether they follow from
  * the others beside the configuration too: if not, branches cross there. */
-#include <float.h>
 #include <string.h>
 
 #include "dense.h"
 #include "kernel.h"
+#include "regular.h"
 
 /* Smallest over largest pivot below which rates lose digits that are worth a closer look. */
 #define WELL 1e-3
 #define NONE 1e-13  /* length of a row of derivatives that is none: others are of order one */
 #define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
-/* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
+/* Freedoms up to which a full matrix is factored faster than a sparse one is put in order; where
+   equations are left out, the sparse one is wanted for the step beside. */
 #define FEW 40
 /* Equations among which independent ones are sought: of more, all that are not none are taken. */
 #define SEARCHED 200
-/* A trial step: long beside the square root of round-off, to which singular configurations are
-   known, and short beside the way to other branches. */
-#define STEP 1e-2   /* rad, characteristic lengths */
-#define SHUT 1e-11  /* closure error with which all loops are closed there */
-#define CORRECTIONS 8 /* Newton steps to it, of which four do as a rule */
 
 typedef struct {
     Kernel *k;
     Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
     const Int *driven;
     Int *chosen;      /* closure equations, ascending */
-    Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
+    int sparse;       /* whether the kernel's system is factored, or this: */
+    Real *matrix;     /* (nv, nv) transposed K; of few freedoms */
     Int *order;
     Real *x;          /* (nv) */
     Real *q;          /* (nq) */
@@ -176,7 +173,8 @@ static Real pivot_ratio(const Real *matrix, Int n)
 static int factor(Rates *r)
 {
     Kernel *k = r->k;
-    if (k->nv <= FEW) {
+    r->sparse = k->nv > FEW || r->n_chosen < k->n_closure;
+    if (!r->sparse) {
         fill_matrix(r);
         const Int singular = k->nv ? dense_lu(k->nv, r->matrix, r->order) : 0;
         r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
@@ -191,7 +189,7 @@ static int factor(Rates *r)
 
 static void solve(Rates *r, Real *x)
 {
-    if (r->k->nv > FEW)
+    if (r->sparse)
         system_solve(r->k, x);
     else if (r->k->nv)
         dense_lu_solve(r->k->nv, r->matrix, r->order, 1, 1, x);
@@ -240,73 +238,15 @@ static void evaluate(Kernel *k, const Real *q)
     equations_jacobian(k);
 }
 
-/* Move r->q by scaled displacements r->x; returns their length. */
-static Real displace(Rates *r)
-{
-    Real square = 0.0;
-    for (Int v = 0; v < r->k->nv; v++) {
-        square += r->x[v] * r->x[v];
-        r->x[v] *= r->k->scale[v];
-    }
-    tree_integrate(r->k, r->q, r->x);
-    return sqrt(square);
-}
-
-/* Displacement x of length STEP that the driven freedoms make together, each its own part. */
-static void trial_step(Rates *r)
-{
-    const Kernel *k = r->k;
-    Real square = 0.0, part = 0.5;
-    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
-    for (Int i = 0; i < r->n_driven; i++) {
-        part = fmod(part + 0.6180339887498949, 1.0); /* the golden section: no two are alike */
-        r->x[k->nv - r->n_driven + i] = 2.0 * part - 1.0;
-    }
-    solve(r, r->x);
-    for (Int v = 0; v < k->nv; v++)
-        square += r->x[v] * r->x[v];
-    for (Int v = 0; v < k->nv; v++)
-        r->x[v] *= STEP / sqrt(square);
-}
-
-/* Close the chosen equations at r->q, the driven freedoms held; 0 where that leads far away. */
-static int correct(Rates *r)
-{
-    const Kernel *k = r->k;
-    Real last = INFINITY;
-    for (int i = 0; i < CORRECTIONS; i++) {
-        Real size = 0.0;
-        evaluate(r->k, r->q);
-        memset(r->x, 0, (size_t)k->nv * sizeof(Real));
-        for (Int c = 0; c < r->n_chosen; c++) {
-            r->x[c] = -k->residual[r->chosen[c]];
-            size = fabs(r->x[c]) > size ? fabs(r->x[c]) : size;
-        }
-        if (size <= DBL_EPSILON || (size <= SHUT && size > 0.5 * last))
-            return 1;
-        last = size;
-        if (factor(r) != DONE || !(r->pivot > 0.0))
-            return 0;
-        solve(r, r->x);
-        if (!(displace(r) < STEP))
-            return 0;
-    }
-    return 0;
-}
-
-/* Whether equations that are left out hold a step from q too. Comes back to q. */
+/* Whether equations that are left out hold beside q too. Comes back to q. */
 static int follow_beside(Rates *r, const Real *q)
 {
     Kernel *k = r->k;
-    const Real error = equations_error(k), shut = 2.0 * error > SHUT ? 2.0 * error : SHUT;
-    if (r->n_chosen == k->n_closure || r->n_chosen == k->nv)
+    if (!r->sparse || r->n_chosen == k->n_closure || r->n_chosen == k->nv)
         return 1;
-    memcpy(r->q, q, (size_t)k->nq * sizeof(Real));
-    trial_step(r);
-    displace(r);
-    const int holds = correct(r) && equations_error(k) < shut;
+    const int code = stays_closed(k, q, equations_error(k), r->q);
     evaluate(k, q);
-    return factor(r) == DONE && holds;
+    return code == DONE && factor(r) == DONE;
 }
 
 /* Evaluate, choose and factor at q; UNSAFE where equations are not clearly independent. */

@@ -1,0 +1,29 @@
+/* A step on the surface of independent equations tells whether the others follow from them. */
+#include <string.h>
+
+#include "correcting.h"
+#include "regular.h"
+
+#define STEP 1e-2  /* rad, characteristic lengths: long beside the root of round-off, to which
+                      singular configurations are known, short beside the way to other branches */
+#define SHUT 1e-11 /* closure error there, where all loops are closed */
+
+int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
+{
+    Real *x = k->right, square = 0.0;
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_driven; i++)
+        x[k->n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* a direction of none of them alone */
+    system_solve(k, x);
+    for (Int v = 0; v < k->nv; v++)
+        square += x[v] * x[v];
+    for (Int v = 0; v < k->nv; v++)
+        x[v] *= STEP / sqrt(square) * k->scale[v];
+    memcpy(there, q, (size_t)k->nq * sizeof *q);
+    tree_integrate(k, there, x);
+    Correction c = {.enough = 0.0, .tolerance = SHUT, .left = SHUT, .allowed = STEP, .fixed = -1};
+    const int code = correct(k, there, &c);
+    if (code != DONE)
+        return code;
+    return equations_error(k) > fmax(SHUT, 2.0 * error) ? UNSAFE : DONE;
+}
