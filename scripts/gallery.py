@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import spatial_pin as sp
-from spatial_pin.motion.default_motion import usual_motion
+from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.browser.movie import open_page, shoot, write_gif
 from spatial_pin.view.page.html import export_html
@@ -36,7 +36,7 @@ FRAMES, FPS, COLOURS = 48, 16, 64
 
 def on_the_way(name: str) -> sp.State:
     """Return a mechanism at a part of its usual motion, or as it is assembled."""
-    shown = usual_motion(sp.load(name))
+    shown = default_motion(sp.load(name))
     return shown if isinstance(shown, sp.State) else shown.state(int(PART * len(shown)))
 
 

@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.motion.default_motion import ROWS, SLIDE, usual_motion
+from spatial_pin.motion.default_motion import ROWS, SLIDE, default_motion
 from spatial_pin.view.browser.movie import movie
 from spatial_pin.view.page.markup import number, table, tiny
-from spatial_pin.view.page.plots import plot, svg, usual_outputs
+from spatial_pin.view.page.plots import default_outputs, plot, svg
 from spatial_pin.view.page.report import report
 from spatial_pin.view.page.sections import SECTIONS
 from spatial_pin.view.scene.look import Look
@@ -203,33 +203,33 @@ def test_usual_outputs_are_what_moves_from_the_ground_on(name, driver, expected)
     state = sp.assemble(mechanism)
     first = state.coordinate(driver).value
     motion = sp.sweep(mechanism, driver, np.linspace(first, first + 0.1, 5), guess=state)
-    assert usual_outputs(motion) == expected
+    assert default_outputs(motion) == expected
 
 
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_every_mechanism_of_the_library_has_a_usual_motion(name):
-    motion = usual_motion(sp.load(name))
+    motion = default_motion(sp.load(name))
     assert isinstance(motion, sp.Motion) and len(motion) > ROWS // 4
     assert motion.driver_name == next(iter(motion.mechanism.drivers))
-    assert motion.time is None and usual_outputs(motion)
+    assert motion.time is None and default_outputs(motion)
 
 
 def test_usual_motion_slides_a_little_and_turns_away_from_a_limit():
-    slid = usual_motion(sp.load("stewart"))
+    slid = default_motion(sp.load("stewart"))
     assert np.ptp(slid.driver) == pytest.approx(SLIDE * slid.mechanism.characteristic_length)
-    rocked = usual_motion(sp.load("four_bar"), "rocker_pin")
+    rocked = default_motion(sp.load("four_bar"), "rocker_pin")
     (event,) = rocked.events
     assert event.kind == "limit" and 1 < len(rocked) < ROWS
 
 
 def test_usual_motion_of_a_mechanism_without_drivers_is_its_state():
     mechanism = replace(sp.load("rssr"), drivers={})
-    assert isinstance(usual_motion(mechanism), sp.State)
+    assert isinstance(default_motion(mechanism), sp.State)
 
 
 def test_usual_outputs_of_what_stands_still_are_its_driver():
     motion = sp.sweep(sp.load("rssr"), "crank", [0.4])
-    assert usual_outputs(motion) == ["crank_pin"]
+    assert default_outputs(motion) == ["crank_pin"]
 
 
 def test_numbers_read_well():

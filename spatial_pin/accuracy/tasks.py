@@ -18,7 +18,7 @@ from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.default_motion import usual_motion
+from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
@@ -142,7 +142,7 @@ def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None)
     if "values" not in task:
         if set(task) - {"driver"}:
             raise ValueError("a task needs values (a sweep) or a duration (a simulation)")
-        return _usual_sweep(mechanism, task.get("driver"))
+        return _default_sweep(mechanism, task.get("driver"))
     return _sweep_task(mechanism, dict(task))
 
 
@@ -184,8 +184,8 @@ def _first_driver(mechanism: Mechanism) -> str:
     return driver
 
 
-def _usual_sweep(mechanism: Mechanism, driver: str | None = None) -> SweepTask:
-    motion = usual_motion(mechanism, driver or _first_driver(mechanism))
+def _default_sweep(mechanism: Mechanism, driver: str | None = None) -> SweepTask:
+    motion = default_motion(mechanism, driver or _first_driver(mechanism))
     if isinstance(motion, State):
         raise SpatialPinError(f"mechanism {mechanism.name!r}: the driver cannot move from the "
                               "guess: give the task 'values'")
@@ -206,7 +206,7 @@ def _again(mechanism: Mechanism, motion: Motion) -> SweepTask:
         "hold": {c.name: float(motion.q[0, c.q]) for c in held}})
 
 
-def _usual_simulation(mechanism: Mechanism) -> SimulationTask:
+def _default_simulation(mechanism: Mechanism) -> SimulationTask:
     """Return a few swings under gravity from the assembled guess on, at rest."""
     gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
     if not any(inertia.mass > 0.0 for inertia in mechanism.inertias.values()) or not gravity:
@@ -234,5 +234,5 @@ def _fall(mechanism: Mechanism, state: State, duration: float) -> SimulationTask
 
 
 _USUAL: dict[str, Callable[[Mechanism], Task]] = {
-    "sweep": _usual_sweep, "simulate": _usual_simulation,
+    "sweep": _default_sweep, "simulate": _default_simulation,
 }

@@ -14,13 +14,13 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
-from spatial_pin.motion.default_motion import usual_motion
+from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.report import assembly_summary, info, motion_summary
 from spatial_pin.operators import OPERATORS
 from spatial_pin.outputs import write_text
 from spatial_pin.units import Quantity
 from spatial_pin.view import Viewer
-from spatial_pin.view.page.plots import usual_outputs
+from spatial_pin.view.page.plots import default_outputs
 
 
 def _fitting(mechanism: sp.Mechanism, values: Mapping[str, float]) -> dict[str, float]:
@@ -264,8 +264,8 @@ def _with_ratios(motion: sp.Motion) -> list[str]:
     """The outputs looked at first, each coordinate with its speed ratio."""
     coordinates = motion.mechanism.coordinate_table
     if motion.driver is None:
-        return usual_outputs(motion)
-    return [name for output in usual_outputs(motion)
+        return default_outputs(motion)
+    return [name for output in default_outputs(motion)
             for name in ([output, f"{output}.ratio"] if output in coordinates else [output])]
 
 
@@ -276,7 +276,7 @@ def _shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | 
     said = (options.first, options.speed, options.acceleration or None, options.guess or None)
     if any(x is not None for x in said):
         options.usage_error("a sweep needs a driver, a first and a last value")
-    return usual_motion(mechanism, options.driver, options.steps)
+    return default_motion(mechanism, options.driver, options.steps)
 
 
 def _show(options: argparse.Namespace) -> None:

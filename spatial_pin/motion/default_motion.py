@@ -31,7 +31,7 @@ def _reach(state: State, driver: str, way: Array) -> Motion | None:
     return found
 
 
-def usual_motion(
+def default_motion(
     mechanism: Mechanism, driver: str | None = None, rows: int = ROWS
 ) -> Motion | State:
     """Return a motion that shows what a mechanism does.

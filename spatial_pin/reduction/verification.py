@@ -44,7 +44,8 @@ def verification(
     rows, seconds = 0, np.zeros(2)
     hold = {full.driven_coordinate(name).name: value for name, value in hold.items()}
     for name in names:
-        asked_values = values if values is not None else _usual(full, reduced, name, guess, hold)
+        asked_values = (values if values is not None
+                        else _default_values(full, reduced, name, guess, hold))
         pair = []
         for k, mechanism in enumerate((full, reduced)):
             start = time.perf_counter()
@@ -75,7 +76,7 @@ def _drivers(reduced: Reduced, full: Mechanism) -> list[str]:
     raise SpatialPinError(f"mechanism {full.name!r}: nothing to drive: no coordinate is left")
 
 
-def _usual(
+def _default_values(
     full: Mechanism, reduced: Reduced, driver: str, guess: Mapping[str, Any] | None,
     hold: Mapping[str, float],
 ) -> Array:

@@ -148,7 +148,7 @@ def _of_links(mechanism: Mechanism) -> list[str]:
     return found[::-1]
 
 
-def usual_outputs(motion: Motion) -> list[str]:
+def default_outputs(motion: Motion) -> list[str]:
     """Return the outputs of a motion that an engineer looks at first, one to three.
 
     They are what moves of these, the first that do: the coordinates of joints on the ground that a

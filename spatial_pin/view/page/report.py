@@ -19,7 +19,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.view.page.markup import paragraph
-from spatial_pin.view.page.plots import usual_outputs
+from spatial_pin.view.page.plots import default_outputs
 from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
 from spatial_pin.view.scene.look import Look
@@ -40,7 +40,7 @@ def _subject(
     if len(shown) == 0:
         raise ValueError("the motion has no rows: there is nothing to report")
     if outputs is None:
-        outputs = usual_outputs(shown)
+        outputs = default_outputs(shown)
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     state = shown.state(int(GENERIC * len(shown)))
     return Subject(shown, shown, state, names, title, look)
@@ -81,7 +81,7 @@ def report(
     Args:
         motion_or_state: what to report.
         path: file to write.
-        outputs: names of outputs to draw, as `motion.output` takes them; those of `usual_outputs`
+        outputs: names of outputs to draw, as `motion.output` takes them; those of `default_outputs`
             if not given. Not used of a state.
         title: heading; the mechanism's title if not given.
         look: what is drawn besides the links, as in `export_html`.
