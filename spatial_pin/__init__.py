@@ -42,7 +42,9 @@ from spatial_pin.mechanism.named_frames import Frame
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Passive, Spring
 from spatial_pin.methods import offer as _offer
 from spatial_pin.mobility.grashof import Grashof, grashof
-from spatial_pin.mobility.mobility import Loop, Mobility, PassiveFreedom, mobility
+from spatial_pin.mobility.idle_freedoms import PassiveFreedom
+from spatial_pin.mobility.loops import Loop
+from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
 from spatial_pin.mobility.modes import assembly_modes
 from spatial_pin.motion import outputs as _outputs

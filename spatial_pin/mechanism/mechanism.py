@@ -23,14 +23,7 @@ from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
-from spatial_pin.mechanism.parts import (
-    Closure,
-    Coordinate,
-    Driver,
-    Equations,
-    Passive,
-    Spring,
-)
+from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Equations, Passive, Spring
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 

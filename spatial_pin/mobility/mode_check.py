@@ -16,7 +16,8 @@ from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.mobility import SINGULAR, finite_motions, idle_freedoms
+from spatial_pin.mobility.finite_motions import SINGULAR, finite_motions
+from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.mode_marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
 from spatial_pin.mobility.rods import Rod

@@ -33,7 +33,7 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.mobility import MOVED, SINGULAR, SMALL_PROBE
+from spatial_pin.mobility.finite_motions import MOVED, SINGULAR, SMALL_PROBE
 from spatial_pin.mobility.mode_check import SAME, Check, Kind
 from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, missing_by
 from spatial_pin.mobility.mode_marks import Mark, rows_of

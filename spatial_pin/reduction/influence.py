@@ -24,7 +24,7 @@ from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
-from spatial_pin.mobility.mobility import joints_between
+from spatial_pin.mobility.loops import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
 from spatial_pin.numerics.linalg import Array, null_space, rank

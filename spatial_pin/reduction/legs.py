@@ -18,15 +18,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.reduction.influence import Influence
-from spatial_pin.reduction.links import (
-    SAME,
-    Bodies,
-    Pin,
-    Place,
-    Relation,
-    Surroundings,
-    relation,
-)
+from spatial_pin.reduction.links import SAME, Bodies, Pin, Place, Relation, Surroundings, relation
 
 
 class Model(Protocol):

@@ -20,15 +20,7 @@ from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.reduction.files import Tree, relation_table
 from spatial_pin.reduction.influence import Asked, Influence, Kept
 from spatial_pin.reduction.legs import leg_of
-from spatial_pin.reduction.links import (
-    Bodies,
-    Pin,
-    Place,
-    Relation,
-    Surroundings,
-    reach,
-    relation,
-)
+from spatial_pin.reduction.links import Bodies, Pin, Place, Relation, Surroundings, reach, relation
 
 OPEN_CONFIGURATIONS = 4
 ZERO = 1e-12  # derivative of a row that is none

@@ -1,0 +1,83 @@
+"""The loops of a mechanism: the joints of each, and the motions that they generate together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.linalg import Array, null_space, rank, row_space
+
+ALGEBRA_TOLERANCE = 1e-8
+
+
+class Loop(NamedTuple):
+    """An independent loop.
+
+    Attributes:
+        closure: the closure that closes it.
+        joints: the joints of the tree on its way.
+        order: dimension of the motions its pairs generate (lambda in the mobility formula).
+        kind: what these motions are.
+    """
+
+    closure: str
+    joints: tuple[str, ...]
+    order: int
+    kind: str
+
+
+def loop_of(evaluation: Evaluation, closure: Closure, tolerance: float) -> Loop:
+    """Recognise the loop of a closure by the motions that its pairs generate."""
+    mechanism, constraints = evaluation.mechanism, evaluation.constraints
+    rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
+    joints = joints_between(mechanism, closure.frames)
+    size = np.array([constraints.scale] * 3 + [1.0] * 3)
+    columns = joint_jacobian(evaluation.data, mechanism.model.nv)
+    twists = [columns[:, mechanism.model.idx_vs[i] + k] * size
+              for i in joints for k in range(mechanism.model.nvs[i])]
+    wrenches = evaluation.wrenches[rows] / size
+    own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
+    algebra = _generated_algebra(np.vstack([*twists, own]) if twists else own, tolerance)
+    names = tuple(mechanism.model.names[i] for i in joints)
+    return Loop(closure.name, names, len(algebra), _algebra_name(algebra, tolerance))
+
+
+def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
+    """Return the indices of the tree joints between two frames."""
+    first, second = (
+        set(mechanism.model.supports[mechanism.frame_on_joint(f)[0]]) for f in frames
+    )
+    return sorted((first ^ second) - {0})
+
+
+def _generated_algebra(twists: Array, tolerance: float) -> Array:
+    """Return an orthonormal basis of the Lie algebra that twists (k, 6), linear first, generate."""
+    basis = row_space(twists, tolerance)
+    while True:  # it grows to dimension 6 at most
+        brackets = [_bracket(a, b) for i, a in enumerate(basis) for b in basis[:i]]
+        larger = row_space(np.vstack([basis, *brackets]), tolerance)
+        if len(larger) <= len(basis):
+            return larger
+        basis = larger
+
+
+def _bracket(a: Array, b: Array) -> Array:
+    v, w, x, y = a[:3], a[3:], b[:3], b[3:]
+    return np.concatenate([np.cross(w, x) - np.cross(y, v), np.cross(w, y)])
+
+
+def _algebra_name(algebra: Array, tolerance: float) -> str:
+    turns = rank(algebra[:, 3:], tolerance) if len(algebra) else 0
+    names = {
+        (1, 0): "one direction", (2, 0): "translations in a plane", (3, 0): "translations",
+        (1, 1): "one axis", (2, 1): "one axis (turn and slide)", (3, 1): "planar",
+        (4, 1): "planar with slide along the axis", (3, 3): "spherical",
+        (6, 3): "spatial",
+    }
+    return names.get((len(algebra), turns), f"subgroup of dimension {len(algebra)}")
