@@ -70,14 +70,40 @@ def test_idle_rotations_hang_on_the_path_and_not_on_its_samples(name, n):
     np.testing.assert_allclose(coarse, exact[:: 99 * 36 // (n - 1)], rtol=0, atol=3e-14)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-def test_a_loose_tolerance_is_what_is_left(tolerance):
-    mechanism = sp.load("rssr")
-    values = np.linspace(0.0, 2.0 * np.pi, 60)
-    loose = sp.sweep(mechanism, "crank", values, accuracy=Accuracy(tolerance=tolerance))
-    exact = sp.sweep(mechanism, "crank", values)
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6, 1e-8, 1e-9])
+@pytest.mark.parametrize("n", [20, 400, 3000])
+@pytest.mark.parametrize("name", ["rssr", "watt_six_bar", "stewart", "screw_press"])
+def test_a_loose_tolerance_is_what_positions_and_rates_are_off(name, n, tolerance):
+    """Samples are interpolated then, between points that are closed to round-off."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    start = sp.assemble(mechanism).coordinate(driver).value
+    values = start + np.linspace(0.0, 0.04 if name == "stewart" else 6.0, n)
+    loose = sp.sweep(mechanism, driver, values, accuracy=Accuracy(tolerance=tolerance))
+    exact = sp.sweep(mechanism, driver, values)
     assert loose.closure_error.max() <= tolerance
-    np.testing.assert_allclose(loose.q, exact.q, rtol=0, atol=10 * tolerance)
+    for one, two in ((loose.q, exact.q), (loose.v, exact.v), (loose.a, exact.a)):
+        assert np.abs(one - two).max() <= 10 * tolerance * max(1.0, np.abs(two).max())
+    np.testing.assert_array_equal(loose.driver, values)
+    np.testing.assert_array_equal(loose.coordinate(driver).value, values)
+
+
+def test_interpolated_samples_of_a_floating_platform_move_as_it_does(tmp_path):
+    """Quaternions and the origin of a free joint: their rates are those of the body."""
+    mechanism = sp.load("stewart")
+    driver = next(iter(mechanism.drivers))
+    start = sp.assemble(mechanism).coordinate(driver).value
+    values = start + np.linspace(0.0, 0.04, 500)
+    motion = sp.sweep(mechanism, driver, values, accuracy=Accuracy(tolerance=1e-5))
+    exact = sp.sweep(mechanism, driver, values)
+    at, _, omega, alpha = (getattr(motion.frame("platform"), x) for x in (
+        "position", "rotation", "angular_velocity", "angular_acceleration"))
+    other = exact.frame("platform")
+    np.testing.assert_allclose(at, other.position, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(omega, other.angular_velocity, rtol=0,
+                               atol=1e-4 * np.abs(other.angular_velocity).max())
+    np.testing.assert_allclose(alpha, other.angular_acceleration, rtol=0,
+                               atol=1e-4 * np.abs(other.angular_acceleration).max())
 
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3])

@@ -9,6 +9,7 @@
 
 #include "filling.h"
 #include "following.h"
+#include "interpolating.h"
 #include "path_point.h"
 #include "regular.h"
 
@@ -30,6 +31,12 @@
                             round-off grows by 20 r^5 */
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
                             that way, (0.03)^6 / 720 is round-off */
+#define BETWEEN_FIRST 0.05 /* first way between points that samples are interpolated between */
+#define BETWEEN_LONGEST 0.5 /* and the longest */
+#define SAFE 0.2         /* part of an error that is allowed where it is only estimated */
+#define STRAIGHT 1e-2    /* second derivative by the way below which a path is straight */
+#define TELLING 0.4      /* step by the distance of the points it is predicted from, from which on
+                            its error tells that between points */
 #define HALVINGS 8       /* of a step, before the caller is asked */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
@@ -50,6 +57,8 @@ struct Path {
     Real zero;      /* driver value where it would vanish as it last fell; infinite if it rose */
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
+    Real between_way; /* the joints' way between points that samples are interpolated between */
+    Real missed;    /* of q, by the last step's prediction: Hermite's error between its points */
     Real open;      /* residual of equations left out that no other choice makes smaller */
     Real *memory;
 };
@@ -174,6 +183,7 @@ static int close_prediction(Path *path, Real way)
     c.allowed = wanted->order ? EXPLAINED * way : INFINITY;
     path->stale = 1;
     int code = correct(k, path->next->q, &c);
+    path->missed = c.first;
     if (code != DONE || !has_redundant(k) || equations_error(k) <= fmax(c.tolerance, path->open))
         return code;
     equations_jacobian(k);
@@ -283,7 +293,7 @@ static void turn_rates(const Path *path, const Real *x)
 
 /* Displacement x = k->right (nv) that takes back what links have turned about their own axes in
  * the step. Returns the largest such rotation, and of all the largest error by estimate [rad]. */
-static Real idle_displacement(Path *path, Real *error)
+static Real idle_displacement(Path *path, Real way, Real *error)
 {
     Kernel *k = path->k;
     const Point *before = path->before, *here = path->here;
@@ -291,7 +301,8 @@ static Real idle_displacement(Path *path, Real *error)
     memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
     for (Int i = 0; i < k->n_idle; i++) {
         Real own;
-        const Real turned = idle_turned(path->has_before ? before->axis + i : NULL, here->axis + i,
+        const int three = path->has_before && way > IDLE_FIRST; /* else two points are enough */
+        const Real turned = idle_turned(three ? before->axis + i : NULL, here->axis + i,
                                         path->next->axis + i, here->s - before->s,
                                         path->next->s - here->s, &own);
         k->right[k->n_chosen + i] = -turned;
@@ -310,7 +321,7 @@ static Real idle_displacement(Path *path, Real *error)
 static int is_exact(Path *path, Real way, Real error)
 {
     const Real part = path->accuracy.idle / fmax(error, 1e-30);
-    path->idle_way = way * fmin(fmax(0.9 * pow(part, 1.0 / 9.0), 0.5), 2.5);
+    path->idle_way = fmax(way * fmin(fmax(0.9 * pow(part, 1.0 / 9.0), 0.5), 2.5), IDLE_FIRST);
     return error <= 4.0 * path->accuracy.idle;
 }
 
@@ -320,7 +331,7 @@ static int take_idle_back(Path *path, Real way)
     Kernel *k = path->k;
     for (int pass = 0; pass < IDLE_PASSES; pass++) {
         Real error = 0.0;
-        const Real most = idle_displacement(path, &error);
+        const Real most = idle_displacement(path, way, &error);
         if (!isfinite(most + error))
             return NOT_FINITE;
         if (!is_exact(path, way, error))
@@ -431,15 +442,20 @@ static int step(Path *path, Real target)
 
 /* ---- many values ---- */
 
-/* The longest step that is worth an attempt, as a change of the driver. */
-static Real longest_step(const Path *path)
+/* The change of the driver in which the joints go a way. */
+static Real step_of(const Path *path, Real way)
 {
     const Kernel *k = path->k;
     Real square = 0.0;
     for (Int v = 0; v < k->nv; v++)
         square += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
-    const Real way = k->n_idle ? fmin(LONGEST, path->idle_way) : LONGEST;
     return way / (CURVED * sqrt(square));
+}
+
+/* The longest step that is worth an attempt. */
+static Real longest_step(const Path *path)
+{
+    return step_of(path, path->k->n_idle ? fmin(LONGEST, path->idle_way) : LONGEST);
 }
 
 /* Go to a driver value by as many steps as the path needs, of equal length where they may be. */
@@ -522,6 +538,7 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = IDLE_FIRST;
+    path->between_way = BETWEEN_FIRST;
     path->open = OPENED * here->error;
     return code == DONE && is_chosen ? is_regular(path) : code;
 }
@@ -537,14 +554,90 @@ static void put_row(const Path *path, const PathRows *rows, Int i)
     rows->error[i] = here->error;
 }
 
+/* ---- values between two points ---- */
+
+/* The last of the values from i on, one after the other in one sense, that one step may reach. */
+static Int last_within(const Path *path, const Real *values, Int i, Int n)
+{
+    const Real s = path->here->s, sense = values[i] - s;
+    const Real most = fmin(longest_step(path), step_of(path, path->between_way));
+    Int last = i;
+    while (last + 1 < n && (values[last + 1] - values[last]) * sense > 0.0 &&
+           fabs(values[last + 1] - s) <= most)
+        last++;
+    return last;
+}
+
+/* Learn the way between points from what prediction missed, r^3 (1 + r)^3 times what Hermite's
+ * polynomials miss between: second derivatives miss 24 / way² times that. */
+static void note_missed(Path *path, Real way, Real ratio)
+{
+    const Real growth = 64.0 * pow(ratio * (1.0 + ratio), 3.0);
+    const Kernel *k = path->k;
+    Real bend = 0.0, pace = 0.0; /* second derivative by the way: that is what errors are parts of */
+    for (Int v = 0; v < k->nv; v++) {
+        bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
+        pace += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
+    }
+    bend = fmax(sqrt(bend) / pace, STRAIGHT);
+    const Real error = 24.0 * path->missed / (growth * way * way);
+    const Real part = SAFE * path->accuracy.between * bend / fmax(error, 1e-30);
+    path->between_way = fmin(way * fmin(fmax(0.7 * pow(part, 0.25), 0.5), 2.0), BETWEEN_LONGEST);
+}
+
+/* Write row i, at a value between the last two points; DONE if its loops are closed. */
+static int put_between(Path *path, const Point *from, Real value, const PathRows *rows, Int i)
+{
+    Kernel *k = path->k;
+    const Point *to = path->here;
+    const Real part = (value - from->s) / (to->s - from->s);
+    Real *q = rows->q + i * k->nq, *angle = rows->angle + i * k->n_angles;
+    point_between(k, from, to, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
+    q[path->driver_q] = value;
+    for (Int x = 0; x < k->n_angles; x++)
+        k->turns[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
+    equations_values(k, q);
+    for (Int x = 0; x < k->n_angles; x++)
+        angle[x] = k->angle[x];
+    rows->error[i] = equations_error(k);
+    path->stale = 1;
+    return rows->error[i] <= path->accuracy.between ? DONE : NOT_CONVERGED;
+}
+
+/* Go to value `last` in one step, and write the rows from i on that lie before it. Returns how
+ * many rows are done: none if the step fails, fewer than asked for if one of them is open. */
+static Int follow_between(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
+{
+    const Real h = values[last] - path->here->s, way = point_way(path->k, path->here, h);
+    const Real ratio = path->has_before ? h / (path->here->s - path->before->s) : 0.0;
+    if (step(path, values[last]) != DONE) {
+        path->between_way *= 0.5;
+        return 0;
+    }
+    if (ratio > TELLING)
+        note_missed(path, way, ratio);
+    if (path->between_way < 0.5 * way)
+        return 0;
+    for (Int row = i; row < last; row++)
+        if (put_between(path, path->before, values[row], rows, row) != DONE)
+            return row - i;
+    put_row(path, rows, last);
+    return last + 1 - i;
+}
+
 EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code)
 {
     *code = DONE;
-    for (Int i = 0; i < n; i++) {
+    for (Int i = 0; i < n;) {
+        const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
+        const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
+        i += done;
+        if (done)
+            continue;
         *code = reach(path, values[i]);
         if (*code != DONE)
             return i;
-        put_row(path, rows, i);
+        put_row(path, rows, i++);
     }
     return n;
 }

@@ -10,6 +10,7 @@ typedef struct {
     Real tolerance; /* closure residual to reach by corrections */
     Real left;      /* closure residual that round-off may leave where there is no closer */
     Real idle;      /* idle rotation that one step may leave [rad] */
+    Real between;   /* error of points that are interpolated between others; 0: none are */
     Int order;      /* of the predictor: 0 to 2 Taylor's, 3 Hermite's through two points */
 } PathAccuracy;
 

@@ -137,6 +137,7 @@ void tree_columns(Kernel *k);                /* linear, angular, after tree_plac
 void tree_rates(Kernel *k, const Real *v, const Real *a); /* omega ... acceleration; a may be NULL */
 void tree_integrate(const Kernel *k, Real *q, const Real *step);   /* as pin.integrate */
 void tree_normalize(const Kernel *k, Real *q);
+void quaternion_rotation(const Real *quaternion, Real *R); /* of length one; by columns */
 /* first and second derivatives of the entries of q at joint rates v and accelerations a */
 void tree_entry_rates(const Kernel *k, const Real *q, const Real *v, const Real *a, Real *first,
                       Real *second);

@@ -15,7 +15,10 @@ from spatial_pin.kernel.library import library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
-PART = 0.1  # of the tolerance, which points are closed to: what is left of it is their rates'
+ENOUGH = 0.01  # of the tolerance at which a prediction is left as it is: what is left grows
+CLOSED = 0.03  # of the tolerance, which points are closed to: what is left of it is their rates'
+BETWEEN = 1e-8  # tolerance from which on samples are interpolated between points of the path,
+NODES = 1e-13  # which are closed to this: second derivatives between them divide it by h²
 FINEST = 1e-14  # residual: below it round-off decides
 LEFT = 1e-11  # residual that round-off may leave where there is no closer
 TIGHT = 1e-12  # of loops with redundant equations: open ones hide which of these are
@@ -51,7 +54,8 @@ class Samples(NamedTuple):
 
 
 class _Accuracy(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in ("enough", "tolerance", "left", "idle")]
+    _fields_ = [(name, ctypes.c_double)
+                for name in ("enough", "tolerance", "left", "idle", "between")]
     _fields_ += [("order", ctypes.c_int64)]
 
 
@@ -84,9 +88,11 @@ class Path:
             address(fill), len(fill)))
         wanted = min(accuracy.tolerance, TIGHT) if len(chosen) < kernel.n_rows else (
             accuracy.tolerance)
-        closed = PART * max(wanted, FINEST)
-        asked = _Accuracy(0.1 * closed, 0.3*closed, max(LEFT, wanted),
-                          max(IDLE, IDLE_PART * accuracy.tolerance), accuracy.order)
+        loose = accuracy.tolerance >= BETWEEN and accuracy.order == 3
+        between = accuracy.tolerance if loose else 0.0
+        closed = NODES if loose else max(wanted, FINEST)
+        asked = _Accuracy(ENOUGH * closed, CLOSED * closed, max(LEFT, wanted),
+                          max(IDLE, IDLE_PART * accuracy.tolerance), between, accuracy.order)
         handle = ctypes.c_void_p()
         check(self._library.path_create(kernel.handle, ctypes.byref(asked), ctypes.byref(handle)))
         self._handle = handle

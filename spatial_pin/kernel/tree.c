@@ -5,7 +5,7 @@
 #include "kernel.h"
 
 /* Columns of the rotation of a unit quaternion. */
-static void quaternion_rotation(const Real *quaternion, Real *R)
+void quaternion_rotation(const Real *quaternion, Real *R)
 {
     const Real x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
     const Real xx = 2.0 * x * x, yy = 2.0 * y * y, zz = 2.0 * z * z;
