@@ -24,6 +24,7 @@ import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
+from spatial_pin.kernel.paths import Samples, _Accuracy, _Rows
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 ROUND_OFF = 1e-14
@@ -278,11 +279,76 @@ def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> se
     ends.add(c.system_set(handle, address(chosen), len(chosen), address(driven), len(driven),
                           address(fill), len(fill)))
     ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
+    ends |= use_rates(handle, ints, q, turns, rng) | use_closer(handle, ints, q, turns, rng)
+    ends |= use_path(handle, ints, q, turns, rng)
     reals = mutated(reals, ODD, rng).astype(float)
     ends.add(c.kernel_set_numbers(handle, address(reals), len(reals)))
     ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
     c.kernel_destroy(handle)
     return {CODES[end] for end in ends}
+
+
+def wild_places(n: int, rng, *shape: int) -> np.ndarray:
+    """Places below n, and sometimes some that are none."""
+    found = rng.integers(0, max(n, 1), shape)
+    return np.where(rng.random(shape) < 0.1, rng.choice(WILD, shape), found)
+
+
+def use_rates(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
+    c, rates = library(), ctypes.c_void_p()
+    n, nv, free = int(ints[0]), int(ints[2]), max(int(ints[2] - ints[6] - ints[5]), 0)
+    count = free + int(rng.integers(-1, 2)) if rng.random() < 0.5 else int(rng.integers(-1, nv + 2))
+    driven = wild_places(nv, rng, max(count, 0))
+    end = c.rates_create(handle, address(driven), count, ctypes.byref(rates))
+    assert (end == 0) == bool(rates)
+    if end:
+        return {end}
+    moving = int(rng.integers(-1, count + 2))
+    speed = np.ones((2, count))
+    columns, v, facts = np.empty((count, nv)), np.empty((2, nv)), np.empty(2)
+    jacobian, local = np.empty((6, count)), rng.normal(size=3)
+    joint = int(wild_places(n, rng, 1)[0])
+    return {c.rates_solve(rates, address(q), address(turns), moving, address(speed[0]),
+                          address(speed[1]), address(columns), address(v[0]), address(v[1]),
+                          address(facts)),
+            c.rates_jacobian(rates, address(q), address(turns), moving, joint, address(local),
+                             address(columns), address(jacobian))}
+
+
+def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
+    c, closer = library(), ctypes.c_void_p()
+    nq, nv, closed = int(ints[1]), int(ints[2]), int(ints[5])
+    n, m = (int(x) for x in rng.integers(0, 3, 2))
+    rotations = np.array([wild_places(closed, rng, n), rng.choice([1, 3, 3, 2], n)])
+    pins = np.column_stack([wild_places(nq, rng, m), wild_places(nv, rng, m),
+                            wild_places(3, rng, m), wild_places(2, rng, m)])
+    end = c.closer_create(handle, address(rotations), n, address(pins), m, ctypes.byref(closer))
+    assert (end == 0) == bool(closer)
+    if not end:
+        free, pinned = rng.integers(0, 2, nv), rng.choice(ODD, m)
+        two, error, mirrored = np.array([q, q]), np.empty(2), np.empty(2, np.int64)
+        c.closer_close(closer, 2, address(two), address(free), address(pinned), address(turns),
+                       1e-3, 4, 1e-12, address(error), address(mirrored))
+        c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(error))
+    return {end}
+
+
+def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
+    """Follow a path a little, whatever the square system is."""
+    c, path, code = library(), ctypes.c_void_p(), ctypes.c_int()
+    asked = _Accuracy(1e-13, 1e-13, 1e-12, 0.1, int(rng.integers(0, 4)))
+    assert c.path_create(handle, ctypes.byref(asked), ctypes.byref(path)) == 0
+    end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
+    if not end:
+        s = c.path_stand(path, address(q), address(turns))
+        values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
+        samples = Samples.empty(len(values), len(q), int(ints[2]), len(turns))
+        rows = _Rows(*map(address, samples))
+        reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),
+                                ctypes.byref(code))
+        assert 0 <= reached <= len(values)
+    c.path_destroy(path)
+    return {end, code.value}
 
 
 def mutated(array: np.ndarray, values: np.ndarray, rng) -> np.ndarray:

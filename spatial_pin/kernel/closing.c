@@ -329,9 +329,9 @@ static int pins_are_sound(const Kernel *k, const Pin *pin, Int n)
 {
     for (Int i = 0; i < n; i++) {
         const Pin *p = pin + i;
-        const Int last = p->q + (p->turns ? 4 : 7), width = p->turns ? 3 : 6;
-        if (p->q < 0 || last > k->nq || p->v < 0 || p->v + width > k->nv || p->component < 0 ||
-            p->component > 2)
+        const Int entries = p->turns ? 4 : 7, freedoms = p->turns ? 3 : 6;
+        if (p->q < 0 || p->q > k->nq - entries || p->v < 0 || p->v > k->nv - freedoms ||
+            !within(p->component, 3))
             return 0;
     }
     return 1;

@@ -25,7 +25,8 @@ int rotations_are_sound(const Kernel *k, const Rotations *rotations)
 {
     for (Int i = 0; i < rotations->n; i++) {
         const Int axes = rotations->axes[i], first = rotations->first[i];
-        if ((axes != 1 && axes != 3) || first < 0 || first + n_rows(axes) > k->n_closure)
+        if ((axes != 1 && axes != 3) || first < 0 ||
+            first > k->n_closure - n_rows(axes))
             return 0;
         for (Int e = first; e < first + n_rows(axes); e++) {
             const Int p = product_of(k, e), entries = k->entry_start[e + 1] - k->entry_start[e];
