@@ -24,9 +24,9 @@ from test_reaction_derivatives import check
 
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
+from spatial_pin.constraints import trees
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.constraints.subtrees import PiecewiseRows
-from spatial_pin.dynamics.solvers import sparse
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.motion.report import info
 from spatial_pin.rates.jerks import Jerks, solve_jerks
@@ -273,10 +273,10 @@ def test_many_of_them_by_sparse_factorisation(tmp_path, monkeypatch):
         start |= {f"shoulder{k}": 1.0, f"stroke{k}": 0.3}
     tree = heavy(tree, **{f"{part}{k}": WEIGHT for part in ("arm", "piston") for k in range(n)})
     found = []
-    for large in (sparse.LARGE, 10**9):
-        monkeypatch.setattr(sparse, "LARGE", large)
+    for large in (trees.WHOLE, 10**9):
+        monkeypatch.setattr(trees, "WHOLE", large)
         mechanism = load(tmp_path, "chain", tree, toml + known.guess(**start))
-        assert sparse.is_large(mechanism) == (large < 10**9)
+        assert trees.is_large(mechanism.model) == (large < 10**9)
         found.append(sp.forward_dynamics(mechanism, sp.assemble(mechanism)))
     one, other = found
     np.testing.assert_allclose(one.a, other.a, atol=1e-12 * np.abs(other.a).max())

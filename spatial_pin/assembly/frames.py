@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from spatial_pin.constraints.subtrees import Piece, pieces_of
+from spatial_pin.constraints.trees import Piece, is_large, pieces_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-WHOLE = 60  # freedoms up to which a tree is taken whole
 
 
 class FramePiece:
@@ -43,7 +41,7 @@ class FramePiece:
 
 def frame_pieces(mechanism: Mechanism) -> list[FramePiece]:
     """Return the pieces of a mechanism's tree, made once; none if it is taken whole."""
-    if mechanism.model.nv <= WHOLE or len(mechanism.model.children[0]) < 2:
+    if not is_large(mechanism.model):
         return []
     if "frame pieces" not in mechanism.memo:
         mechanism.memo["frame pieces"] = [

@@ -31,12 +31,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
-from spatial_pin.constraints.pinocchio_views import (
-    accelerations,
-    joint_jacobian,
-    placements,
-    twists,
-)
+from spatial_pin.constraints.trees import tree_of
 from spatial_pin.mechanism.coordinates import joint_values, needed, with_values
 from spatial_pin.mechanism.equations import Row
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
@@ -426,7 +421,7 @@ def combined_wrenches(
 class Evaluation:
     """Closure value, Jacobian and bias at one configuration at a time.
 
-    Owns a `pin.Data` whose memory is read through views made once.
+    A small tree's `pin.Data` is read through views made once.
 
     Attributes:
         q: (nq,) the last configuration; not to be changed before what is made of it.
@@ -447,7 +442,8 @@ class Evaluation:
         self.constraints = c = constraints
         self.mechanism = c.mechanism
         self.model = model = c.mechanism.model
-        self.data = model.createData()
+        self._tree = tree_of(model)
+        self.data = self._tree.data
         n, nv, r = model.njoints, model.nv, len(c.constants)
         self._n_all = r
         self.angles = np.zeros(c.n_angles)
@@ -455,11 +451,11 @@ class Evaluation:
         self.angle_jacobian = np.zeros((c.n_angles, nv))
         self._zero = np.zeros(nv)
         self.q = c.mechanism.neutral
-        self.placements = placements(self.data)
+        self.placements = self._tree.placements
         self._g = self.placements.reshape(4 * n, 3)
-        self._twists, self._accelerations = twists(self.data), accelerations(self.data)
+        self._twists, self._accelerations = self._tree.twists, self._tree.accelerations
         self._spins = self._accelerations.reshape(-1)
-        self._joint_jacobian = joint_jacobian(self.data, nv)
+        self._joint_jacobian = self._tree.columns
         self._make_buffers(n, nv, r)
         self._plain = not c.composed
         self._offset = bool(np.any(c.constants))
@@ -504,7 +500,7 @@ class Evaluation:
     def update_wrenches(self, q: Array) -> None:
         """Evaluate placements, joint Jacobian, values and wrenches of the rows at q (nq,) only."""
         c, self.q = self.constraints, q
-        pin.computeJointJacobians(self.model, self.data, q)
+        self._tree.place(q)
         if self._n_all:
             _product(c.c_abx, self._g, self._abx)
             np.dot(self._abx, _CYCLES, self._cycled)
@@ -525,6 +521,21 @@ class Evaluation:
         those of `Constraints.elsewhere`: they act on two bodies of their own.
         """
         (found,) = combined_wrenches(self.constraints, [self._values[:, None]], [self.wrenches])
+        return found
+
+    def frame(self, frame: int) -> pin.SE3:
+        """Return where a frame of the model is, at the last `update`."""
+        at = self.model.frames[frame]
+        return self.data.oMi[at.parentJoint] * at.placement
+
+    def body_jacobian(self, joint: int) -> Array:
+        """Return the world Jacobian (6, nv) of the body of a joint, at the last `update`."""
+        return self._joint_jacobian * self.constraints.support(joint)
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return the Jacobian (6, nv) of a frame at its origin, world axes, likewise."""
+        found = self.body_jacobian(self.model.frames[frame].parentJoint)
+        found[:3] -= pin.skew(self.frame(frame).translation) @ found[3:]
         return found
 
     def opening(self, joint: int) -> Array:
@@ -561,7 +572,7 @@ class Evaluation:
         Call after `update` at the same q.
         """
         c = self.constraints
-        pin.forwardKinematics(self.model, self.data, q, v, self._zero)
+        self._tree.move(q, v, self._zero)
         if not self._n_all:
             return np.zeros(c.n_rows)
         shape = self._h1.shape
@@ -577,6 +588,11 @@ class Evaluation:
         if c.n_passive:
             bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
         return bias if self._plain else self._finish_bias(q, v, bias)
+
+    def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Move the bodies as q (nq,), v and a (nv,) say; return views as `rates`."""
+        self._tree.move(q, v, a)
+        return self.rates()
 
     def rates(self) -> tuple[Array, Array]:
         """Return views (njoints, 6) on the twists and spatial accelerations, joint axes."""

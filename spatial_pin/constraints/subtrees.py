@@ -1,14 +1,6 @@
-"""Kinematics and dynamics of large trees, piece by piece.
-
-A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
-algorithms time with the square. Branches that meet only at the ground know nothing of each other:
-each piece is a model of a few of them. The results are those of the whole model, in its order.
-"""
+"""Closure rows and forces of large trees, sparse and piece by piece."""
 
 from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,89 +13,9 @@ from spatial_pin.constraints.closure_equations import (
     constraints_of,
 )
 from spatial_pin.constraints.kinds import Equation
-from spatial_pin.constraints.pinocchio_views import (
-    accelerations,
-    forces,
-    joint_jacobian,
-    placements,
-    twists,
-)
-from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.constraints.trees import TreeInPieces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-FREEDOMS = 32  # of a piece, at least, if there are so many branches
-
-
-class Piece(NamedTuple):
-    """Some branches of a tree as a model of their own.
-
-    Attributes:
-        model, data: of the branches.
-        joints, q, v: places of its joints (but the ground), configuration and velocity in the
-            whole model.
-        mass: its mass matrix at a configuration.
-        mass_at: (rows, columns) of the entries of its mass matrix that can be other than zero.
-        placements, twists, accelerations, forces, columns: views on `data`.
-        rest: zero velocity.
-    """
-
-    model: pin.Model
-    data: pin.Data
-    joints: NDArray[np.intp]
-    q: NDArray[np.intp]
-    v: NDArray[np.intp]
-    mass: MassMatrix
-    mass_at: tuple[NDArray[np.intp], NDArray[np.intp]]
-    placements: Array
-    twists: Array
-    accelerations: Array
-    forces: Array
-    columns: Array
-    rest: Array
-
-
-def pieces_of(model: pin.Model) -> list[Piece]:
-    """Return a model in pieces."""
-    groups: list[list[int]] = [[]]
-    size = 0
-    for root in model.children[0]:
-        if size >= FREEDOMS:
-            groups.append([])
-            size = 0
-        branch = [int(i) for i in model.subtrees[root]]
-        groups[-1] += branch
-        size += sum(model.nvs[i] for i in branch)
-    return [_piece(model, sorted(group)) for group in groups if group]
-
-
-def _piece(whole: pin.Model, joints: list[int]) -> Piece:
-    model = pin.Model()
-    model.gravity = whole.gravity
-    own = {0: 0}
-    for i in joints:
-        own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
-                                whole.jointPlacements[i], whole.names[i])
-        model.inertias[own[i]] = whole.inertias[i]
-    v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
-    model.armature = whole.armature[v]
-    data = model.createData()
-    q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
-    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model),
-                 placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
-                 joint_jacobian(data, model.nv), np.zeros(model.nv))
-
-
-def _related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (rows, columns) of freedoms of which one carries the other."""
-    related = np.zeros((model.nv, model.nv), dtype=bool)
-    for i in range(1, model.njoints):
-        own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-        for j in model.supports[i]:
-            other = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-            related[own, other] = related[other, own] = True
-    rows, columns = np.nonzero(related)
-    return rows, columns
 
 
 class PiecewiseRows:
@@ -120,14 +32,12 @@ class PiecewiseRows:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
         self.constraints = c = constraints_of(mechanism)
-        self.pieces = pieces_of(self.model)
+        self._tree = TreeInPieces(self.model)
+        self.pieces, self.data = self._tree.pieces, self._tree.data
+        self.placements, self._columns = self._tree.placements, self._tree.columns
+        self._rest = np.zeros(self.model.nv)
         self.turns = np.zeros(c.n_angles)
-        nj, nv, self._n = self.model.njoints, self.model.nv, c.passive_at
-        self.placements = np.zeros((nj, 4, 3))
-        self.placements[0, :3] = np.eye(3)
-        self._twists, self._accelerations = np.zeros((nj, 6)), np.zeros((nj, 6))
-        self._columns = np.zeros((6, nv))
-        self.data = SimpleNamespace(J=self._columns)  # as far as joint_jacobian reads it
+        self._n = c.passive_at
         self._wrenches = np.zeros((self._n, 6))
         self._ab = c.c_abx[: 2 * len(c.constants)]
         self._make_pattern()
@@ -157,10 +67,7 @@ class PiecewiseRows:
     def update(self, q: Array) -> None:
         """Evaluate the rows' Jacobian at the configuration q (nq,)."""
         c, n = self.constraints, self._n
-        for p in self.pieces:
-            pin.computeJointJacobians(p.model, p.data, q[p.q])
-            self.placements[p.joints] = p.placements
-            self._columns[:, p.v] = p.columns
+        self._tree.place(q)
         a, b, x = (c.c_abx @ self.placements.reshape(-1, 3)).reshape(3, -1, 3)[:, :n]
         self._a, self._b = a, b
         self._wrenches[:, :3] = b * c.factors[:n]
@@ -203,10 +110,9 @@ class PiecewiseRows:
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n_rows,) second derivatives of the rows at zero joint acceleration."""
         c, n = self.constraints, self._n
-        for p in self.pieces:
-            pin.forwardKinematics(p.model, p.data, q[p.q], v[p.v], p.rest)
-            self._twists[p.joints], self._accelerations[p.joints] = p.twists, p.accelerations
-        h, dh = ((x @ TWIST_MATRIX).reshape(-1, 4, 4) for x in (self._twists, self._accelerations))
+        tree = self._tree
+        tree.move(q, v, self._rest)
+        h, dh = ((x @ TWIST_MATRIX).reshape(-1, 4, 4) for x in (tree.twists, tree.accelerations))
         g1 = h @ self.placements
         g2 = h @ g1 + dh @ self.placements
         (a1, b1), (a2, b2) = ((self._ab @ g.reshape(-1, 3)).reshape(2, -1, 3)[:, :n]

@@ -184,14 +184,13 @@ def _of_one_sense(axis: Array) -> Array:
 def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array) -> list[str]:
     """Return the pairs of a body whose centres lie on an axis."""
     mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
-    pin.updateFramePlacements(model, data)
     groups = driven_groups(mechanism)
     centres = {model.names[i]: data.oMi[i].translation for i in range(1, model.njoints)
                if groups[body] in (groups[i], groups[model.parents[i]])}
     for closure in mechanism.closures:
         for frame in (*closure.frames, *closure.between):
             if groups[mechanism.frame_on_joint(frame)[0]] == groups[body]:
-                centres[closure.name] = data.oMf[mechanism.frame_id(frame)].translation
+                centres[closure.name] = evaluation.frame(mechanism.frame_id(frame)).translation
     limit = 1e-6 * mechanism.characteristic_length
     return [name for name, x in centres.items()
             if np.linalg.norm(np.cross(x - point, axis)) < limit]

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.state import center_of_mass
-from spatial_pin.constraints.pinocchio_views import accelerations, placements, twists
+from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
 from spatial_pin.numerics.linalg import Array
@@ -104,12 +104,11 @@ def _ratio(motion: Motion, name: str, rate: Array, inverse: bool) -> Output:
 
 def bodies(motion: Motion) -> Bodies:
     """Return where all bodies are and how they move."""
-    model = motion.mechanism.model
-    data = model.createData()
-    views = placements(data), twists(data), accelerations(data)
+    tree = tree_of(motion.mechanism.model)
+    views = tree.placements, tree.twists, tree.accelerations
     found = Bodies(*(np.empty((len(motion), *view.shape)) for view in views))
     for k in range(len(motion)):
-        pin.forwardKinematics(model, data, motion.q[k], motion.v[k], motion.a[k])
+        tree.move(motion.q[k], motion.v[k], motion.a[k])
         for rows, view in zip(found, views, strict=True):
             rows[k] = view
     return found

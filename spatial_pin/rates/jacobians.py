@@ -13,7 +13,7 @@ from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation, evaluation_of
-from spatial_pin.constraints.pinocchio_views import frame_jacobian, own_jacobian
+from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -82,10 +82,7 @@ def jacobian(
     driven = moving_coordinates(mechanism, names, hold)
     mechanism = state.mechanism
     with system_of(state, driven, hold) as system:
-        data = system.evaluation.data  # where the joints' Jacobians are known
-        pin.updateFramePlacement(mechanism.model, data, frame)
-        own = frame_jacobian(mechanism.model, data, frame)
-        whole: Array = own @ _columns(system, hold)
+        whole: Array = system.evaluation.frame_jacobian(frame) @ _columns(system, hold)
         return whole
 
 
@@ -224,7 +221,7 @@ def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> 
     c: Constraints = evaluation.constraints
     out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
     for k, (joint, axis) in enumerate(c.spins):
-        columns = own_jacobian(evaluation.model, evaluation.data, joint)[3:]
+        columns = evaluation.placements[joint, :3] @ evaluation.body_jacobian(joint)[3:]
         out[c.n_rows + k] -= axis @ np.cross(columns @ u, columns @ w)
     return out
 

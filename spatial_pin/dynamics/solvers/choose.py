@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.equations import Equations
-from spatial_pin.dynamics.solvers.sparse import SparseEquations, is_large
+from spatial_pin.dynamics.solvers.sparse import SparseEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.workspaces import lent
 
 
 def _made_for(mechanism: Mechanism) -> Equations:
-    return SparseEquations(mechanism) if is_large(mechanism) else Equations(mechanism)
+    return (SparseEquations if is_large(mechanism.model) else Equations)(mechanism)
 
 
 @contextmanager

@@ -22,12 +22,10 @@ from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.kkt import HOLDS, own_units, round_off
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import RANK_TOLERANCE, Array, Decomposition, independent_rows
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 
-LARGE = 60  # freedoms from which sparse factorisation is faster
 PROBED = 128  # freedoms up to which the rank of the loops is found by trying configurations nearby
 STAYS = 1e-6  # what an equation left out may lack for a motion of unit size, by that of its terms
 UNSURE = 1e-10  # smallest over largest pivot below which the equations are solved densely
@@ -300,9 +298,3 @@ class SparseEquations(Equations):
         before, chosen = self._system.chosen, self._select()
         self._system = _System(self.evaluation, chosen)
         return not np.array_equal(before, chosen)
-
-
-def is_large(mechanism: Mechanism) -> bool:
-    """Whether sparse factorisation is the faster one for a mechanism."""
-    branches = len(mechanism.model.children[0])
-    return mechanism.model.nv >= LARGE and branches >= 4

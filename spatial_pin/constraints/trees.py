@@ -1,0 +1,174 @@
+"""Kinematics of trees by Pinocchio, in one go or, of large ones, piece by piece.
+
+A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
+algorithms time with the square. Branches that meet only at the ground know nothing of each other:
+each piece is a model of a few of them. The results are those of the whole model, in its order.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.constraints.pinocchio_views import (
+    accelerations,
+    forces,
+    joint_jacobian,
+    placements,
+    twists,
+)
+from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.numerics.linalg import Array
+
+FREEDOMS = 32  # of a piece, at least, if there are so many branches
+WHOLE = 60  # freedoms up to which a tree is taken whole: there a `pin.Data` has 10 MB
+BRANCHES = 4  # at the ground, from which pieces are small beside the tree
+
+
+def is_large(model: pin.Model) -> bool:
+    """Whether a tree is better taken in pieces."""
+    return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
+
+
+class Tree:
+    """Where the bodies of a small tree are and how they move, read in the memory of a `pin.Data`.
+
+    Attributes:
+        data: Pinocchio's.
+        placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
+        columns: (6, nv) world joint Jacobian.
+        twists, accelerations: (njoints, 6) spatial ones, joint axes.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.data = model, model.createData()
+        self.placements, self.columns = placements(self.data), joint_jacobian(self.data, model.nv)
+        self.twists, self.accelerations = twists(self.data), accelerations(self.data)
+
+    def place(self, q: Array) -> None:
+        """Set `placements` and `columns` at the configuration q (nq,)."""
+        pin.computeJointJacobians(self.model, self.data, q)
+
+    def move(self, q: Array, v: Array, a: Array) -> None:
+        """Set `placements`, `twists` and `accelerations` of a motion."""
+        pin.forwardKinematics(self.model, self.data, q, v, a)
+
+
+class _Placed:
+    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
+
+    def __init__(self, found: Array) -> None:
+        self._found = found
+
+    def __getitem__(self, joint: int) -> pin.SE3:
+        at = self._found[joint]
+        return pin.SE3(at[:3].T, at[3])
+
+
+class TreeInPieces:
+    """`Tree` of a large tree.
+
+    Attributes:
+        data: what it has of a `pin.Data`: `J` and `oMi`.
+        pieces: the tree.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.pieces = model, pieces_of(model)
+        self.placements = np.zeros((model.njoints, 4, 3))
+        self.placements[0, :3] = np.eye(3)
+        self.columns = np.zeros((6, model.nv))
+        self.twists, self.accelerations = np.zeros((2, model.njoints, 6))
+        self.data = SimpleNamespace(J=self.columns, oMi=_Placed(self.placements))
+
+    def place(self, q: Array) -> None:
+        """Set `placements` and `columns` at the configuration q (nq,)."""
+        for p in self.pieces:
+            pin.computeJointJacobians(p.model, p.data, q[p.q])
+            self.placements[p.joints] = p.placements
+            self.columns[:, p.v] = p.columns
+
+    def move(self, q: Array, v: Array, a: Array) -> None:
+        """Set `placements`, `twists` and `accelerations` of a motion."""
+        for p in self.pieces:
+            pin.forwardKinematics(p.model, p.data, q[p.q], v[p.v], a[p.v])
+            self.placements[p.joints] = p.placements
+            self.twists[p.joints], self.accelerations[p.joints] = p.twists, p.accelerations
+
+
+def tree_of(model: pin.Model) -> Tree | TreeInPieces:
+    """Return what places and moves the bodies of a tree."""
+    return TreeInPieces(model) if is_large(model) else Tree(model)
+
+
+class Piece(NamedTuple):
+    """Some branches of a tree as a model of their own.
+
+    Attributes:
+        model, data: of the branches.
+        joints, q, v: places of its joints (but the ground), configuration and velocity in the
+            whole model.
+        mass: its mass matrix at a configuration.
+        mass_at: (rows, columns) of the entries of its mass matrix that can be other than zero.
+        placements, twists, accelerations, forces, columns: views on `data`.
+    """
+
+    model: pin.Model
+    data: pin.Data
+    joints: NDArray[np.intp]
+    q: NDArray[np.intp]
+    v: NDArray[np.intp]
+    mass: MassMatrix
+    mass_at: tuple[NDArray[np.intp], NDArray[np.intp]]
+    placements: Array
+    twists: Array
+    accelerations: Array
+    forces: Array
+    columns: Array
+
+
+def pieces_of(model: pin.Model) -> list[Piece]:
+    """Return a model in pieces."""
+    groups: list[list[int]] = [[]]
+    size = 0
+    for root in model.children[0]:
+        if size >= FREEDOMS:
+            groups.append([])
+            size = 0
+        branch = [int(i) for i in model.subtrees[root]]
+        groups[-1] += branch
+        size += sum(model.nvs[i] for i in branch)
+    return [_piece(model, sorted(group)) for group in groups if group]
+
+
+def _piece(whole: pin.Model, joints: list[int]) -> Piece:
+    model = pin.Model()
+    model.gravity = whole.gravity
+    own = {0: 0}
+    for i in joints:
+        own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
+                                whole.jointPlacements[i], whole.names[i])
+        model.inertias[own[i]] = whole.inertias[i]
+    v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
+    model.armature = whole.armature[v]
+    data = model.createData()
+    q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
+    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model),
+                 placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
+                 joint_jacobian(data, model.nv))
+
+
+def _related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return (rows, columns) of freedoms of which one carries the other."""
+    related = np.zeros((model.nv, model.nv), dtype=bool)
+    for i in range(1, model.njoints):
+        own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+        for j in model.supports[i]:
+            other = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
+            related[own, other] = related[other, own] = True
+    rows, columns = np.nonzero(related)
+    return rows, columns

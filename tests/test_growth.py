@@ -1,0 +1,74 @@
+"""Mechanisms of many loops: what they cost grows with the number of loops, not with its cube."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.accuracy import models
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.trees import Tree, TreeInPieces, tree_of
+
+WORK = """
+import resource, sys
+import numpy as np
+import spatial_pin as sp
+from spatial_pin.accuracy import models
+
+mechanism = models.ladder(int(sys.argv[1]))
+start = {c: 0.3 if c.startswith("pin") else -0.3 for c in mechanism.coordinates}
+state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"pin_0": 0.3}, start), {"pin_0": 1.0})
+motion = sp.sweep(mechanism, "pin_0", np.linspace(0.3, 1.3, 20), guess=state)
+assert np.abs(motion.coordinate("pin_7").value - motion.driver).max() < 1e-10
+height = motion.frame("top_7").position[:, 1]
+assert np.abs(height - np.cos(motion.driver)).max() < 1e-10
+assert sp.forward_dynamics(mechanism, state).reactions
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def test_many_loops_take_little_memory():
+    """One `pin.Data` of their 401 freedoms would take 3 GB."""
+    found = subprocess.run([sys.executable, "-c", WORK, "200"], capture_output=True, text=True,
+                           check=True)
+    assert int(found.stdout) < 700_000  # kB
+
+
+def test_pieces_of_a_tree_move_as_the_whole_does():
+    mechanism = models.ladder(40)
+    pieces, whole = tree_of(mechanism.model), Tree(mechanism.model)
+    assert isinstance(pieces, TreeInPieces)
+    q, v, a = np.random.default_rng(2).uniform(-1.0, 1.0, (3, mechanism.model.nv))
+    for tree in (pieces, whole):
+        tree.place(q)
+        tree.move(q, v, a)
+    for name in ("placements", "columns", "twists", "accelerations"):
+        assert np.array_equal(getattr(pieces, name), getattr(whole, name)), name
+    assert np.array_equal(pieces.data.oMi[50].homogeneous, whole.data.oMi[50].homogeneous)
+
+
+@pytest.mark.parametrize("frame", ["rod_3", "end_17", "ground"])
+def test_frames_of_an_evaluation_are_pinocchios(frame):
+    mechanism = models.ladder(40)
+    model, data = mechanism.model, mechanism.model.createData()
+    q = np.random.default_rng(3).uniform(-1.0, 1.0, model.nq)
+    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation.update(q)
+    at = mechanism.frame_id(frame)
+    want = pin.computeFrameJacobian(model, data, q, at, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    pin.updateFramePlacement(model, data, at)
+    assert evaluation.frame_jacobian(at) == pytest.approx(want, abs=1e-13)
+    assert evaluation.frame(at).homogeneous == pytest.approx(data.oMf[at].homogeneous, abs=1e-15)
+
+
+def test_what_many_loops_do_is_what_one_does():
+    one, many = (models.ladder(n) for n in (1, 60))
+    values = np.linspace(0.3, 1.3, 30)
+    found = [sp.sweep(m, "pin_0", values, 2.0, guess={
+        c: 0.3 if c.startswith("pin") else -0.3 for c in m.coordinates}) for m in (one, many)]
+    for name in ("position", "velocity", "acceleration"):
+        first, last = (getattr(motion.frame("end_0"), name) for motion in found)
+        assert first == pytest.approx(last, abs=1e-11), name
