@@ -85,7 +85,6 @@ class Constraints:
         composed: those that are more, by kind.
         elsewhere: (equation, product) of products that act on other bodies than the closure's.
         screws: (equation, product of the sine, pitch) of screws, in the order of their angles.
-        differences: (equation, product to be subtracted) of distances between other frames.
         spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
@@ -126,8 +125,6 @@ class Constraints:
         self.n_wrenches = self.n_rows + len(self.elsewhere)
         self.screws = [(at, e.products[1], e.numbers[0]) for at, e in enumerate(self.equations)
                        if e.kind is KINDS["screw"]]
-        self.differences = [(at, e.products[1]) for at, e in enumerate(self.equations)
-                            if e.kind is KINDS["difference"]]
         a, b, x = self._a.rows, self._b.rows, self._x.rows
         self.terms = self._a.terms, self._b.terms, self._x.terms
         self.c_abx = _matrix([*a, *b, *x], 4 * n)

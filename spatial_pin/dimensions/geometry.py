@@ -101,7 +101,7 @@ def geometry_of(mechanism: Mechanism, points: Iterable[str], length: float) -> G
     batch, n = Batch(constraints), len(constraints.constants)
     coefficients, constants = batch.coefficients.copy(), constraints.constants.copy()
     rows = np.flatnonzero(is_length(constraints)[: constraints.n_products])
-    rows = np.append(rows, [other for _, other in constraints.differences]).astype(np.intp)
+    rows = np.append(rows, [product for _, product in constraints.elsewhere]).astype(np.intp)
     ratio = mechanism.characteristic_length / length
     coefficients[n + rows] *= ratio
     constants[rows] *= ratio
@@ -138,8 +138,7 @@ def kind_of(mechanism: Mechanism, points: Iterable[str]) -> tuple[Any, ...]:
     return (
         tuple((j.kind, j.parent, j.q, j.v) for j in joints), tuple(model.names),
         tuple(f.parentJoint for f in model.frames), tuple(carriers(mechanism, points)),
-        c.labels, tuple(c.screws and [(at, sine) for at, sine, _ in c.screws]), c.c_abx.shape,
-        tuple(c.differences),
+        c.labels, tuple((e.kind.code, e.products) for e in c.equations), c.c_abx.shape,
         tuple(Batch(c).bodies.tolist()), tuple(c.factors.flat),
         tuple((x.joints, x.ratio, x.offset) for x in c.couplings),
     )
