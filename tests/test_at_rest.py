@@ -7,10 +7,6 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.dynamics.simulation.formulations.one_freedom import OneFreedom
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.simulate import _independent
 
 ROD = (1.3, (0.5, 0.0, 0.0), (0.0, 0.1, 0.1))
 SETTINGS = {
@@ -37,7 +33,6 @@ def hanging(folder, angle, seed=0):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_pendulum_hanging_still_stays_so(tmp_path, seed):
-    """Round-off pushes it over the edge between two pieces of its table and back."""
     for k, angle in enumerate(np.random.default_rng(seed).normal(size=3) * [0.03, 0.1, 1.0]):
         mech, guess = hanging(tmp_path, angle, seed + 100 * k)
         state = sp.assemble(mech, guess=guess)
@@ -52,34 +47,6 @@ def test_it_stays_so_with_any_integrator(tmp_path, setting):
         state = sp.assemble(mech, guess=guess)
         motion = sp.simulate(mech, state, 1.0, accuracy=sp.Accuracy(**SETTINGS[setting]))
         assert np.abs(motion.q - state.q).max() < 1e-12
-
-
-@pytest.mark.parametrize("start", [0.03, -0.11, 0.7, 3.0, -41.3, 1e5 + 0.3])
-def test_pieces_of_a_table_meet_to_the_bit(tmp_path, start):
-    """Whatever their lengths, and after turns that use them again: no number lies between two."""
-    mech, _ = hanging(tmp_path, 0.0)
-    system = _independent(Problem(mech, None, None, None, 1e-10),
-                          sp.assemble(mech, guess={"pin": start}))
-    assert isinstance(system, OneFreedom)
-    table = system.table
-    edges = [edge for level in range(4) for k in (*range(-14, 15), 600, -601)
-             for edge in table._ends(level, k)]
-    near = [np.nextafter(edge, way) for edge in edges for way in (-np.inf, np.inf)]
-    for s in (*edges, *near, *np.nextafter(near, np.inf)):
-        for level in range(4):
-            first, last = table._ends(level, table._number(level, float(s)))
-            assert first <= s <= last
-    places = np.array(sorted([*edges[:120], *near[:240]]))
-    values = table.columns_of(places)
-    assert np.all(np.abs(values[:, 0] - places) < 1e-13 * (100.0 + np.abs(places)))
-
-
-def test_a_coordinate_that_round_off_hides_is_refused(tmp_path):
-    mech, _ = hanging(tmp_path, 0.0)
-    system = _independent(Problem(mech, None, None, None, 1e-10),
-                          sp.assemble(mech, guess={"pin": 0.3}))
-    with pytest.raises(Lost, match=r"pin = 1e\+18 rad is too large"):
-        system.table.columns_of(np.array([0.3, 1e18]))
 
 
 # ---------------------------------------------------------------- other bodies that stand still

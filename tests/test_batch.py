@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import mechanisms
 import numpy as np
 import pinocchio as pin
@@ -16,7 +14,6 @@ from spatial_pin.constraints.stacked import Batch
 from spatial_pin.constraints.vectorised_tree import FlatTree
 from spatial_pin.continuation.branch import Branch
 from spatial_pin.continuation.follow import Start
-from spatial_pin.numerics.interpolation import NodeCurve, integrals
 from spatial_pin.numerics.linalg import StackedLU
 
 SEVERAL = 4
@@ -108,28 +105,6 @@ def test_rows_of_the_library(name):
 
 
 # ---------------------------------------------------------------- between nodes
-
-
-def test_four_nodes_with_two_derivatives_make_a_polynomial_of_degree_eleven():
-    rng = np.random.default_rng(13)
-    y = [np.polynomial.Polynomial(rng.uniform(-1, 1, 12)) for _ in range(3)]
-    s = 0.3 - 0.2 * np.arange(4)
-    curve = NodeCurve(0.3, -0.2, *(np.array([p.deriv(n)(s) if n else p(s) for p in y])
-                                   for n in range(3)))
-    at = np.linspace(s[-1], s[0], 50)
-    assert_same(curve(at), np.array([p(at) for p in y]), 1e-14)
-    assert curve.reaches(s[0])
-    assert curve.reaches(s[-1])
-    assert not curve.reaches(0.31)
-
-
-def test_integrals_between_nodes_are_exact_to_degree_seven():
-    for degree in range(8):
-        s = np.arange(6.0)
-        derivative = degree * s ** (degree - 1) if degree else 0.0 * s
-        exact = [float(Fraction(i + 1) ** (degree + 1) - Fraction(i) ** (degree + 1))
-                 / (degree + 1) for i in range(5)]
-        np.testing.assert_allclose(integrals(1.0, s**degree, derivative), exact, rtol=1e-13)
 
 
 # ---------------------------------------------------------------- systems

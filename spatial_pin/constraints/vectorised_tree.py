@@ -290,14 +290,6 @@ def _slid(u: Array, w: Array, half: Array) -> Array:
     return u + b * once + c * np.cross(w, once, axis=0)
 
 
-def turned_back(x: Array, w: Array) -> Array:
-    """Return vectors x (3, m) in axes that have turned by rotation vectors w (3, m) [Rodrigues]."""
-    angle, line = np.sqrt((w * w).sum(axis=0)), w[WRAPPED]
-    once = cross(line, x[WRAPPED])
-    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    return x - np.sinc(angle / np.pi) * once[:3] + b * cross(line, once)[:3]
-
-
 def _times(p: Array, w: Array) -> Array:
     """Return the product of quaternions (4, m) with pure ones (3, m)."""
     x, y, z, s = p

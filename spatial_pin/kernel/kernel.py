@@ -57,6 +57,10 @@ class Evaluated(NamedTuple):
 class Kernel:
     """A mechanism in the compiled kernel; one caller at a time.
 
+    Args:
+        mechanism: the mechanism.
+        arrays: what it is made of, if that is not the whole mechanism.
+
     Attributes:
         handle: of the C structure.
         library: the compiled functions.
@@ -64,10 +68,10 @@ class Kernel:
         kept: what works in its memory, made once.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, arrays: Packed | None = None) -> None:
         c = constraints_of(mechanism)
         self.mechanism = mechanism
-        self.packed: Packed = packed(mechanism)
+        self.packed: Packed = arrays or packed(mechanism)
         self.nq, self.nv = mechanism.model.nq, mechanism.model.nv
         self.n_rows, self.n_passive, self.n_angles = c.n_rows, c.n_passive, c.n_angles
         self.library = library()

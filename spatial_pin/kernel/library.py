@@ -75,4 +75,25 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_follow.argtypes = [POINTER, POINTER, INT, POINTER, POINTER]
     found.path_stand.restype = REAL
     found.path_stand.argtypes = [POINTER] * 3
+    _declare_dynamics(found)
     return found
+
+
+def _declare_dynamics(found: ctypes.CDLL) -> None:
+    found.dynamics_destroy.restype = found.integrator_destroy.restype = None
+    found.dynamics_destroy.argtypes = found.integrator_destroy.argtypes = [POINTER]
+    found.dynamics_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, POINTER]
+    found.dynamics_begin.argtypes = [*[POINTER] * 5, INT]
+    found.dynamics_function.argtypes = [POINTER, REAL, POINTER, POINTER]
+    found.dynamics_place.argtypes = [POINTER, REAL, *[POINTER] * 5]
+    found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 8]
+    found.dynamics_crossed.argtypes = [POINTER, REAL, REAL, POINTER, INT]
+    found.dynamics_crossed.restype = INT
+    found.dynamics_keep.argtypes = found.dynamics_pivot.argtypes = [POINTER]
+    found.dynamics_evaluations.argtypes, found.dynamics_evaluations.restype = [POINTER], INT
+    found.dynamics_keep.restype = found.dynamics_pivot.restype = REAL
+    found.integrator_create.argtypes = [INT, INT, POINTER, POINTER, REAL, POINTER, REAL, REAL,
+                                        REAL, REAL, POINTER, POINTER]
+    found.integrator_step.argtypes = [POINTER]
+    found.integrator_between.argtypes = [POINTER, POINTER, INT, POINTER]
+    found.integrator_run.argtypes = [POINTER] * 3

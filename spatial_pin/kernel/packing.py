@@ -41,24 +41,33 @@ class Packed(NamedTuple):
     carriers: NDArray[np.intp]
 
 
-def packed(mechanism: Mechanism) -> Packed:
-    """Return the arrays of a mechanism, made once."""
-    if "packed" not in mechanism.memo:
-        mechanism.memo["packed"] = _packed(mechanism)
-    found: Packed = mechanism.memo["packed"]
+def packed(mechanism: Mechanism, idle: bool = True) -> Packed:
+    """Return the arrays of a mechanism, made once.
+
+    Args:
+        mechanism: the mechanism.
+        idle: whether the equations of idle rotations belong to it; forces know none.
+    """
+    key = "packed", idle
+    if key not in mechanism.memo:
+        mechanism.memo[key] = _packed(mechanism, idle)
+    found: Packed = mechanism.memo[key]
     return found
 
 
-def _packed(mechanism: Mechanism) -> Packed:
+def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     constraints = constraints_of(mechanism)
     model, carriers = split_of(mechanism)
     tree = _Tree(model)
     vectors = _VectorTable(tree.frames, carriers)
     products = _products(constraints, vectors)
     kinds, ints, reals, patterns = _equations(constraints)
+    n_idle = constraints.n_passive if idle else 0
+    n = constraints.n_rows + n_idle
+    kinds, ints, reals, patterns = kinds[:n], ints[:n], reals[:n], patterns[:n]
     starts = np.cumsum([0] + [len(p) for p in patterns])
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
-            constraints.n_rows, constraints.n_passive, constraints.n_angles,
+            constraints.n_rows, n_idle, constraints.n_angles,
             len(products.support), starts[-1]]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
@@ -69,6 +78,20 @@ def _packed(mechanism: Mechanism) -> Packed:
                 products.a_factor, products.b_factor, products.x_factor, constraints.constants,
                 constraints.factors, products.sign, reals),
         tree.frames, carriers)
+
+
+def with_masses(found: Packed, model: pin.Model) -> Packed:
+    """Return arrays with the masses and the gravity that a model has now."""
+    n, reals = len(found.frames), found.reals.copy()
+    mass, com = reals[13 * n : 14 * n], reals[14 * n : 17 * n].reshape(n, 3)
+    inertia, gravity = reals[17 * n : 26 * n].reshape(n, 3, 3), reals[26 * n : 26 * n + 3]
+    for joint, body in enumerate(model.inertias):
+        if joint:
+            i = found.carriers[joint]
+            own = found.frames[i]
+            mass[i], com[i], inertia[i] = body.mass, own.T @ body.lever, own.T @ body.inertia @ own
+    gravity[:] = model.gravity.linear
+    return found._replace(reals=reals)
 
 
 def _joined(kind: type, *parts: Any) -> Any:

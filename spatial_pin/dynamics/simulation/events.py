@@ -84,6 +84,11 @@ class Watch:
         self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
         self._end: tuple[Array, Array] = state.q, state.v
 
+    @property
+    def is_needed(self) -> bool:
+        """Whether there is anything to be looked for."""
+        return bool(self.limits or self.stop_when or (self.rated and self.rated.limits))
+
     def look(self, system: System, solver: Any) -> Found:
         """Return what the solver's last step has met."""
         passed = self._passed(system, solver)

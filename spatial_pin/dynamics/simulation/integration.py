@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import constraints_of
 from spatial_pin.dynamics.simulation.ending import why_it_ends
 from spatial_pin.dynamics.simulation.energy_balance import Balance
 from spatial_pin.dynamics.simulation.events import Found, Watch
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integrators import AUTOMATIC, FIXED, STEPPERS
-from spatial_pin.dynamics.simulation.problem import Problem, Row, System
+from spatial_pin.dynamics.simulation.problem import Problem, System
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
     Energies,
@@ -30,12 +31,16 @@ from spatial_pin.errors import (
     StepLimitError,
     warn,
 )
+from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, WORN, Samples
+from spatial_pin.kernel.dynamics import Run as KernelRun
+from spatial_pin.kernel.kernel import address
 from spatial_pin.motion.joint_limits import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
+ROUTINE = (AT_END, MANY, WORN, AT_FAILURE)  # pauses of steps whose samples are made
 LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
 SHORTEST = 1e-13  # step, by the time, that is taken anew no more
 TRIED = 1000  # steps of a motion without damping, which go on as long as they are
@@ -50,48 +55,53 @@ Formulate = Callable[[Problem, State, GivenUp], System]
 
 
 class Rows:
-    """Rows of a simulation, filled one after the other, several in one go.
+    """Samples of a simulation, filled one after the other.
 
     Args:
         times: (N,) when.
+        problem: what is simulated.
+
+    Attributes:
+        filled: how many there are.
     """
 
-    def __init__(self, times: Array) -> None:
-        self.times, self.asked, self.last = times, 0, -np.inf
-        self._waiting: list[tuple[Array, Array]] = []
-        self._times: list[float] = []
-        self._rows: list[Row] = []
-        self._work: list[float] = []
+    def __init__(self, times: Array, problem: Problem) -> None:
+        self.times, self.filled = times, 0
+        n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
+        self._at = np.empty(n)
+        n_angles = constraints_of(problem.mechanism).n_angles
+        self._samples = Samples(*(np.empty((n, k)) for k in (
+            nq, nv, nv, 4, len(problem.drives), n_angles)))
 
     def until(self, end: float) -> Array:
-        """Return the times of rows not yet asked for, up to `end`."""
-        return self.times[self.asked : np.searchsorted(self.times, end, "right")]
+        """Return the times of samples that are not yet there, up to `end`."""
+        return self.times[self.filled : np.searchsorted(self.times, end, "right")]
 
     def ask(self, system: System, times: Array, unknowns: Array) -> None:
-        """Ask for rows at times (N,) and unknowns (N, n)."""
+        """Work out samples at times (N,) and unknowns (N, n)."""
         if not times.size:
             return
-        self._waiting.append((times, unknowns))
-        self.asked, self.last = self.asked + len(times), float(times[-1])
-        if self.asked - len(self._rows) >= system.rows_at_once:
-            self.fill(system)
+        self.put(times)
+        for into, row in zip(self._samples, system.rows(times, unknowns), strict=True):
+            into[self.filled : self.filled + len(times)] = row
+        self.filled += len(times)
 
-    def fill(self, system: System) -> None:
-        """Work out all rows that were asked for."""
-        waiting, self._waiting = self._waiting, []
-        if waiting:
-            times, unknowns = (np.concatenate(x) for x in zip(*waiting, strict=True))
-            self._rows += system.rows(times, unknowns)
-            self._times += times.tolist()
-            self._work += [system.problem.work(y) for y in unknowns]
+    def put(self, times: Array) -> None:
+        """Note the times (N,) of samples to come."""
+        self._at[self.filled : self.filled + len(times)] = times
 
-    def cut(self, n: int) -> None:
-        """Keep the first n rows only."""
-        del self._times[n:], self._rows[n:], self._work[n:]
+    @property
+    def last(self) -> float:
+        """Time of the last one, -inf if there is none."""
+        return float(self._at[self.filled - 1]) if self.filled else -np.inf
 
-    def filled(self) -> tuple[Array, list[Row], Array]:
-        """Return the rows that are worked out: times (N,), rows, and work done until each (N,)."""
-        return np.array(self._times), self._rows, np.array(self._work)
+    def room(self) -> Samples:
+        """Return where all samples stand."""
+        return self._samples
+
+    def all(self) -> tuple[Array, Samples]:
+        """Return the times (N,) of samples that are there, and these."""
+        return self._at[: self.filled], Samples(*(x[: self.filled] for x in self._samples))
 
 
 class Run:
@@ -115,7 +125,7 @@ class Run:
         watch: Watch,
     ) -> None:
         self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
-        self.rows, self.watch = Rows(times), watch
+        self.rows, self.watch = Rows(times, problem), watch
         self.start = Energies(0.0, 0.0, 0.0)
         self.passed: list[Passing] = list(watch.at_start)
         self.events = [passing.event for passing in watch.at_start]
@@ -139,7 +149,7 @@ class Run:
         self._first = state
         system = self._begin(state)
         self.y = system.unknowns(state.v, 0.0)
-        self.start = self._energies(system, 0.0, self.y)
+        self.start = system.energies(0.0, self.y)
         self._balance = Balance(self.problem, self.accuracy, self.start)
         start = self.rows.until(0.0)
         self.rows.ask(system, start, self.y[None][: len(start)])
@@ -147,8 +157,6 @@ class Run:
             rest = self.rows.until(self.end)
             self.rows.ask(system, rest, np.empty((len(rest), 0)))
             self.t = self.end
-        if not self.end > self.t:  # nothing but the state it starts from
-            self.rows.fill(system)
         while self.t < self.end:
             before = system.evaluations
             try:
@@ -158,7 +166,6 @@ class Run:
                         return
             finally:
                 self.evaluations += system.evaluations - before
-                self.rows.fill(system)
             if self.t < self.end:
                 system = self._begin_again(system, self._has_failed)
 
@@ -174,10 +181,19 @@ class Run:
         self._solver = solver = self._integrator(system)
         held = self._has_failed = False
         while solver.status == "running":
-            solver.step()
-            if solver.status == "failed" or not solver.t > solver.t_old:  # LSODA goes on for ever
+            why = self._leap(system, solver)
+            if why is None:
+                solver.step()
+            if (solver.status == "failed" or why == AT_FAILURE
+                    or not solver.t > solver.t_old):  # LSODA goes on for ever
                 self._has_failed = True
                 break
+            if why in ROUTINE:
+                yield False
+                self._refuse_to_go_on_for_ever(solver)
+                if why == WORN:
+                    break
+                continue
             opened = system.settle(solver) or 0.0
             if opened > 1.0:
                 self._solver = solver = self._shortened(system, solver.t - self.t)
@@ -186,7 +202,7 @@ class Run:
             if held and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
             if system.projection is not None:
-                self._refuse_to_lose_energy(solver.t, self._energies(system, solver.t, solver.y))
+                self._refuse_to_lose_energy(solver.t, system.energies(solver.t, solver.y))
             self._refuse_to_creep(system, solver)
             self._note_integrator(system, solver)
             self.t, self.y = solver.t, solver.y
@@ -195,10 +211,34 @@ class Run:
             if solver.status == "running" and system.is_worn(self.t, solver.y):
                 break
 
-    def _energies(self, system: System, t: float, y: Array) -> Energies:
-        """Return the energies at unknowns y."""
-        state = system.state(t, y)
-        return self.problem.energies(state.q, state.v, system.evaluation, self.problem.work(y))
+    def _leap(self, system: System, solver: Any) -> int | None:
+        """Take many steps with their samples in the kernel; why it paused, None if it cannot.
+
+        Where that is no routine, the last step is still to be looked at, its samples with it.
+        """
+        inner = getattr(solver, "in_kernel", None)
+        if inner is None or system.kernel is None or self.watch.is_needed:
+            return None
+        rows, before = self.rows, inner.steps
+        rows.put(rows.until(self.end))
+        most = min(TRIED - self.steps % TRIED, max(self.accuracy.most_steps - self.steps, 1))
+        times = np.ascontiguousarray(rows.times)
+        run = KernelRun(
+            address(times), len(times), rows.filled, *map(address, rows.room()), most,
+            system.patience, self._largest[1], self._largest[0], float(self.accuracy.most_steps))
+        try:
+            why: int = inner.run(run)
+        finally:
+            rows.filled = run.row
+        taken = inner.steps - before
+        if taken > 1:
+            self._creeping = self._standing = 0
+        self._largest = np.array([run.largest_pivot, run.largest_step])
+        self.steps += taken if why in ROUTINE else max(taken - 1, 0)
+        if why in ROUTINE:
+            self._note_integrator(system, solver)
+            self.t, self.y = solver.t, solver.y
+        return why
 
     def _refuse_to_lose_energy(self, t: float, now: Energies) -> None:
         """Refuse a step, or a row, that energy is lost or won by.
@@ -220,12 +260,12 @@ class Run:
         Raises:
             EnergyError: there are some.
         """
-        for k, (t, row, work) in enumerate(zip(*self.rows.filled(), strict=True)):
-            kinetic = self.problem.kinetic(row.q, row.v)
+        times, samples = self.rows.all()
+        for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
             try:
-                self._refuse_to_lose_energy(float(t), Energies(kinetic, row.energy, float(work)))
+                self._refuse_to_lose_energy(t, Energies(*row[1:]))
             except EnergyError:
-                self.rows.cut(k)
+                self.rows.filled = k
                 raise
 
     def _refuse_to_go_on_for_ever(self, solver: Any) -> None:
@@ -365,20 +405,20 @@ class Run:
         self.steps += 1
         found = self.watch.look(system, solver)
         times = self.rows.until(solver.t if found.stop is None else found.stop)
-        if found.stop is not None and found.stop > self.rows.last:
+        if found.stop is not None and found.stop > max([self.rows.last, *times]):
             times = np.union1d(times, [found.stop])
         unknowns = solver.dense_output()(times).T if times.size else np.empty((0, len(solver.y)))
         self._note_crossings(system, solver.y, unknowns)
         self._note_limits(found, times)
         self.rows.ask(system, times, unknowns)
         if found.stop is not None:
-            self.events.append(Event("stopped", found.stop, self.rows.asked, found.text))
+            self.events.append(Event("stopped", found.stop, self.rows.filled, found.text))
         return found.stop is not None
 
     def _note_crossings(self, system: System, y: Array, unknowns: Array) -> None:
         """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
         for value, at in system.crossings_to(y):
-            row = self.rows.asked + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
+            row = self.rows.filled + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
             text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the "
                     "one that goes straight on")
             self.events.append(Event("branch point", value, row, text))
@@ -386,30 +426,26 @@ class Run:
     def _note_limits(self, found: Found, times: Array) -> None:
         """Keep the limits passed in the last step, which has rows at `times`."""
         for t, limit in found.passed:
-            row = self.rows.asked + int(np.count_nonzero(times < t))
+            row = self.rows.filled + int(np.count_nonzero(times < t))
             self.passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
             self.events.append(self.passed[-1].event)
         for t, rated in found.rated:
-            row = self.rows.asked + int(np.count_nonzero(times < t))
+            row = self.rows.filled + int(np.count_nonzero(times < t))
             self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
 
     def motion(self) -> Simulation:
         """Return the rows so far."""
         problem, names = self.problem, [c.name for c, _ in self.problem.drives]
-        times, rows, work = self.rows.filled()
-        n = len(rows)
-        q, v, a, error, energy, efforts, angles = (
-            np.array(column) for column in (zip(*rows, strict=True) if n else [[]] * 7))
-        model = problem.model
-        q, v, a = q.reshape(n, model.nq), v.reshape(n, model.nv), a.reshape(n, model.nv)
+        times, samples = self.rows.all()
+        q, v, a, numbers, efforts, angles = samples
+        error, kinetic, energy, work = numbers.T.copy()
         return Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
             closure_error=error, driver_speed=np.empty(0), events=self.events,
-            angles=angles.reshape(n, angles.size // max(n, 1)), energy=energy, work=work,
+            angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(
-                problem.mechanism, q, v, energy, work, self.start, problem.constant),
-            efforts=ByDriver(problem.mechanism, dict(
-                zip(names, efforts.reshape(n, len(names)).T, strict=True))),
+                problem.mechanism, kinetic, energy, work, self.start, problem.constant),
+            efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
             coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self.passed,
             projection=self._projection(), integrators=self.integrators,

@@ -7,9 +7,9 @@ last step that returns unknowns (n,) or (n, N). `units` say what counts as one o
 `longest` is the longest step [s]. An explicit one has `creeps`: whether it is not errors but its
 stability that has kept its steps short for a while, as a stiff motion does.
 
-1. SciPy's adaptive methods: DOP853 and RK45 (explicit), Radau and BDF (stiff), LSODA (either).
-2. "RK4": the classical method, fixed step.
-   "automatic": DOP853, and Radau as long as that would creep.
+1. "DOP853" and "RK45" (explicit, adaptive) and "RK4" (the classical method, fixed step) are the
+   kernel's; "automatic": DOP853, and Radau as long as that would creep.
+2. SciPy's "Radau" and "BDF" (stiff), "LSODA" (either).
 3. "Gauss": two-stage Gauss, fourth order, implicit, symmetric: a reversible motion keeps its
    energy for ever to the order of the step [HairerLubichWanner2006, II.1].
 """
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.dynamics.simulation.scales import Units
+from spatial_pin.kernel.integrating import Explicit
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -30,11 +31,7 @@ Function = Callable[[float, Array], Array]
 
 MOST_ITERATIONS = 60
 FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
-STABLE = {"DOP853": 6.1, "RK45": 3.25, "RK4": 2.78}  # steps by the fastest decay, at most
-LONG = 15  # steps at that bound, by a few beyond it, that tell a stiff motion [HairerWanner1996]
-FEW = 2  # the same of a fixed step, which is soon far away
-SHORT = 6  # steps well within it that tell that it is none
-SELDOM = 5  # steps from one look at a motion that is not stiff so far to the next
+LONG = 15  # steps of an implicit method that an explicit one would take too
 SLOW = 1.0  # step, by the fastest decay, at which an explicit method would do
 DIFFERENCE = 1e-7  # step of the differences for implicit methods, by the units of unknowns
 HUGE = 1e100  # rate that stands for none, where loops cannot be closed
@@ -89,63 +86,6 @@ class _Fixed:
             return found
 
         return at
-
-
-class Stiffness:
-    """Counts steps whose length is bounded by stability [HairerWanner1996, IV.2].
-
-    Two stages at one time that differ tell how fast a motion decays: |f1 - f2| / |y1 - y2|.
-
-    Args:
-        bound: longest stable step, by the fastest decay.
-        units: (n,) of the unknowns.
-        patience: steps beyond that before the motion is called stiff.
-
-    Attributes:
-        found: whether the motion is stiff for an explicit method.
-    """
-
-    def __init__(self, bound: float, units: Array, patience: int = LONG) -> None:
-        self._bound, self._units, self._patience = bound, units, patience
-        self.found = False
-        self._long = self._short = self._steps = 0
-
-    @property
-    def is_due(self) -> bool:
-        """Whether the next step should be looked at: each, once one was too long."""
-        self._steps += 1
-        return self._long > 0 or self._steps % SELDOM == 0
-
-    def look(self, step: float, rates: Array, places: Array) -> None:
-        """Take note of a step, and of differences (n,) of rates and places of two stages."""
-        far = float(np.linalg.norm(places / self._units))
-        fast = step * float(np.linalg.norm(rates / self._units))
-        if fast > self._bound * far > 0.0:
-            self._long, self._short = self._long + 1, 0
-            self.found = self.found or self._long >= self._patience
-        else:
-            self._short += 1
-            self._long = 0 if self._short >= SHORT else self._long
-
-
-class RK4(_Fixed):
-    """The classical Runge-Kutta method."""
-
-    _stiffness: Stiffness | None = None
-
-    @property
-    def creeps(self) -> bool:
-        """Whether its steps are too long to be stable."""
-        return self._stiffness is not None and self._stiffness.found
-
-    def _advance(self, t: float, y: Array, f: Array, h: float) -> Array:
-        k2 = self.fun(t + 0.5 * h, y + 0.5 * h * f)
-        k3 = self.fun(t + 0.5 * h, y + 0.5 * h * k2)
-        self._stiffness = self._stiffness or Stiffness(STABLE["RK4"], self.units, FEW)
-        self._stiffness.look(h, k3 - k2, 0.5 * h * (k2 - f))
-        k4 = self.fun(t + h, y + h * k3)
-        self.nfev += 3
-        return y + h / 6.0 * (f + 2.0 * k2 + 2.0 * k3 + k4)
 
 
 class Gauss(_Fixed):
@@ -241,8 +181,7 @@ def _scipy(name: str) -> Callable[..., Any]:
         longest = min(longest, accuracy.step or math.inf)
         more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
                                 "atol": tolerance * units.unknowns}
-        if name not in ("DOP853", "RK45"):
-            more["jac"] = Differences(fun, units.unknowns)
+        more["jac"] = Differences(fun, units.unknowns)
         if name in ORDERS:
             more["first_step"] = first_step(fun, t0, y0, min(t_end - t0, longest), ORDERS[name],
                                             tolerance, units)
@@ -252,72 +191,87 @@ def _scipy(name: str) -> Callable[..., Any]:
     return make
 
 
-class Watched:
-    """An explicit method of SciPy that knows when it creeps, or what goes on instead of it.
+def _explicit(name: str) -> Callable[..., Any]:
+    def make(
+        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
+        longest: float = math.inf,
+    ) -> Explicit:
+        tolerance, span = max(accuracy.time_tolerance, FINEST), t_end - t0
+        longest = min(longest, accuracy.step or math.inf)
+        if name in FIXED:
+            step = float(_count(name, span, longest))
+        else:
+            step = first_step(fun, t0, y0, min(span, longest), ORDERS[name], tolerance, units)
+        return Explicit(name, fun, t0, y0, t_end, step, longest, tolerance,
+                        tolerance * units.unknowns)
+    return make
+
+
+def _count(name: str, span: float, step: float) -> int:
+    """Return how many fixed steps there are in a span of time.
+
+    Raises:
+        ValueError: the accuracy gives no step.
+    """
+    if not math.isfinite(step):
+        raise ValueError(f"integrator {name!r} needs a step: Accuracy(step=...)")
+    return max(1, int(np.ceil(span / step * (1 - 1e-12))))
+
+
+class Automatic:
+    """DOP853, and Radau as long as that would creep.
 
     Args:
         make: makes a method by its name, at a time and place.
-        name: "DOP853" or "RK45".
         units: (n,) of the unknowns.
-        instead: the method that takes over where the first creeps, if any.
 
     Attributes:
         used: names of the methods that have taken steps.
     """
 
-    def __init__(
-        self, make: Callable[..., Any], name: str, units: Array, instead: str | None = None
-    ) -> None:
-        self._make, self._name, self._units, self._instead = make, name, units, instead
-        self._inner, self._now = make(name), name
-        self._longest = self._inner.max_step
+    def __init__(self, make: Callable[..., Any], units: Array) -> None:
+        self._make, self._units, self._easy = make, units, 0
+        self._inner = make(EXPLICIT)
         self.used: list[str] = []
-        self._count()
-
-    def _count(self) -> None:
-        self._stiffness, self._easy = Stiffness(STABLE[self._name], self._units), 0
 
     @property
-    def creeps(self) -> bool:
-        """Whether stability bounds its steps."""
-        return self._stiffness.found
+    def in_kernel(self) -> Explicit | None:
+        """The method of the kernel that is next to take steps, if it is one."""
+        inner = self._inner
+        if not isinstance(inner, Explicit) or inner.creeps:
+            return None
+        self._note(EXPLICIT)
+        return inner
 
     def step(self) -> None:
         """Take one step, with the other method if this one has been the wrong one for a while."""
-        if self._instead and self.creeps and self._now == self._name:
-            self._go_on_with(self._instead)
+        if isinstance(self._inner, Explicit):
+            if self._inner.creeps:
+                self._go_on_with(IMPLICIT)
         elif self._easy >= LONG:
-            self._go_on_with(self._name)
+            self._go_on_with(EXPLICIT)
         self._inner.step()
         if self._inner.status == "failed":
             return
-        if self._now not in self.used:
-            self.used.append(self._now)
-        if self._now == self._name:
-            if self._stiffness.is_due:
-                self._look()
-        else:
-            self._easy = self._easy + 1 if self._is_easy() else 0
+        is_explicit = isinstance(self._inner, Explicit)
+        self._note(EXPLICIT if is_explicit else IMPLICIT)
+        self._easy = 0 if is_explicit or not self._is_easy() else self._easy + 1
+
+    def _note(self, name: str) -> None:
+        if name not in self.used:
+            self.used.append(name)
 
     def _go_on_with(self, name: str) -> None:
         longest = self._inner.max_step
-        self._inner, self._now = self._make(name, self.t, self.y), name
+        self._inner, self._easy = self._make(name, self.t, self.y), 0
         self._inner.max_step = longest
-        self._count()
-
-    def _look(self) -> None:
-        """Compare the last stage of the step with its end, which are at the same time."""
-        inner, last = self._inner, self._inner.n_stages - 1
-        h, k = inner.t - inner.t_old, inner.K
-        weights = inner.B - np.append(inner.A[last, :last], 0.0)
-        self._stiffness.look(h, k[last + 1] - k[last], h * (weights @ k[: last + 1]))
 
     def _is_easy(self) -> bool:
         """Whether the step of the implicit method could have been an explicit one's."""
         inner, units = self._inner, self._units
         rates = np.linalg.eigvals(inner.J * units / units[:, None])
         fastest = float(np.abs(rates).max(initial=0.0))
-        return (inner.t - inner.t_old) * fastest < SLOW
+        return bool((inner.t - inner.t_old) * fastest < SLOW)
 
     def dense_output(self) -> Callable[[Any], Array]:
         """Return what interpolates the last step."""
@@ -334,15 +288,13 @@ class Watched:
             object.__setattr__(self, name, value)
 
 
-def _watched(name: str, instead: str | None = None) -> Callable[..., Any]:
-    def make(
-        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-        longest: float = math.inf,
-    ) -> Any:
-        def at(method: str, t: float = t0, y: Array = y0) -> Any:
-            return _scipy(method)(fun, t, y, t_end, accuracy, units, longest)
-        return Watched(at, name, units.unknowns, instead)
-    return make
+def _automatic(
+    fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
+    longest: float = math.inf,
+) -> Automatic:
+    def at(method: str, t: float = t0, y: Array = y0) -> Any:
+        return STEPPERS[method](fun, t, y, t_end, accuracy, units, longest)
+    return Automatic(at, units.unknowns)
 
 
 def _fixed(method: type[_Fixed]) -> Callable[..., Any]:
@@ -356,13 +308,12 @@ def _fixed(method: type[_Fixed]) -> Callable[..., Any]:
     return make
 
 
-AUTOMATIC = "automatic"
+AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
 FIXED = ("RK4", "Gauss")  # those that keep to the step given
 
 STEPPERS: dict[str, Callable[..., Any]] = {
-    AUTOMATIC: _watched("DOP853", "Radau"),
-    **{name: _watched(name) for name in ("DOP853", "RK45")},
+    AUTOMATIC: _automatic,
+    **{name: _explicit(name) for name in ("DOP853", "RK45", "RK4")},
     **{name: _scipy(name) for name in ("Radau", "BDF", "LSODA")},
-    "RK4": _fixed(RK4),
     "Gauss": _fixed(Gauss),
 }

@@ -1,9 +1,9 @@
-"""What a simulation is asked: forces, laws of drivers, and one row of its answer."""
+"""What a simulation is asked: forces and laws of drivers; and what equations of motion answer."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -17,37 +17,15 @@ from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.kkt import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.dynamics import Dynamics, Samples
 from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.numerics.dense import cholesky_solve
 from spatial_pin.numerics.linalg import Array
 
-ALIKE = 1e-4  # of a freedom's inertia that others leave it, below which digits would be lost
-LIGHT = 1e-8  # inertia, by that of the heaviest joint coordinate, that may be round-off
 EffortLaw = Callable[[float, State], Mapping[str, float]]
-
-
-class Row(NamedTuple):
-    """One row of a simulation.
-
-    Attributes:
-        q, v, a: the motion.
-        error: closure error [-].
-        energy: kinetic, potential and stored in springs [J].
-        efforts: of prescribed drivers [N·m, N].
-        angles: relative angles of screw closures [rad].
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    error: float
-    energy: float
-    efforts: Array
-    angles: Array
 
 
 def _law(name: str, law: Any) -> DriverLaw:
@@ -129,28 +107,6 @@ class Problem:
         total = kinetic + float(pin.computePotentialEnergy(self.model, self.data, q))
         return Energies(kinetic, total + self.forces.energy(evaluation, q), work)
 
-    def free_accelerations(self, inertia: Array, force: Array, heaviest: float) -> Array | None:
-        """Return the accelerations (n,) that forces give to freedoms.
-
-        None where masses differ much, or there are none: there they are those of `least`.
-
-        Args:
-            inertia: (n, n) of the freedoms.
-            force: (n,) on them.
-            heaviest: of the inertias of joint coordinates.
-        """
-        own = inertia.diagonal()
-        if not own.min() > LIGHT * heaviest:
-            return None
-        if len(own) == 1:
-            return force / own
-        unit = 1.0 / np.sqrt(own)
-        factor, found, is_positive = cholesky_solve(unit[:, None] * inertia * unit, unit * force)
-        if not is_positive or not factor.diagonal().min() ** 2 > ALIKE:
-            return None
-        answer: Array = unit * found
-        return answer
-
     def least(self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array) -> Least:
         """Return the accelerations by `LeastConstraint`, for any masses.
 
@@ -192,7 +148,7 @@ class Problem:
 
 
 class System(Protocol):
-    """Equations of motion in independent coordinates: `Freedoms` or `OneFreedom`.
+    """Equations of motion: `Independent` or `Projected`.
 
     Called with (t, y) it returns dy/dt, NaN where the loops cannot be closed. y holds the chart
     coordinates, their rates, and the work done if any is.
@@ -200,16 +156,20 @@ class System(Protocol):
     Attributes:
         problem: what acts.
         free: velocity entries that are independent.
-        evaluations: how often it was called.
         patience: how many times faster than they another joint may move before they are worn.
-        rows_at_once: how many rows are worth being worked out in one go.
     """
 
     problem: Problem
     free: list[int]
-    evaluations: int
     patience: float
-    rows_at_once: int
+
+    @property
+    def kernel(self) -> Dynamics | None:
+        """The same in the kernel, where many steps are taken in one go; None if it is not there."""
+
+    @property
+    def evaluations(self) -> int:
+        """How often it was evaluated."""
 
     @property
     def pivot(self) -> float:
@@ -226,10 +186,6 @@ class System(Protocol):
         """Return y at the chart's origin, at joint velocities v (nv,)."""
 
     @property
-    def evaluation(self) -> Evaluation:
-        """Evaluation of the loops; where the last `state` is."""
-
-    @property
     def projection(self) -> Projection | None:
         """What projecting has taken so far, where steps are projected (`share` is not known)."""
 
@@ -242,7 +198,10 @@ class System(Protocol):
     def state(self, t: float, y: Array) -> State:
         """Return the State at y."""
 
-    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+    def energies(self, t: float, y: Array) -> Energies:
+        """Return the energies at y."""
+
+    def rows(self, times: Array, unknowns: Array) -> Samples:
         """Return everything at times (N,) and unknowns (N, n)."""
 
     def settle(self, solver: Any) -> float | None:

@@ -91,7 +91,7 @@ class RatedLimits:
             efforts = joint_efforts(problem.mechanism, problem.law(t, system.state(t, y)))
             values += [efforts[limit.v] for limit in self._given]
         if self._driven:
-            efforts = system.rows(np.array([t]), y[None])[0].efforts
+            efforts = system.rows(np.array([t]), y[None]).efforts[0]
             values += [efforts[k] for k, _ in self._driven]
         return np.array([float(limit.excess(np.array(x))) / limit.value
                          for limit, x in zip(self.limits, values, strict=True)])

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limits import Passing
 from spatial_pin.motion.motion import Motion
@@ -158,21 +157,19 @@ class LeastExchange:
 
 
 def energy_drift(
-    mechanism: Mechanism, q: Array, v: Array, energy: Array, work: Array,
-    start: Energies, efforts: Array,
+    mechanism: Mechanism, kinetic: Array, energy: Array, work: Array, start: Energies,
+    efforts: Array,
 ) -> float:
     """Return the largest energy that came from nowhere, by what the motion exchanges.
 
     Args:
         mechanism: what moves.
-        q: (N, nq) configurations.
-        v: (N, nv) joint velocities.
+        kinetic: (N,) kinetic energy [J].
         energy: (N,) kinetic, potential and of springs [J].
         work: (N,) done since the start [J].
         start: the energies it started with.
         efforts: (nv,) that act all the time [N·m, N].
     """
-    kinetic = np.array(list(map(KineticEnergy(mechanism.model), q, v)))
     kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
         kinetic, energy, work), strict=True))
     size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)),

@@ -14,8 +14,7 @@ from spatial_pin.dynamics.simulation.energy_balance import LOST
 from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
 from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
-from spatial_pin.dynamics.simulation.formulations.independent import Freedoms
-from spatial_pin.dynamics.simulation.formulations.one_freedom import OneFreedom
+from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import (
     Lost,
@@ -200,9 +199,8 @@ def _check_start(problem: Problem, state: State) -> None:
 def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
     """Return the equations of motion in the independent coordinates that fit a state best.
 
-    Those of one freedom are tables of a joint that moves. Where no table can be made, near
-    where such joints turn back, and where masses differ so much that its functions are round-off,
-    the loops are closed in every evaluation.
+    One freedom, links that spin freely not counted, is told by a joint with one coordinate, the
+    fastest that has not been given up.
 
     Args:
         problem: what acts.
@@ -216,14 +214,10 @@ def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()
     if not problem.drives:
         spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
         if len(free) - len(spins) == 1:
-            coordinates = {c.v: c for c in problem.mechanism.coordinate_table.values()}
             for v in plain_coordinates(state, spins.rows):
-                if (OneFreedom, (v,)) not in given_up:
-                    system = OneFreedom(problem, state, coordinates[v], spins)
-                    if not system.is_light:
-                        return system
-                    break
-    return Freedoms(problem, state, free)
+                if (Independent, (v,)) not in given_up:
+                    return Independent(problem, state, [v], spins)
+    return Independent(problem, state, free)
 
 
 def _projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:

@@ -124,6 +124,7 @@ class FreeFall:
             seen.q, seen.v, seen.a)
         energy = seen.energy + self._energy
         start = Energies(self._kinetic, start.total + self._energy, start.work)
+        kinetic = np.array(list(map(KineticEnergy(self._whole.model), q, v)))
         return replace(
             seen, mechanism=self._whole, q=q, v=v, a=a, energy=energy,
-            energy_drift=energy_drift(self._whole, q, v, energy, seen.work, start, efforts))
+            energy_drift=energy_drift(self._whole, kinetic, energy, seen.work, start, efforts))

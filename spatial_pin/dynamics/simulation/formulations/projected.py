@@ -21,10 +21,11 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.dynamics.simulation.problem import Problem, Row
-from spatial_pin.dynamics.simulation.result import Projection
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.kkt import DOUBTFUL, Motions, SaddlePoint
 from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.dynamics import Samples
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 
@@ -51,7 +52,7 @@ class Projected:
         SingularError: the loops have lost rank at the state.
     """
 
-    rows_at_once = 1
+    kernel = None
 
     def __init__(self, problem: Problem, state: State) -> None:
         if problem.drives:
@@ -265,20 +266,26 @@ class Projected:
         q, v = self._closed(*self._place(y))
         return self.problem.state(q, v, self.evaluation)
 
-    def rows(self, times: Array, unknowns: Array) -> list[Row]:
+    def energies(self, t: float, y: Array) -> Energies:
+        """Return the energies at y."""
+        state = self.state(t, y)
+        return self.problem.energies(state.q, state.v, self.evaluation, self.problem.work(y))
+
+    def rows(self, times: Array, unknowns: Array) -> Samples:
         """Return everything at times (N,) and unknowns (N, n), loops closed."""
-        return [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
+        rows = [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
+        return Samples(*map(np.array, zip(*rows, strict=True)))
 
     def crossings_to(self, y: Array) -> list[tuple[float, float]]:
         """Return nothing: where branches cross the loops lose rank."""
         return []
 
-    def _row(self, t: float, y: Array) -> Row:
+    def _row(self, t: float, y: Array) -> tuple[Array, ...]:
         q, v = self._closed(*self._place(y))
         a, _ = self._accelerate(t, q, v)
-        return Row(q, v, a, self.evaluation.closure_error,
-                   self.problem.energy(q, v, self.evaluation), np.empty(0),
-                   self.evaluation.angles.copy())
+        error = self.evaluation.closure_error
+        energies = self.problem.energies(q, v, self.evaluation, self.problem.work(y))
+        return (q, v, a, np.array([error, *energies]), np.empty(0), self.evaluation.angles.copy())
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether the chart should be begun anew."""

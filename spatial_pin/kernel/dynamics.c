@@ -1,0 +1,580 @@
+/* Accelerations of independent coordinates under forces.
+ *
+ * With G the joint velocities per unit rate of the free coordinates and a0 the joint accelerations
+ * at which these have none, virtual work along G gives
+ *     G^T (M (a0 + G z) + b - f) = 0      [Wehage & Haug 1982]
+ * for their accelerations z. M a0 + b is worked out body by body (Newton and Euler), G^T M G from
+ * the bodies' velocities per unit rate. Springs act as forces on the bodies, gravity too. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "dynamics.h"
+
+#define LIGHT 1e-8  /* inertia, by the heaviest joint's, that may be round-off */
+#define ALIKE 1e-4  /* of a freedom's inertia that others leave it, below which digits are lost */
+
+/* ---- forces on bodies ---- */
+
+static int moves_mass(const Kernel *k, Int j)
+{
+    const Real *I = k->inertia + 9 * j;
+    return k->mass[j] != 0.0 || I[0] != 0.0 || I[4] != 0.0 || I[8] != 0.0;
+}
+
+/* The force at the centre of mass and the moment about the world origin that a body needs. */
+static void needed(const Kernel *k, Int j, Real *force, Real *moment)
+{
+    const Real *R = k->R + 9 * j, *w = k->omega + 3 * j, *alpha = k->alpha + 3 * j;
+    Real centre[3], point[3], swing[3], once[3], turning[3], w_own[3], alpha_own[3], own[3], spun[3];
+    rotate3(R, k->com + 3 * j, centre);
+    cross3(w, centre, once);
+    cross3(w, once, swing);
+    cross3(alpha, centre, turning);
+    for (int i = 0; i < 3; i++)
+        force[i] = k->mass[j] *
+                   (k->acceleration[3 * j + i] + turning[i] + swing[i] - k->gravity[i]);
+    rotate_back3(R, w, w_own);
+    rotate_back3(R, alpha, alpha_own);
+    for (int i = 0; i < 3; i++)
+        spun[i] = dot3(k->inertia + 9 * j + 3 * i, w_own);
+    cross3(w_own, spun, own);
+    for (int i = 0; i < 3; i++)
+        own[i] += dot3(k->inertia + 9 * j + 3 * i, alpha_own);
+    rotate3(R, own, moment);
+    copy3(k->p + 3 * j, point);
+    add3(1.0, centre, point);
+    cross3(point, force, once);
+    add3(1.0, once, moment);
+}
+
+/* A point of a body and its velocity; needs the rates of the tree. */
+static void body_point(const Kernel *k, Int j, const Real *local, Real *at, Real *velocity)
+{
+    Real arm[3];
+    rotate3(k->R + 9 * j, local, arm);
+    copy3(k->p + 3 * j, at);
+    add3(1.0, arm, at);
+    cross3(k->omega + 3 * j, arm, velocity);
+    add3(1.0, k->velocity + 3 * j, velocity);
+}
+
+typedef struct {
+    Real length, rate, along[3], end[3];
+} Line;
+
+static Line line_between(const Dynamics *d, Int i)
+{
+    Line line;
+    Real first[3], v1[3], v2[3];
+    body_point(d->k, d->line_body[2 * i], d->line_point + 6 * i, first, v1);
+    body_point(d->k, d->line_body[2 * i + 1], d->line_point + 6 * i + 3, line.end, v2);
+    copy3(line.end, line.along);
+    add3(-1.0, first, line.along);
+    line.length = sqrt(dot3(line.along, line.along));
+    for (int c = 0; c < 3; c++)
+        line.along[c] = line.length > 0.0 ? line.along[c] / line.length : 0.0;
+    add3(-1.0, v1, v2);
+    line.rate = dot3(line.along, v2);
+    return line;
+}
+
+/* Force of a spring, and how fast it stores energy. */
+static int pull(const Dynamics *d, Int which, Int has_law, const Real *spring, Real length,
+                Real rate, Real *force, Real *storing)
+{
+    if (has_law)
+        return d->asked.spring(which, length, rate, force);
+    *force = spring[0] * (length - spring[2]) + spring[1] * rate;
+    *storing += spring[0] * (length - spring[2]) * rate;
+    return DONE;
+}
+
+/* Take the forces of springs between points from what bodies need; adds their power. */
+static int springs_on_bodies(Dynamics *d)
+{
+    for (Int i = 0; i < d->n_lines; i++) {
+        const Line line = line_between(d, i);
+        Real force = 0.0, moment[3];
+        if (pull(d, i, d->line_law[i], d->line_spring + 3 * i, line.length, line.rate, &force,
+                 &d->power) != DONE)
+            return ASK_FAILED;
+        d->power -= force * line.rate;
+        cross3(line.end, line.along, moment);
+        for (int side = 0; side < 2; side++) {
+            const Int at = 3 * d->line_body[2 * i + side];
+            const Real sign = side ? 1.0 : -1.0; /* pulled back towards the first */
+            add3(sign * force, line.along, d->force + at);
+            add3(sign * force, moment, d->moment + at);
+        }
+    }
+    return DONE;
+}
+
+/* Efforts, and what resists and turns back at joints: joint forces `given` and their power. */
+static int forces_at_joints(Dynamics *d, Real t, const Real *q)
+{
+    Kernel *k = d->k;
+    const Real *v = d->v;
+    memcpy(d->given, d->constant, (size_t)k->nv * sizeof *d->given);
+    if (d->asked.efforts && d->asked.efforts(t, q, v, d->turns, d->given) != DONE)
+        return ASK_FAILED;
+    for (Int i = 0; d->resists && i < k->nv; i++) {
+        if (d->damping[i] != 0.0)
+            d->given[i] -= d->damping[i] * v[i];
+        if (d->friction[i] != 0.0)
+            d->given[i] -= d->friction[i] * tanh(v[i] / d->slip[i]);
+    }
+    for (Int i = 0; i < d->n_turns; i++) {
+        Real force = 0.0;
+        const Int at = d->turn_v[i];
+        if (pull(d, d->n_lines + i, d->turn_law[i], d->turn_spring + 3 * i, d->q[d->turn_q[i]],
+                 v[at], &force, &d->power) != DONE)
+            return ASK_FAILED;
+        d->given[at] -= force;
+    }
+    for (Int i = 0; i < k->nv; i++)
+        d->power += d->given[i] * v[i];
+    return DONE;
+}
+
+/* Forces and moments that all bodies need; the springs on them are taken off where asked. */
+static void bodies_need(Dynamics *d)
+{
+    Kernel *k = d->k;
+    for (Int j = 0; j < k->n_joints; j++) {
+        zero3(d->force + 3 * j);
+        zero3(d->moment + 3 * j);
+        if (j > 0 && moves_mass(k, j))
+            needed(k, j, d->force + 3 * j, d->moment + 3 * j);
+    }
+}
+
+/* Joint forces of what bodies need, less those given: tau. */
+static void gather(Dynamics *d, const Real *a)
+{
+    Kernel *k = d->k;
+    for (Int j = k->n_joints - 1; j > 0; j--) {
+        const Int up = 3 * k->parent[j];
+        for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
+            d->tau[v] = dot3(d->force + 3 * j, k->linear + 3 * v) +
+                        dot3(d->moment + 3 * j, k->angular + 3 * v) + d->armature[v] * a[v] -
+                        d->given[v];
+        add3(1.0, d->force + 3 * j, d->force + up);
+        add3(1.0, d->moment + 3 * j, d->moment + up);
+    }
+}
+
+/* ---- masses of the free coordinates ---- */
+
+/* Velocity (3) of the point of each body at the world origin, and angular velocity (3), per unit
+ * rate of a free coordinate. */
+static void twists(Dynamics *d, Int i)
+{
+    Kernel *k = d->k;
+    Real *twist = d->twist + 6 * k->n_joints * i;
+    const Real *column = d->columns + i * k->nv;
+    memset(twist, 0, 6 * sizeof *twist);
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real *own = twist + 6 * j;
+        memcpy(own, twist + 6 * k->parent[j], 6 * sizeof *own);
+        for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
+            add3(k->scale[v] * column[v], k->linear + 3 * v, own);
+            add3(k->scale[v] * column[v], k->angular + 3 * v, own + 3);
+        }
+    }
+}
+
+static void centre_velocity(const Kernel *k, Int j, const Real *twist, Real *velocity, Real *turn)
+{
+    Real centre[3];
+    rotate3(k->R + 9 * j, k->com + 3 * j, centre);
+    add3(1.0, k->p + 3 * j, centre);
+    cross3(twist + 3, centre, velocity);
+    add3(1.0, twist, velocity);
+    rotate_back3(k->R + 9 * j, twist + 3, turn);
+}
+
+static void reduced_mass(Dynamics *d)
+{
+    Kernel *k = d->k;
+    const Int n = d->n_free;
+    memset(d->mass, 0, (size_t)(n * n) * sizeof *d->mass);
+    for (Int i = 0; i < n; i++)
+        twists(d, i);
+    for (Int j = 1; j < k->n_joints; j++) {
+        if (!moves_mass(k, j))
+            continue;
+        for (Int a = 0; a < n; a++) {
+            Real v[3], w[3], moment[3], other[3], turn[3];
+            centre_velocity(k, j, d->twist + 6 * (k->n_joints * a + j), v, w);
+            for (int i = 0; i < 3; i++)
+                moment[i] = dot3(k->inertia + 9 * j + 3 * i, w);
+            for (Int b = 0; b <= a; b++) {
+                centre_velocity(k, j, d->twist + 6 * (k->n_joints * b + j), other, turn);
+                d->mass[a * n + b] += k->mass[j] * dot3(v, other) + dot3(moment, turn);
+            }
+        }
+    }
+    for (Int a = 0; a < n; a++)
+        for (Int b = 0; b <= a; b++)
+            for (Int v = 0; v < k->nv; v++)
+                if (d->armature[v] != 0.0)
+                    d->mass[a * n + b] += d->armature[v] * k->scale[v] * k->scale[v] *
+                                          d->columns[a * k->nv + v] * d->columns[b * k->nv + v];
+}
+
+/* Cholesky of the masses, each freedom's own one; 0 where digits would be lost. */
+static int solve_masses(Dynamics *d)
+{
+    const Int n = d->n_free;
+    Real *m = d->mass, *z = d->z, *unit = d->off;
+    for (Int i = 0; i < n; i++) {
+        if (!(m[i * n + i] > LIGHT * d->heaviest))
+            return 0;
+        unit[i] = 1.0 / sqrt(m[i * n + i]);
+    }
+    if (n == 1) {
+        z[0] /= m[0];
+        return 1;
+    }
+    for (Int c = 0; c < n; c++) {
+        for (Int r = c; r < n; r++) {
+            Real sum = m[r * n + c] * unit[r] * unit[c];
+            for (Int i = 0; i < c; i++)
+                sum -= m[r * n + i] * m[c * n + i];
+            if (r == c && !(sum > ALIKE))
+                return 0;
+            /* the strict lower part holds the factor; what is read of m is below and right */
+            m[r * n + c] = r == c ? sqrt(sum) : sum / m[c * n + c];
+        }
+    }
+    for (Int i = 0; i < n; i++) {
+        z[i] *= unit[i];
+        for (Int j = 0; j < i; j++)
+            z[i] -= m[i * n + j] * z[j];
+        z[i] /= m[i * n + i];
+    }
+    for (Int i = n - 1; i >= 0; i--) {
+        for (Int j = i + 1; j < n; j++)
+            z[i] -= m[j * n + i] * z[j];
+        z[i] /= m[i * n + i];
+    }
+    for (Int i = 0; i < n; i++)
+        z[i] *= unit[i];
+    return 1;
+}
+
+/* ---- velocities and accelerations at unknowns ---- */
+
+/* Joint velocities without spins, for rates of the held coordinates by scale. */
+static void velocities(Dynamics *d, const Real *held)
+{
+    Kernel *k = d->k;
+    memset(d->v, 0, (size_t)k->nv * sizeof *d->v);
+    for (Int i = 0; i < d->n_held; i++)
+        for (Int v = 0; v < k->nv; v++)
+            d->v[v] += held[i] * d->columns[i * k->nv + v];
+    for (Int v = 0; v < k->nv; v++)
+        d->v[v] *= k->scale[v];
+}
+
+/* Let bodies spin about their lines: in their own axes, which turn with them. */
+static void add_spins(Dynamics *d)
+{
+    for (Int s = 0; s < d->n_spins; s++) {
+        const Int at = d->k->iv[d->spin_joint[s]];
+        Real turned[3];
+        cross3(d->spin_axis + 3 * s, d->v + at, turned);
+        add3(-d->sigma[s], turned, d->a0 + at);
+        add3(d->sigma[s], d->spin_axis + 3 * s, d->v + at);
+    }
+}
+
+/* Go where the unknowns say: q, v, and a0 there. */
+static int place(Dynamics *d, Real t, const Real *y)
+{
+    Kernel *k = d->k;
+    const Int n = d->n_free;
+    Real *x = d->asking, *held = x + d->n_held, *acceleration = held + d->n_held;
+    memcpy(x, y, (size_t)n * sizeof *x);
+    memcpy(held, y + n, (size_t)n * sizeof *held);
+    if (d->n_drives && d->asked.drives(t, d->laws) != DONE)
+        return ASK_FAILED;
+    for (Int i = 0; i < d->n_held; i++) {
+        const Real *law = d->laws + 3 * (i - n), scale = k->scale[d->held[i]];
+        acceleration[i] = i < n ? 0.0 : law[2] / scale;
+        if (i >= n) {
+            x[i] = (law[0] - d->start[d->held_q[i]]) / scale;
+            held[i] = law[1] / scale;
+        }
+    }
+    if (passing_travel(d, x) != DONE)
+        return LOST;
+    velocities(d, held);
+    if (d->strip >= 0)
+        for (Int v = 0; v < k->nv; v++)
+            d->a0[v] = d->strip_c[v] * held[0] * held[0];
+    else
+        independent_bias(d, d->v, d->n_drives ? acceleration : NULL, d->a0);
+    add_spins(d);
+    return DONE;
+}
+
+/* The configuration as it is shown: spinning bodies turned as their quaternions say, which are
+ * taken the shortest way to where the body's line is. Velocities and accelerations with it. */
+static void show_spins(const Dynamics *d, const Real *y, Real *q, Real *v, Real *a)
+{
+    const Kernel *k = d->k;
+    for (Int s = 0; s < d->n_spins; s++) {
+        const Real *u = d->spin_axis + 3 * s, *given = y + 2 * d->n_free + 4 * s;
+        const Int iq = k->iq[d->spin_joint[s]], iv = k->iv[d->spin_joint[s]];
+        const Real size = sqrt(dot3(given, given) + given[3] * given[3]);
+        Real turn[4], line[3], goal[3], way[4], R[9], S[9], seen[3];
+        for (int i = 0; i < 4; i++)
+            turn[i] = given[i] / size;
+        quaternion_matrix(q + iq, S);
+        quaternion_matrix(turn, R);
+        rotate3(S, u, goal);
+        rotate3(R, u, line);
+        cross3(line, goal, way);
+        way[3] = 1.0 + dot3(line, goal);
+        const Real length = sqrt(dot3(way, way) + way[3] * way[3]);
+        Real whole[4], side[3];
+        cross3(way, turn, side);
+        for (int i = 0; i < 3; i++)
+            whole[i] = (way[3] * turn[i] + turn[3] * way[i] + side[i]) / length;
+        whole[3] = (way[3] * turn[3] - dot3(way, turn)) / length;
+        memcpy(q + iq, whole, sizeof whole);
+        quaternion_matrix(whole, R);
+        rotate3(S, v + iv, seen);
+        rotate_back3(R, seen, v + iv);
+        if (a) {
+            rotate3(S, a + iv, seen);
+            rotate_back3(R, seen, a + iv);
+        }
+    }
+}
+
+/* Accelerations of the free coordinates, after `place`: z, the power, joint forces missing. */
+static int accelerate(Dynamics *d, Real t, const Real *y)
+{
+    Kernel *k = d->k;
+    const Int n = d->n_free;
+    const Real *q = d->q;
+    d->power = 0.0;
+    tree_rates(k, d->v, d->a0);
+    bodies_need(d);
+    if (d->n_spins && d->asked.efforts) { /* a law sees the bodies as they are turned */
+        memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
+        memcpy(d->step, d->v, (size_t)k->nv * sizeof *d->v);
+        show_spins(d, y, d->trial, d->step, NULL);
+        q = d->trial;
+    }
+    if (springs_on_bodies(d) != DONE || forces_at_joints(d, t, q) != DONE)
+        return ASK_FAILED;
+    gather(d, d->a0);
+    for (Int i = 0; i < n; i++) {
+        d->z[i] = 0.0;
+        for (Int v = 0; v < k->nv; v++)
+            d->z[i] -= k->scale[v] * d->columns[i * k->nv + v] * d->tau[v];
+    }
+    if (n) {
+        reduced_mass(d);
+        if (!solve_masses(d)) {
+            const int code = d->asked.least(t, d->q, d->v, d->a0, d->turns, d->z);
+            if (code != DONE)
+                return code;
+        }
+    }
+    return DONE;
+}
+
+/* Efforts of prescribed drivers: what is missing at the accelerations found. */
+static void drive_efforts(Dynamics *d)
+{
+    Kernel *k = d->k;
+    tree_rates(k, d->v, d->a);
+    bodies_need(d);
+    for (Int i = 0; i < d->n_lines; i++) { /* once more, their power is counted already */
+        const Real power = d->power;
+        (void)i;
+        springs_on_bodies(d);
+        d->power = power;
+        break;
+    }
+    gather(d, d->a);
+    for (Int i = 0; i < d->n_drives; i++) {
+        const Real *column = d->columns + (d->n_free + i) * k->nv;
+        Real sum = 0.0;
+        for (Int v = 0; v < k->nv; v++)
+            sum += k->scale[v] * column[v] * d->tau[v];
+        d->drive_effort[i] = sum / k->scale[d->held[d->n_free + i]];
+        d->power += d->drive_effort[i] * d->v[d->held[d->n_free + i]];
+    }
+}
+
+static void whole_accelerations(Dynamics *d)
+{
+    Kernel *k = d->k;
+    for (Int v = 0; v < k->nv; v++) {
+        Real sum = 0.0;
+        for (Int i = 0; i < d->n_free; i++)
+            sum += d->columns[i * k->nv + v] * d->z[i];
+        d->a[v] = d->a0[v] + k->scale[v] * sum;
+    }
+}
+
+/* Rate of a quaternion (4) whose body turns with w, both relative to the body before it. */
+static void quaternion_rate(const Real *x, const Real *w, Real *rate)
+{
+    Real side[3];
+    cross3(w, x, side);
+    for (int i = 0; i < 3; i++)
+        rate[i] = 0.5 * (w[i] * x[3] + side[i]);
+    rate[3] = -0.5 * dot3(w, x);
+}
+
+/* dy/dt. LOST where the loops cannot be closed at y. */
+int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
+{
+    Dynamics *d = from;
+    Kernel *k = d->k;
+    const Int n = d->n_free;
+    d->evaluations++;
+    int code = place(d, t, y);
+    if (code == DONE)
+        code = accelerate(d, t, y);
+    if (code != DONE)
+        return code;
+    if (d->n_drives) {
+        whole_accelerations(d);
+        drive_efforts(d);
+    }
+    independent_rates(d, d->v, rates);
+    memcpy(rates + n, d->z, (size_t)n * sizeof *rates);
+    for (Int s = 0; s < d->n_spins; s++) {
+        Real S[9], w[3];
+        quaternion_matrix(d->q + k->iq[d->spin_joint[s]], S);
+        rotate3(S, d->v + k->iv[d->spin_joint[s]], w);
+        quaternion_rate(y + 2 * n + 4 * s, w, rates + 2 * n + 4 * s);
+    }
+    if (d->works)
+        rates[d->n_unknowns - 1] = d->power;
+    for (Int i = 0; i < d->n_unknowns; i++)
+        if (!isfinite(rates[i]))
+            return LOST;
+    return DONE;
+}
+
+/* ---- what is asked from outside ---- */
+
+static Real energies(Dynamics *d, Real *kinetic)
+{
+    Kernel *k = d->k;
+    Real moving = 0.0, stored = 0.0;
+    for (Int j = 1; j < k->n_joints; j++) {
+        if (!moves_mass(k, j))
+            continue;
+        Real at[3], velocity[3], w[3], moment[3];
+        body_point(k, j, k->com + 3 * j, at, velocity);
+        rotate_back3(k->R + 9 * j, k->omega + 3 * j, w);
+        for (int i = 0; i < 3; i++)
+            moment[i] = dot3(k->inertia + 9 * j + 3 * i, w);
+        moving += 0.5 * (k->mass[j] * dot3(velocity, velocity) + dot3(w, moment));
+        stored -= k->mass[j] * dot3(k->gravity, at);
+    }
+    for (Int v = 0; v < k->nv; v++)
+        moving += 0.5 * d->armature[v] * d->v[v] * d->v[v];
+    for (Int i = 0; i < d->n_lines + d->n_turns; i++) {
+        const int line = i < d->n_lines;
+        const Int at = line ? i : i - d->n_lines;
+        const Real *spring = (line ? d->line_spring : d->turn_spring) + 3 * at;
+        if (line ? d->line_law[at] : d->turn_law[at])
+            continue;
+        const Real x = (line ? line_between(d, at).length : d->q[d->turn_q[at]]) - spring[2];
+        stored += 0.5 * spring[0] * x * x;
+    }
+    *kinetic = moving;
+    return moving + stored;
+}
+
+/* One sample: q, v, a, then closure error, kinetic and total energy, work; efforts of prescribed
+ * drivers and screw angles. */
+int dynamics_sample(void *from, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
+                    Real *efforts, Real *angles)
+{
+    Dynamics *d = from;
+    Kernel *k = d->k;
+    int code = place(d, t, y);
+    if (code == DONE)
+        code = accelerate(d, t, y);
+    if (code != DONE)
+        return code;
+    whole_accelerations(d);
+    numbers[0] = equations_error(k);
+    numbers[2] = energies(d, numbers + 1);
+    numbers[3] = d->works ? y[d->n_unknowns - 1] : 0.0;
+    if (d->n_drives)
+        drive_efforts(d);
+    memcpy(q, d->q, (size_t)k->nq * sizeof *q);
+    memcpy(v, d->v, (size_t)k->nv * sizeof *v);
+    memcpy(a, d->a, (size_t)k->nv * sizeof *a);
+    memcpy(efforts, d->drive_effort, (size_t)d->n_drives * sizeof *efforts);
+    memcpy(angles, d->turns, (size_t)k->n_angles * sizeof *angles);
+    show_spins(d, y, q, v, a);
+    return DONE;
+}
+
+/* Configuration, velocity, screw angles and closure error at unknowns. */
+EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
+                          Real *error)
+{
+    const int code = place(d, t, y);
+    if (code != DONE)
+        return code;
+    memcpy(q, d->q, (size_t)d->k->nq * sizeof *q);
+    memcpy(v, d->v, (size_t)d->k->nv * sizeof *v);
+    memcpy(angles, d->turns, (size_t)d->k->n_angles * sizeof *angles);
+    *error = equations_error(d->k);
+    show_spins(d, y, q, v, NULL);
+    return DONE;
+}
+
+EXPORT int dynamics_function(Dynamics *d, Real t, const Real *y, Real *rates)
+{
+    return dynamics_rates(d, t, y, rates);
+}
+
+/* Samples at times (n,) and unknowns (n, n_unknowns), one row of each array a sample. */
+EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y, Real *q, Real *v,
+                            Real *a, Real *numbers, Real *efforts, Real *angles)
+{
+    const Kernel *k = d->k;
+    int code = DONE;
+    for (Int i = 0; i < n && code == DONE; i++)
+        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, q + i * k->nq, v + i * k->nv,
+                               a + i * k->nv, numbers + 4 * i, efforts + i * d->n_drives,
+                               angles + i * k->n_angles);
+    return code;
+}
+
+EXPORT Int dynamics_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room)
+{
+    return d->passes ? passing_crossed(d, from, to, x, room) : 0;
+}
+
+/* Take the present place for one to begin anew from where the way from another is lost; returns
+ * how many times faster than the coordinates another moves. */
+EXPORT Real dynamics_keep(Dynamics *d)
+{
+    if (d->strip >= 0) {
+        independent_remember(d, &d->kept);
+        return 1.0;
+    }
+    independent_remember(d, &d->kept);
+    return independent_pace(d);
+}
+
+EXPORT Int dynamics_evaluations(const Dynamics *d) { return d->evaluations; }
+
+EXPORT Real dynamics_pivot(const Dynamics *d) { return d->passes ? 1.0 : d->pivot; }

@@ -1,0 +1,123 @@
+/* A mechanism moved by independent coordinates under forces: what dynamics.c, independent.c and
+ * passing.c share, and what integrating.c asks of them.
+ *
+ * Unknowns y: the n free coordinates x of a chart, their joint rates u (both in units of the
+ * velocity's scale), a quaternion (x, y, z, w) for every body that spins freely about its own line,
+ * and the work done, if anything does work. Held coordinates are the free ones, then the
+ * prescribed ones. */
+#ifndef SPATIAL_PIN_DYNAMICS_H
+#define SPATIAL_PIN_DYNAMICS_H
+
+#include "kernel.h"
+
+/* More reasons why a function ended. */
+enum { LOST = 20, ASK_FAILED = 21 };
+
+/* What only Python knows. Each returns 0, or ASK_FAILED where an exception waits to be raised;
+ * `least` also LOST where masses differ too much. Any may be NULL where nothing is asked. */
+typedef struct {
+    int (*efforts)(Real t, const Real *q, const Real *v, const Real *angles, Real *force);
+    int (*spring)(Int which, Real length, Real rate, Real *force);
+    int (*drives)(Real t, Real *values); /* (n, 3) value, rate, acceleration */
+    int (*least)(Real t, const Real *q, const Real *v, const Real *a, const Real *angles,
+                 Real *z); /* accelerations of the free coordinates by scale */
+} Asked;
+
+enum { STRIP_NODES = 8, MOST_STRIPS = 8, MOST_CROSSINGS = 6 };
+
+/* The stretch about a crossing of branches, as polynomials in x through nodes on both sides. */
+typedef struct {
+    Real x[2 * STRIP_NODES], weight[2 * STRIP_NODES];
+    Real *q, *t, *c, *angles; /* per node: configuration, derivatives with respect to x */
+    Real low, high;           /* between which the polynomials stand for the branch */
+    Int near, far;            /* the nodes at the ends */
+    Real crossing[MOST_CROSSINGS];
+    Int n_crossings;
+} Strip;
+
+typedef struct {
+    Real *q, *x, *turns;
+    Int strip, turn;
+} Place;
+
+typedef struct Dynamics {
+    Kernel *k;
+    Asked asked;
+
+    /* ---- coordinates ---- */
+    Int n_free, n_drives, n_held, n_spins, n_unknowns, works;
+    const Int *held, *held_q; /* velocity entry; entry of q, or -1 where the chart is curved */
+    const Int *held_joint, *held_component; /* of a ball (0..2) or a free joint (0..5) */
+    const Real *start;        /* (nq) where the chart begins */
+    Int is_linear;
+    const Int *spin_joint;
+    const Real *spin_axis; /* (3) in the body's axes */
+    Real *sigma;           /* angular velocity of each about its line */
+    Real tolerance, heaviest, period;
+
+    /* ---- forces ---- */
+    const Real *damping, *friction, *slip, *armature, *constant; /* (nv) */
+    Int resists, n_lines, n_turns;
+    const Int *line_body, *line_law, *turn_q, *turn_v, *turn_law;
+    const Real *line_point, *line_spring, *turn_spring; /* spring: stiffness, damping, free */
+
+    /* ---- where it is ---- */
+    Real *q, *x, *turns; /* the configuration, chart coordinates of all held ones, screw angles */
+    Real sign, pivot, first_pivot, spare; /* spare: residual of equations left out, at the start */
+    Real *columns;    /* (n_held, nv) v / scale per unit rate of a held coordinate, by scale */
+    Real *chart, *inverse; /* (n_held, 3) derivatives of x; (n_held, n_held) of those by columns */
+    Int has_bend;
+    Real *bend, *bend_rate; /* (nv) a / scale at rates bend_rate of x, by their square */
+    Place kept;
+
+    /* ---- the last evaluation ---- */
+    Real *v, *a, *a0, *given, *tau, *z, *drive_effort;
+    Real power;
+
+    /* ---- crossings of one freedom ---- */
+    Int passes, n_strips, n_built, strip, turn; /* strip: the one it stands on, or -1 */
+    Strip strips[MOST_STRIPS];
+    Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
+    Real *period_q, *period_angle;
+    Real room; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
+    Real mantissa;
+    Int exponent; /* of the determinant here */
+    Real refused[MOST_STRIPS];
+    Int n_refused, flipped;
+    Real *strip_t, *strip_c;
+
+    /* ---- room to work in ---- */
+    Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
+        *laws, *rates;
+    Place aside, ended;
+    Int evaluations;
+    void **owned;
+    Int n_owned;
+} Dynamics;
+
+/* ---- independent.c ---- */
+int independent_begin(Dynamics *d);              /* at d->q: columns, sign, pivots */
+int independent_stand(Dynamics *d);              /* evaluate and factor at d->q */
+int independent_step(Dynamics *d, const Real *x); /* one safe step, UNSAFE and lost otherwise */
+int independent_settle(Dynamics *d, const Real *x, Real allowed); /* close the loops at x */
+int independent_follow(Dynamics *d, const Real *x); /* as many steps as it takes */
+void independent_remember(const Dynamics *d, Place *place);
+int independent_return(Dynamics *d, const Place *place);
+void independent_columns(Dynamics *d);
+void independent_rates(Dynamics *d, const Real *v, Real *rates); /* of the free x, at v */
+void quaternion_matrix(const Real *x, Real *R); /* (x, y, z, w) */
+Real independent_pace(const Dynamics *d);
+int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
+
+/* ---- passing.c ---- */
+int passing_return(Dynamics *d, const Place *place);
+int passing_travel(Dynamics *d, const Real *x); /* to chart coordinates, crossings included */
+Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
+
+/* ---- dynamics.c ---- */
+int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
+int dynamics_sample(void *d, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
+                    Real *efforts, Real *angles);
+EXPORT Real dynamics_keep(Dynamics *d);
+
+#endif

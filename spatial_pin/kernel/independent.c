@@ -1,0 +1,514 @@
+/* A closed mechanism moved by its independent coordinates.
+ *
+ * Chart coordinates x of the held freedoms are entries of q less those at the start, by scale; for
+ * joints that turn in space components of the rotation vector from the start. Steps in x are
+ * predicted to second order, corrected by Newton's method with the held coordinates given, and
+ * accepted only where the prediction explains the correction and no pivot has changed its sign:
+ * else a neighbouring branch might be taken. */
+#include <string.h>
+
+#include "dynamics.h"
+
+#define MOST_CORRECTIONS 8
+#define CONTRACTION 0.3      /* a correction may be this fraction of the one before */
+#define EXPLAINED 0.2        /* part of a step that the prediction may leave unexplained */
+#define LONGEST 0.7          /* longest step in one go [rad, characteristic lengths] */
+#define FARTHEST 1280.0      /* way of one trial, beyond which it is a wild one */
+#define HALVINGS 10
+#define SINGULAR_PIVOT 1e-9  /* smallest over largest pivot below which nothing can be solved */
+#define OLD_FACTORS_DO 1e-6  /* residual that the last factors reduce below round-off's square root */
+#define CLOSED 1e-11         /* residual that ends a contraction by round-off */
+#define WORN 1e-2            /* of the pivots where equations were chosen: there others are tried */
+#define LEFT_OUT 1e-9        /* residual of equations left out, above which others do better */
+
+/* ---- the chart ---- */
+
+/* The rotation vector (3) from one quaternion to another. */
+static void rotation_between(const Real *from, const Real *to, Real *vector)
+{
+    Real side[3], w = from[3] * to[3] + dot3(from, to);
+    cross3(from, to, side);
+    for (int i = 0; i < 3; i++)
+        vector[i] = from[3] * to[i] - to[3] * from[i] - side[i];
+    if (w < 0.0) {
+        w = -w;
+        for (int i = 0; i < 3; i++)
+            vector[i] = -vector[i];
+    }
+    const Real size = sqrt(dot3(vector, vector));
+    const Real factor = size > 1e-10 ? 2.0 * atan2(size, w) / size : 2.0 / w;
+    for (int i = 0; i < 3; i++)
+        vector[i] *= factor;
+}
+
+void quaternion_matrix(const Real *x, Real *R)
+{
+    const Real a = x[0], b = x[1], c = x[2], d = x[3];
+    const Real M[9] = {1 - 2 * (b * b + c * c), 2 * (a * b + c * d), 2 * (a * c - b * d),
+                       2 * (a * b - c * d), 1 - 2 * (a * a + c * c), 2 * (b * c + a * d),
+                       2 * (a * c + b * d), 2 * (b * c - a * d), 1 - 2 * (a * a + b * b)};
+    memcpy(R, M, sizeof M);
+}
+
+/* Whether a held coordinate is a slide of a free joint. */
+static int slides(const Dynamics *d, Int i)
+{
+    return d->k->kind[d->held_joint[i]] == FREE && d->held_component[i] < 3;
+}
+
+/* The quaternion of the joint of a held coordinate, in some q. */
+static const Real *quaternion(const Dynamics *d, Int i, const Real *q)
+{
+    const Int j = d->held_joint[i];
+    return q + d->k->iq[j] + (d->k->kind[j] == FREE ? 3 : 0);
+}
+
+static Real chart_coordinate(const Dynamics *d, Int i, const Real *q)
+{
+    const Real scale = d->k->scale[d->held[i]];
+    if (d->held_q[i] >= 0)
+        return (q[d->held_q[i]] - d->start[d->held_q[i]]) / scale;
+    const Int at = d->k->iq[d->held_joint[i]];
+    Real away[3], seen[3], R[9];
+    if (!slides(d, i)) {
+        rotation_between(quaternion(d, i, d->start), quaternion(d, i, q), away);
+        return away[d->held_component[i] % 3] / scale;
+    }
+    copy3(q + at, away);
+    add3(-1.0, d->start + at, away);
+    quaternion_matrix(quaternion(d, i, d->start), R);
+    rotate_back3(R, away, seen);
+    return seen[d->held_component[i]] / scale;
+}
+
+/* Row of the derivative of the rotation vector w with respect to the turn in body axes:
+ * 1 + [w]/2 + f [w]^2, f = (1 - (t/2) cot(t/2)) / t^2, t = |w|. */
+static void turning_row(const Real *w, Int i, Real *row)
+{
+    const Real square = dot3(w, w), half = 0.5 * sqrt(square);
+    const Real f = square < 1e-4 ? (1.0 + square / 60.0) / 12.0
+                                 : (1.0 - half * cos(half) / sin(half)) / square;
+    Real unit[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
+    unit[i] = 1.0;
+    cross3(unit, w, once); /* rows of [w] are e_i x w, negated twice */
+    cross3(once, w, twice);
+    for (int c = 0; c < 3; c++)
+        row[c] = unit[c] + 0.5 * once[c] + f * twice[c];
+}
+
+static void chart_row(Dynamics *d, Int i, const Real *q)
+{
+    Real *row = d->chart + 3 * i, away[3], R[9], base[9], axis[3];
+    if (d->held_q[i] >= 0)
+        return;
+    if (!slides(d, i)) {
+        rotation_between(quaternion(d, i, d->start), quaternion(d, i, q), away);
+        turning_row(away, d->held_component[i] % 3, row);
+        return;
+    }
+    quaternion_matrix(quaternion(d, i, d->start), base);
+    quaternion_matrix(quaternion(d, i, q), R);
+    copy3(base + 3 * d->held_component[i], axis);
+    rotate_back3(R, axis, row);
+}
+
+/* Rate of a held chart coordinate at v / scale. */
+static Real chart_rate(const Dynamics *d, Int i, const Real *v)
+{
+    if (d->held_q[i] >= 0)
+        return v[d->held[i]];
+    const Int j = d->held_joint[i];
+    const Int at = d->k->iv[j] + (d->k->kind[j] == FREE && !slides(d, i) ? 3 : 0);
+    Real sum = 0.0;
+    for (int c = 0; c < 3; c++)
+        sum += d->chart[3 * i + c] * d->k->scale[at + c] * v[at + c];
+    return sum / d->k->scale[d->held[i]];
+}
+
+void independent_rates(Dynamics *d, const Real *v, Real *rates)
+{
+    for (Int i = 0; i < d->k->nv; i++)
+        d->step[i] = v[i] / d->k->scale[i];
+    for (Int i = 0; i < d->n_free; i++)
+        rates[i] = chart_rate(d, i, d->step);
+}
+
+/* Gauss-Jordan with pivots; the matrix becomes its inverse. */
+static void invert(Real *a, Int n, Real *out)
+{
+    memset(out, 0, (size_t)(n * n) * sizeof *out);
+    for (Int i = 0; i < n; i++)
+        out[i * n + i] = 1.0;
+    for (Int c = 0; c < n; c++) {
+        Int best = c;
+        for (Int r = c + 1; r < n; r++)
+            if (fabs(a[r * n + c]) > fabs(a[best * n + c]))
+                best = r;
+        for (Int j = 0; best != c && j < n; j++) {
+            Real keep = a[c * n + j];
+            a[c * n + j] = a[best * n + j], a[best * n + j] = keep;
+            keep = out[c * n + j];
+            out[c * n + j] = out[best * n + j], out[best * n + j] = keep;
+        }
+        const Real pivot = a[c * n + c];
+        for (Int j = 0; j < n; j++)
+            a[c * n + j] /= pivot, out[c * n + j] /= pivot;
+        for (Int r = 0; r < n; r++) {
+            const Real factor = r == c ? 0.0 : a[r * n + c];
+            for (Int j = 0; factor != 0.0 && j < n; j++) {
+                a[r * n + j] -= factor * a[c * n + j];
+                out[r * n + j] -= factor * out[c * n + j];
+            }
+        }
+    }
+}
+
+/* ---- solving ---- */
+
+/* Rows that hold the spins: the angular velocity of a body about its line. */
+static void put_spin_rows(Dynamics *d)
+{
+    Kernel *k = d->k;
+    const Int first = k->nv - d->n_spins;
+    for (Int e = k->n_system - 1; e >= 0 && k->system_row[e] >= first; e--) {
+        const Int s = k->system_row[e] - first, v = k->system_column[e];
+        Real line[3];
+        rotate3(k->R + 9 * d->spin_joint[s], d->spin_axis + 3 * s, line);
+        k->system_value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
+    }
+}
+
+static int factor(Dynamics *d)
+{
+    equations_jacobian(d->k);
+    if (d->n_spins)
+        put_spin_rows(d);
+    return system_factor(d->k);
+}
+
+void independent_columns(Dynamics *d)
+{
+    Kernel *k = d->k;
+    const Int nv = k->nv, n = d->n_held;
+    for (Int i = 0; i < n; i++) {
+        Real *column = d->columns + i * nv;
+        memset(column, 0, (size_t)nv * sizeof *column);
+        column[k->n_chosen + k->n_idle + i] = 1.0;
+        system_solve(k, column);
+    }
+    if (d->is_linear)
+        return;
+    for (Int i = 0; i < n; i++)
+        for (Int j = 0; j < n; j++)
+            d->goal[i * n + j] = chart_rate(d, i, d->columns + j * nv);
+    invert(d->goal, n, d->inverse);
+}
+
+/* Add the motion of held coordinates that changes x by dx. */
+static void add_motion(const Dynamics *d, const Real *dx, Real *step)
+{
+    const Int nv = d->k->nv, n = d->n_held;
+    for (Int i = 0; i < n; i++) {
+        Real rate = 0.0;
+        if (d->is_linear)
+            rate = dx[i];
+        else
+            for (Int j = 0; j < n; j++)
+                rate += d->inverse[i * n + j] * dx[j];
+        for (Int v = 0; v < nv; v++)
+            step[v] += rate * d->columns[i * nv + v];
+    }
+}
+
+static Real length(const Real *x, Int n)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < n; i++)
+        sum += x[i] * x[i];
+    return sqrt(sum);
+}
+
+/* The step (nv) by scale to chart coordinates x, of second order along the last velocity. */
+static void predict(Dynamics *d, const Real *x)
+{
+    Real way = 0.0;
+    memset(d->step, 0, (size_t)d->k->nv * sizeof *d->step);
+    for (Int i = 0; i < d->n_held; i++) {
+        d->off[i] = x[i] - d->x[i];
+        way += d->has_bend ? d->off[i] * d->bend_rate[i] : 0.0;
+    }
+    add_motion(d, d->off, d->step);
+    for (Int v = 0; way != 0.0 && v < d->k->nv; v++)
+        d->step[v] += 0.5 * way * way * d->bend[v];
+}
+
+static void move(const Dynamics *d, Real *q, const Real *step)
+{
+    Real *physical = d->k->right;
+    for (Int v = 0; v < d->k->nv; v++)
+        physical[v] = d->k->scale[v] * step[v];
+    tree_integrate(d->k, q, physical);
+}
+
+/* How far trial is from closed loops and from chart coordinates x. */
+static Real mismatch(Dynamics *d, const Real *x)
+{
+    Kernel *k = d->k;
+    Real sum = 0.0;
+    for (Int i = 0; d->is_linear && i < d->n_held; i++)
+        d->trial[d->held_q[i]] = d->start[d->held_q[i]] + k->scale[d->held[i]] * x[i];
+    equations_values(k, d->trial);
+    for (Int i = 0; i < k->n_chosen; i++)
+        sum += k->residual[k->chosen[i]] * k->residual[k->chosen[i]];
+    for (Int i = 0; !d->is_linear && i < d->n_held; i++) {
+        d->off[i] = x[i] - chart_coordinate(d, i, d->trial);
+        sum += d->off[i] * d->off[i];
+    }
+    return sqrt(sum);
+}
+
+static int factor_here(Dynamics *d)
+{
+    const int code = factor(d);
+    if (code == DONE && !d->is_linear) {
+        for (Int i = 0; i < d->n_held; i++)
+            chart_row(d, i, d->trial);
+        independent_columns(d);
+    }
+    return code;
+}
+
+/* The Newton step (nv) by scale from trial, with the factors at hand. */
+static void correction(Dynamics *d)
+{
+    Kernel *k = d->k;
+    memset(d->step, 0, (size_t)k->nv * sizeof *d->step);
+    for (Int i = 0; i < k->n_chosen; i++)
+        d->step[i] = -k->residual[k->chosen[i]];
+    system_solve(k, d->step);
+    if (d->is_linear)
+        return;
+    for (Int i = 0; i < d->n_held; i++)
+        d->off[i] -= chart_rate(d, i, d->step);
+    add_motion(d, d->off, d->step);
+}
+
+/* Newton's method from trial; factored where it ends. */
+static int newton(Dynamics *d, const Real *x, Real predicted)
+{
+    Real last = INFINITY;
+    for (int i = 0; i < MOST_CORRECTIONS; i++) {
+        const Real error = mismatch(d, x);
+        if (!isfinite(error))
+            return UNSAFE;
+        if (error <= d->tolerance)
+            return factor_here(d);
+        if (!(i == 0 && error < OLD_FACTORS_DO && d->is_linear) && factor_here(d) != DONE)
+            return UNSAFE;
+        correction(d);
+        const Real size = length(d->step, d->k->nv);
+        if (i == 0 && !(size <= EXPLAINED * predicted + 1e-9))
+            return UNSAFE;
+        if (i > 0 && !(size <= CONTRACTION * last))
+            return error <= CLOSED ? factor_here(d) : UNSAFE;
+        last = size > 1e-14 ? size : 1e-14;
+        move(d, d->trial, d->step);
+    }
+    return UNSAFE;
+}
+
+/* Whether other equations than the chosen ones would do better here: those left out tell. */
+static int is_worn(const Dynamics *d)
+{
+    const Kernel *k = d->k;
+    if (k->n_chosen == k->n_closure)
+        return 0;
+    return k->pivot_ratio < WORN * d->first_pivot ||
+           equations_error(k) > 10.0 * d->spare + LEFT_OUT + d->tolerance;
+}
+
+static void accept(Dynamics *d, const Real *x)
+{
+    const Kernel *k = d->k;
+    const Real way = x[0] - d->x[0];
+    if (d->passes && fabs(way) > 1e-8)
+        d->room = way / (ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent)) - 1.0);
+    d->mantissa = k->mantissa;
+    d->exponent = k->exponent;
+    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+    memmove(d->x, x, (size_t)d->n_held * sizeof *x);
+    memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
+    memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
+    d->pivot = k->pivot_ratio;
+    d->has_bend = 0;
+    d->strip = -1;
+    if (d->is_linear)
+        independent_columns(d);
+}
+
+/* Choose the independent equations anew, and close the loops with them. */
+static int choose_anew(Dynamics *d)
+{
+    if (system_reselect(d->k) != DONE || independent_stand(d) != DONE)
+        return UNSAFE;
+    d->first_pivot = d->pivot;
+    d->room = 0.0;
+    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    if (newton(d, d->x, 1e-3) != DONE)
+        return UNSAFE;
+    accept(d, d->x);
+    return equations_error(d->k) > 10.0 * d->spare + LEFT_OUT + d->tolerance ? UNSAFE : DONE;
+}
+
+int independent_step(Dynamics *d, const Real *x)
+{
+    predict(d, x);
+    const Real size = length(d->step, d->k->nv);
+    d->flipped = 0;
+    if (!(size <= LONGEST))
+        return UNSAFE;
+    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    move(d, d->trial, d->step);
+    if (newton(d, x, size) != DONE)
+        return UNSAFE;
+    if (d->k->sign != d->sign || !(d->k->pivot_ratio > SINGULAR_PIVOT)) {
+        d->flipped = d->k->sign != d->sign;
+        return UNSAFE;
+    }
+    accept(d, x);
+    return is_worn(d) ? choose_anew(d) : DONE;
+}
+
+/* Newton's method from where it stands to x, moving by no more than allowed; on any branch. */
+int independent_settle(Dynamics *d, const Real *x, Real allowed)
+{
+    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    if (newton(d, x, allowed / EXPLAINED) != DONE)
+        return UNSAFE;
+    d->sign = d->k->sign;
+    accept(d, x);
+    return DONE;
+}
+
+int independent_stand(Dynamics *d)
+{
+    Kernel *k = d->k;
+    memcpy(k->turns, d->turns, (size_t)k->n_angles * sizeof *d->turns);
+    memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
+    equations_values(k, d->q);
+    memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
+    d->has_bend = 0;
+    d->strip = -1;
+    const int code = factor_here(d);
+    if (code != DONE)
+        return LOST;
+    if (d->is_linear)
+        independent_columns(d);
+    d->sign = k->sign;
+    d->pivot = k->pivot_ratio;
+    d->mantissa = k->mantissa;
+    d->exponent = k->exponent;
+    return DONE;
+}
+
+/* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
+int independent_follow(Dynamics *d, const Real *x)
+{
+    Real *from = d->before, *goal = d->rates, part = 1.0, done = 0.0;
+    memcpy(from, d->x, (size_t)d->n_held * sizeof *from);
+    while (done < 1.0) {
+        const Real fraction = done + part < 1.0 ? done + part : 1.0;
+        for (Int i = 0; i < d->n_held; i++)
+            goal[i] = fraction == 1.0 ? x[i] : from[i] + fraction * (x[i] - from[i]);
+        if (independent_step(d, goal) == DONE) {
+            done = fraction;
+            part *= 2.0;
+            continue;
+        }
+        const Real size = length(d->step, d->k->nv);
+        if (independent_stand(d) != DONE)
+            return LOST;
+        part *= 0.5;
+        if (part < 1.0 / (1 << HALVINGS) || (done == 0.0 && part == 0.5 && size > FARTHEST))
+            return LOST;
+    }
+    return DONE;
+}
+
+void independent_remember(const Dynamics *d, Place *place)
+{
+    memcpy(place->q, d->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(place->x, d->x, (size_t)d->n_held * sizeof *d->x);
+    memcpy(place->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
+    place->strip = d->strip;
+    place->turn = d->turn;
+}
+
+int independent_return(Dynamics *d, const Place *place)
+{
+    memcpy(d->q, place->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->x, place->x, (size_t)d->n_held * sizeof *d->x);
+    memcpy(d->turns, place->turns, (size_t)d->k->n_angles * sizeof *d->turns);
+    return independent_stand(d);
+}
+
+int independent_begin(Dynamics *d)
+{
+    memset(d->x, 0, (size_t)d->n_held * sizeof *d->x);
+    if (independent_stand(d) != DONE)
+        return SINGULAR;
+    d->first_pivot = d->pivot;
+    d->spare = equations_error(d->k);
+    memcpy(d->turns, d->k->angle, (size_t)d->k->n_angles * sizeof *d->turns);
+    independent_remember(d, &d->kept);
+    return DONE;
+}
+
+/* How many times faster than a held coordinate another one moves, or the chart bends. */
+Real independent_pace(const Dynamics *d)
+{
+    Real most = 1.0;
+    for (Int i = 0; i < d->n_held * d->k->nv; i++)
+        if (fabs(d->columns[i]) > most)
+            most = fabs(d->columns[i]);
+    for (Int i = 0; !d->is_linear && i < d->n_held; i++)
+        for (Int j = 0; j < d->n_held; j++)
+            if (fabs(d->inverse[i * d->n_held + j]) > most)
+                most = fabs(d->inverse[i * d->n_held + j]);
+    return most;
+}
+
+/* Joint accelerations at joint velocities v that spin no body, for given held accelerations, by
+ * scale, NULL: none. Takes note of them for the next prediction. */
+int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
+{
+    Kernel *k = d->k;
+    equations_bias(k, v);
+    Real *x = d->solved;
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_chosen; i++)
+        x[i] = -k->bias[k->chosen[i]];
+    for (Int s = 0; s < d->n_spins; s++) {
+        Real line[3];
+        rotate3(k->R + 9 * d->spin_joint[s], d->spin_axis + 3 * s, line);
+        x[k->nv - d->n_spins + s] = -dot3(line, k->alpha + 3 * d->spin_joint[s]);
+    }
+    system_solve(k, x);
+    Real square = 0.0;
+    for (Int j = 0; j < k->nv; j++)
+        d->step[j] = v[j] / k->scale[j];
+    for (Int i = 0; i < d->n_held; i++) {
+        d->bend_rate[i] = chart_rate(d, i, d->step);
+        square += d->bend_rate[i] * d->bend_rate[i];
+    }
+    d->has_bend = square > 0.0;
+    for (Int i = 0; d->has_bend && i < d->n_held; i++)
+        d->bend_rate[i] /= square;
+    memcpy(d->bend, x, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; held_acceleration && i < d->n_held; i++)
+        for (Int j = 0; j < k->nv; j++)
+            x[j] += held_acceleration[i] * d->columns[i * k->nv + j];
+    for (Int j = 0; j < k->nv; j++)
+        a[j] = k->scale[j] * x[j];
+    return DONE;
+}

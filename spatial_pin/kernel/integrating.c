@@ -1,0 +1,429 @@
+/* Explicit Runge-Kutta methods: steps, error control and dense output.
+ *
+ * A method is one entry of METHODS: its coefficients (tableaus.h), how its error is estimated and
+ * how the last step is interpolated. Adaptive steps are controlled as SciPy's: the error is the root
+ * mean square of that of every unknown, by rtol times its size and atol. Whether stability, not
+ * accuracy, bounds the steps is told by two stages at one time [Hairer & Wanner 1996, IV.2]. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "dynamics.h"
+#include "tableaus.h"
+
+enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
+
+/* Why a run of steps paused; the samples of its last step are not made, but after WORN. */
+enum Pause { AT_END = 0, AT_FAILURE = 1, WORN = 2, CROSSED = 3, STIFF = 4, CREEPING = 5, MANY = 6,
+             RAISED = 7 };
+
+#define LONG 15     /* steps at the bound of stability that tell a stiff motion */
+#define SHORT 6     /* steps well within it that tell that it is none */
+#define SELDOM 5    /* steps from one look to the next */
+#define NEAR 1e-3   /* step, and pivot, by the largest so far, below which the motion creeps */
+#define NOWHERE 1e-2 /* of the longest step, that all steps allowed would lead to */
+#define CHART_ENDS 1.0 /* rotation vector at which a chart is begun anew [rad] */
+
+typedef int (*Rates)(void *context, Real t, const Real *y, Real *rates);
+typedef struct Integrator Integrator;
+
+typedef struct {
+    Int stages;     /* of a step; the slope at its end comes after them */
+    const Real (*a)[MOST_STAGES];
+    const Real *b, *c;
+    Real order;     /* of the error estimate; 0: the step is fixed */
+    Real (*error)(const Integrator *, Real h);
+    int (*prepare)(Integrator *);                          /* of dense output */
+    void (*between)(const Integrator *, Real part, Real *y);
+    Int extra;      /* stages more that dense output wants */
+    Int first, second; /* two stages at one time, and the weights of their difference */
+    Real stable;    /* longest stable step, by the fastest decay */
+    Int patience;   /* steps beyond that before the motion is called stiff */
+} Method;
+
+struct Integrator {
+    Int n, method, status, code;
+    Real t, t_old, t_end, t_begin, next, longest, rtol;
+    Int count, done; /* of fixed steps */
+    Int steps, evaluations, many_long, many_short, is_stiff, is_dense;
+    Real *y, *y_old, *f, *atol;
+    Real *slope, *trial, *ended, *dense; /* (MOST_STAGES + 1, n), (n), (n), (7, n) */
+    Rates rates;
+    void *context;
+};
+
+static const Method METHODS[];
+
+static const Method *method_of(const Integrator *g) { return METHODS + g->method; }
+
+/* ---- errors ---- */
+
+static Real mean_square(const Integrator *g, const Real *weights, Int count)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < g->n; i++) {
+        Real error = 0.0;
+        for (Int s = 0; s < count; s++)
+            error += weights[s] * g->slope[s * g->n + i];
+        error /= g->atol[i] + g->rtol * fmax(fabs(g->y[i]), fabs(g->ended[i]));
+        sum += error * error;
+    }
+    return sum;
+}
+
+static Real error_of_853(const Integrator *g, Real h)
+{
+    const Real fifth = mean_square(g, DOP853_E5, 13), third = mean_square(g, DOP853_E3, 13);
+    if (fifth == 0.0 && third == 0.0)
+        return 0.0;
+    return h * fifth / sqrt((fifth + 0.01 * third) * (Real)g->n);
+}
+
+static Real error_of_45(const Integrator *g, Real h)
+{
+    return h * sqrt(mean_square(g, RK45_E, 7) / (Real)g->n);
+}
+
+/* ---- dense output ---- */
+
+static int ask(Integrator *g, Real t, const Real *y, Real *rates)
+{
+    g->evaluations++;
+    return g->code = g->rates(g->context, t, y, rates);
+}
+
+/* y + h times the stages' slopes by a row of weights. */
+static void combine(const Integrator *g, const Real *from, const Real *weights, Int count, Real h,
+                    Real *out)
+{
+    for (Int i = 0; i < g->n; i++) {
+        Real sum = 0.0;
+        for (Int s = 0; s < count; s++)
+            if (weights[s] != 0.0)
+                sum += weights[s] * g->slope[s * g->n + i];
+        out[i] = from[i] + h * sum;
+    }
+}
+
+static int prepare_853(Integrator *g)
+{
+    const Real h = g->t - g->t_old;
+    const Int n = g->n;
+    for (Int s = 13; s < 16; s++) {
+        combine(g, g->y_old, DOP853_A[s], s, h, g->trial);
+        const int code = ask(g, g->t_old + DOP853_C[s] * h, g->trial, g->slope + s * n);
+        if (code != DONE)
+            return code;
+    }
+    for (Int i = 0; i < n; i++) {
+        const Real moved = g->y[i] - g->y_old[i];
+        const Real first = h * g->slope[i], last = h * g->slope[12 * n + i];
+        g->dense[i] = moved;
+        g->dense[n + i] = first - moved;
+        g->dense[2 * n + i] = 2.0 * moved - (last + first);
+        for (Int row = 0; row < 4; row++) {
+            Real sum = 0.0;
+            for (Int s = 0; s < 16; s++)
+                sum += DOP853_D[row][s] * g->slope[s * n + i];
+            g->dense[(3 + row) * n + i] = h * sum;
+        }
+    }
+    return DONE;
+}
+
+static void between_853(const Integrator *g, Real part, Real *y)
+{
+    for (Int i = 0; i < g->n; i++) {
+        Real sum = 0.0;
+        for (int row = 6; row >= 0; row--)
+            sum = (sum + g->dense[row * g->n + i]) * (row % 2 == 0 ? part : 1.0 - part);
+        y[i] = g->y_old[i] + sum;
+    }
+}
+
+static int prepare_none(Integrator *g)
+{
+    (void)g;
+    return DONE;
+}
+
+static void between_45(const Integrator *g, Real part, Real *y)
+{
+    const Real h = g->t - g->t_old;
+    Real weights[7];
+    for (int s = 0; s < 7; s++)
+        weights[s] = part * (RK45_P[s][0] + part * (RK45_P[s][1] + part * (RK45_P[s][2] +
+                                                                        part * RK45_P[s][3])));
+    combine(g, g->y_old, weights, 7, h, y);
+}
+
+/* Cubic Hermite. */
+static void between_4(const Integrator *g, Real part, Real *y)
+{
+    const Real h = g->t - g->t_old;
+    for (Int i = 0; i < g->n; i++) {
+        const Real moved = g->y[i] - g->y_old[i];
+        const Real first = h * g->slope[i], last = h * g->slope[4 * g->n + i];
+        y[i] = g->y_old[i] + part * (first + part * (3.0 * moved - 2.0 * first - last +
+                                                     part * (first + last - 2.0 * moved)));
+    }
+}
+
+/* ---- the table ---- */
+
+static const Method METHODS[] = {
+    {12, DOP853_A, DOP853_B, DOP853_C, 7.0, error_of_853, prepare_853, between_853, 3, 11, 12, 6.1,
+     LONG},
+    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 0, 5, 6, 3.25, LONG},
+    {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 0, 1, 2, 2.78, 2},
+};
+enum { N_METHODS = sizeof METHODS / sizeof *METHODS };
+
+/* ---- stiffness ---- */
+
+/* What decays fastest, told by two stages at one time: |df| / |dy| of them. */
+static void look_at_stiffness(Integrator *g, Real h)
+{
+    const Method *m = method_of(g);
+    Real fast = 0.0, far = 0.0;
+    for (Int i = 0; i < g->n; i++) {
+        const Real unit = g->atol[i] / g->rtol, *k = g->slope + i;
+        const Real rate = k[m->second * g->n] - k[m->first * g->n];
+        Real place = 0.0;
+        for (Int s = 0; s <= m->first; s++) {
+            const Real later = m->second == m->stages ? m->b[s] : m->a[m->second][s];
+            place += (later - m->a[m->first][s]) * k[s * g->n];
+        }
+        fast += rate * rate / (unit * unit);
+        far += place * place / (unit * unit);
+    }
+    fast = h * sqrt(fast), far = h * sqrt(far);
+    if (fast > m->stable * far && m->stable * far > 0.0) {
+        g->many_long++;
+        g->many_short = 0;
+        if (g->many_long >= m->patience)
+            g->is_stiff = 1;
+    } else if (++g->many_short >= SHORT)
+        g->many_long = 0;
+}
+
+/* ---- steps ---- */
+
+/* Stages, the end and the slope there of a step h; LOST where one cannot be evaluated. */
+static int try_step(Integrator *g, Real t_new, Real h)
+{
+    const Method *m = method_of(g);
+    memcpy(g->slope, g->f, (size_t)g->n * sizeof *g->f);
+    for (Int s = 1; s < m->stages; s++) {
+        combine(g, g->y, m->a[s], s, h, g->trial);
+        const int code = ask(g, g->t + m->c[s] * h, g->trial, g->slope + s * g->n);
+        if (code != DONE)
+            return code;
+    }
+    combine(g, g->y, m->b, m->stages, h, g->ended);
+    return ask(g, t_new, g->ended, g->slope + m->stages * g->n);
+}
+
+static void accept(Integrator *g, Real t_new)
+{
+    const Method *m = method_of(g);
+    g->t_old = g->t;
+    g->t = t_new;
+    memcpy(g->y_old, g->y, (size_t)g->n * sizeof *g->y);
+    memcpy(g->y, g->ended, (size_t)g->n * sizeof *g->y);
+    memcpy(g->f, g->slope + m->stages * g->n, (size_t)g->n * sizeof *g->f);
+    g->is_dense = 0;
+    g->steps++;
+    if (m->order == 0.0 || g->many_long > 0 || g->steps % SELDOM == 0)
+        look_at_stiffness(g, g->t - g->t_old);
+}
+
+static void fixed_step(Integrator *g)
+{
+    const Real h = (g->t_end - g->t_begin) / (Real)g->count;
+    const Int done = g->done + 1;
+    const Real t_new = done < g->count ? g->t_begin + (Real)done * h : g->t_end;
+    if (try_step(g, t_new, h) != DONE) {
+        g->status = FAILED;
+        return;
+    }
+    g->done = done;
+    accept(g, t_new);
+    g->status = done < g->count ? RUNNING : FINISHED;
+}
+
+static void adaptive_step(Integrator *g)
+{
+    const Method *m = method_of(g);
+    const Real shortest = 10.0 * (nextafter(g->t, INFINITY) - g->t);
+    Real h = fmax(fmin(g->next, g->longest), shortest);
+    for (int rejected = 0;; rejected = 1) {
+        if (h < shortest) {
+            g->status = FAILED;
+            return;
+        }
+        const Real t_new = g->t + h < g->t_end ? g->t + h : g->t_end;
+        const Real span = t_new - g->t;
+        const int code = try_step(g, t_new, span);
+        if (code == ASK_FAILED) {
+            g->status = FAILED;
+            return;
+        }
+        const Real error = code == DONE ? m->error(g, span) : NAN;
+        const Real factor = error == 0.0 ? 10.0 : 0.9 * pow(error, -1.0 / (m->order + 1.0));
+        if (error < 1.0) {
+            g->next = span * fmin(factor, rejected ? 1.0 : 10.0);
+            accept(g, t_new);
+            g->status = t_new < g->t_end ? RUNNING : FINISHED;
+            return;
+        }
+        h = span * (factor > 0.2 ? factor : 0.2); /* 0.2 for an error that is no number */
+    }
+}
+
+EXPORT int integrator_step(Integrator *g)
+{
+    g->code = DONE;
+    if (method_of(g)->order == 0.0)
+        fixed_step(g);
+    else
+        adaptive_step(g);
+    return g->code == ASK_FAILED ? ASK_FAILED : DONE;
+}
+
+/* The last step at times (count,): unknowns (count, n). */
+EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y)
+{
+    if (!g->is_dense) {
+        const int code = method_of(g)->prepare(g);
+        if (code != DONE)
+            return code;
+        g->is_dense = 1;
+    }
+    const Real h = g->t - g->t_old;
+    for (Int i = 0; i < count; i++)
+        method_of(g)->between(g, (times[i] - g->t_old) / h, y + i * g->n);
+    return DONE;
+}
+
+/* ---- many steps of a mechanism ---- */
+
+typedef struct {
+    const Real *times; /* of all samples */
+    Int n_times, row;  /* how many there are, and how many are made */
+    Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
+    Int most;          /* steps to take */
+    Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
+} Run;
+
+static int creeps(Integrator *g, const Dynamics *d, Run *run)
+{
+    const Real h = g->t - g->t_old, pivot = d->passes ? 1.0 : d->pivot;
+    run->largest_step = fmax(run->largest_step, h);
+    run->largest_pivot = fmax(run->largest_pivot, pivot);
+    return (h < NEAR * run->largest_step && pivot < NEAR * run->largest_pivot) ||
+           h * run->allowed < NOWHERE * run->largest_step;
+}
+
+/* Samples within the last step, from its beginning on; the mechanism is left at its end. */
+static int samples(Integrator *g, Dynamics *d, Run *run)
+{
+    const Kernel *k = d->k;
+    if (run->row >= run->n_times || run->times[run->row] > g->t)
+        return DONE;
+    independent_remember(d, &d->ended);
+    int code = passing_return(d, &d->kept);
+    for (; code == DONE && run->row < run->n_times && run->times[run->row] <= g->t; run->row++) {
+        const Real t = run->times[run->row];
+        const Int i = run->row;
+        const int fresh = !g->is_dense;
+        code = integrator_between(g, &t, 1, g->trial);
+        if (code == DONE && fresh)
+            code = passing_return(d, &d->kept);
+        if (code == DONE)
+            code = dynamics_sample(d, t, g->trial, run->q + i * k->nq, run->v + i * k->nv,
+                                   run->a + i * k->nv, run->numbers + 4 * i,
+                                   run->efforts + i * d->n_drives, run->angles + i * k->n_angles);
+        if (code != DONE)
+            break;
+    }
+    return code != DONE ? code : passing_return(d, &d->ended);
+}
+
+static int is_worn(const Integrator *g, Dynamics *d, const Run *run)
+{
+    for (Int i = 0; !d->is_linear && i < d->n_free; i++)
+        if (fabs(g->y[i]) > CHART_ENDS)
+            return 1;
+    return dynamics_keep(d) > run->patience;
+}
+
+/* Steps with their samples, until something wants to be looked at; why it paused. */
+EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
+{
+    for (Int step = 0; step < run->most; step++) {
+        Real x;
+        if (integrator_step(g) != DONE)
+            return RAISED;
+        if (g->status == FAILED)
+            return AT_FAILURE;
+        if (creeps(g, d, run))
+            return CREEPING;
+        if (g->is_stiff)
+            return STIFF;
+        if (d->passes && passing_crossed(d, g->y_old[0], g->y[0], &x, 1) > 0)
+            return CROSSED;
+        const int code = samples(g, d, run);
+        if (code != DONE)
+            return code == ASK_FAILED ? RAISED : AT_FAILURE;
+        if (is_worn(g, d, run))
+            return WORN;
+        if (g->status == FINISHED)
+            return AT_END;
+    }
+    return MANY;
+}
+
+/* ---- making one ---- */
+
+EXPORT void integrator_destroy(Integrator *g)
+{
+    if (!g)
+        return;
+    free(g->y);
+    free(g);
+}
+
+/* From y at time t to t_end; `step` is the first of an adaptive method, the fixed one's number of
+ * steps else. `rates` NULL: those of a Dynamics, which `context` is. Asks for the first slope. */
+EXPORT int integrator_create(Int method, Int n, Rates rates, void *context, Real t, const Real *y,
+                             Real t_end, Real step, Real longest, Real rtol, const Real *atol,
+                             Integrator **out)
+{
+    *out = NULL;
+    if (method < 0 || method >= N_METHODS || n < 1)
+        return BAD_ARRAYS;
+    Integrator *g = calloc(1, sizeof *g);
+    Real *room = calloc((size_t)(n * (MOST_STAGES + 1 + 13)), sizeof *room);
+    if (!g || !room) {
+        free(g);
+        free(room);
+        return NO_MEMORY;
+    }
+    Real **parts[] = {&g->y, &g->y_old, &g->f, &g->atol, &g->trial, &g->ended};
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++, room += n)
+        *parts[i] = room;
+    g->dense = room;
+    g->slope = room + 7 * n;
+    g->n = n, g->method = method, g->t = g->t_old = g->t_begin = t, g->t_end = t_end;
+    g->next = step, g->count = (Int)step, g->longest = longest, g->rtol = rtol;
+    g->rates = rates ? rates : dynamics_rates;
+    g->context = context;
+    memcpy(g->y, y, (size_t)n * sizeof *y);
+    memcpy(g->y_old, y, (size_t)n * sizeof *y);
+    memcpy(g->atol, atol, (size_t)n * sizeof *atol);
+    const int code = ask(g, t, y, g->f);
+    if (code != DONE)
+        g->status = FAILED;
+    *out = g;
+    return code == ASK_FAILED ? ASK_FAILED : DONE;
+}
