@@ -80,16 +80,20 @@ static void curve_at(const Curve *curve, Real u, Real *e, Real *rate)
 /* Solid angle between the path of e and the great circle from its first to its second point.
  *
  * The triangle of the first point and a piece de of the path has e0 . (e x de) / (1 + e0 . e).
- * Gauss's five points are exact to degree 9: beyond what the curve knows. */
+ * Gauss's five points are exact to degree 9, beyond what the curve through three points knows; the
+ * short steps between two points want no more than three, exact to degree 5. */
 static Real solid_angle(const Curve *curve)
 {
-    static const Real place[5] = {0.0, -0.5384693101056831, 0.5384693101056831,
+    static const Real place[8] = {0.0, -0.7745966692414834, 0.7745966692414834,
+                                  0.0, -0.5384693101056831, 0.5384693101056831,
                                   -0.9061798459386640, 0.9061798459386640};
-    static const Real weight[5] = {0.5688888888888889, 0.4786286704993665, 0.4786286704993665,
+    static const Real weight[8] = {0.8888888888888889, 0.5555555555555556, 0.5555555555555556,
+                                   0.5688888888888889, 0.4786286704993665, 0.4786286704993665,
                                    0.2369268850561891, 0.2369268850561891};
+    const int first = curve->n == 9 ? 3 : 0, last = curve->n == 9 ? 8 : 3;
     const Real *start = curve->d[0];
     Real sum = 0.0;
-    for (int i = 0; i < 5; i++) {
+    for (int i = first; i < last; i++) {
         Real e[3], rate[3], normal[3];
         curve_at(curve, 0.5 * (1.0 + place[i]), e, rate);
         cross3(start, e, normal);

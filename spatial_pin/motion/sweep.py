@@ -129,10 +129,9 @@ def sweep(
                     bar.update(done - bar.n)
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
-    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], accels[:n])
+    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], accels[:n],
+                     coordinate.unit if speed is None else "s")
     motion.held = held
-    if speed is None:
-        motion.time, motion.per = None, coordinate.unit
     check_gaps(motion, accuracy.gap)
     motion.events += _released(state, start.driven, start.still, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
@@ -180,25 +179,28 @@ def _rows(value: Any, values: Array, what: str) -> Array:
 
 
 def _motion(
-    mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array, accels: Array
+    mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array,
+    accels: Array, per: str,
 ) -> Motion:
     n = len(values)
-    t, c = samples.t[:n], samples.c[:n]
-    with np.errstate(over="ignore", invalid="ignore"):
-        v = t * speeds[:, None]
-        a = c * (speeds * speeds)[:, None] + t * accels[:, None]
+    v, a = samples.t[:n], samples.c[:n]
+    if per == "s":
+        with np.errstate(over="ignore", invalid="ignore"):
+            a = a * (speeds * speeds)[:, None] + v * accels[:, None]
+            v = v * speeds[:, None]
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
         mechanism=mechanism,
         driver=values.copy(),
         driver_name=driver,
-        time=_time(values, speeds, accels),
+        time=_time(values, speeds, accels) if per == "s" else None,
         q=samples.q[:n],
         v=v,
         a=a,
         closure_error=samples.error[:n],
         driver_speed=speeds.copy(),
         angles=samples.angles[:n],
+        per=per,
     )
 
 
