@@ -32,8 +32,9 @@ SHOWN = 40  # differences that are printed, one a mechanism and verb
 
 
 def compute(only: Sequence[str], asked: Sequence[str], clock: bool = False) -> files.Golden:
-    """Return the answers of verbs, mechanism by mechanism."""
+    """Return the answers of verbs, mechanism by mechanism; says which library gives them."""
     golden: files.Golden = {}
+    print(f"answers of {Path(sp.__file__).parent}", file=sys.stderr, flush=True)
     for name in only:
         start = time.process_time()
         golden |= {(name, verb): verbs.ask(name, verb) for verb in asked}

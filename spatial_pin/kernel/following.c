@@ -22,6 +22,8 @@
 #define NEARER 0.75      /* part of the way to where the determinant vanishes that a step may go */
 #define LOOK 1e-3        /* part of a first step over which the determinant's fall is judged */
 #define NEAR_SINGULAR 1e-5 /* smallest over largest pivot: beyond, arc length has the better view */
+#define REGULAR 0.1      /* smallest over largest pivot: below, a residual leaves the more open in
+                            configurations and rates, and is asked to be smaller by as much */
 #define WORN 2.3         /* binary orders (a factor of 5) by which the determinant falls, */
 #define WORN_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
@@ -177,8 +179,9 @@ static int close_prediction(Path *path, Real way)
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = round_off_of(k, path->here->q);
-    Correction c = {.enough = fmax(wanted->enough, 0.1 * least),
-                    .tolerance = fmax(wanted->tolerance, 0.3 * least),
+    const Real part = fmin(1.0, k->pivot_ratio / REGULAR);
+    Correction c = {.enough = fmax(part * wanted->enough, 0.1 * least),
+                    .tolerance = fmax(part * wanted->tolerance, 0.3 * least),
                     .left = fmax(wanted->left, least), .fixed = -1, .reuse = !path->stale};
     c.allowed = wanted->order ? EXPLAINED * way : INFINITY;
     path->stale = 1;
