@@ -125,7 +125,7 @@ def test_redundant_equations_are_chosen_anew_on_the_way(monkeypatch):
 
 @pytest.mark.parametrize("rows", [40, 361])
 def test_rates_near_a_crossing_are_as_good_as_their_equations_allow(rows):
-    """Sarrus' linkage, all but stretched: what a residual leaves open grows, in rates by its square.
+    """Sarrus' linkage, all but stretched: what a residual leaves open grows there, in rates too.
 
     Its links turn in proportion, so all accelerations are known.
     """
