@@ -23,6 +23,7 @@ from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.kernel.closer import Closed, Closer, closer_of
 from spatial_pin.mechanism.coordinates import (
     blur,
+    by_joint,
     coordinate_value,
     finite_array,
     finite_number,
@@ -261,6 +262,51 @@ def _at_home(
     return {name: home.coordinate(name).value for name in silent}
 
 
+class _Target:
+    """What the guess names, and how far configurations are from it.
+
+    Args:
+        mechanism: the mechanism.
+        named: values by coordinate [rad, m].
+    """
+
+    def __init__(self, mechanism: Mechanism, named: Mapping[str, float]) -> None:
+        self.mechanism, self.named = mechanism, named
+        table, size = mechanism.coordinate_table, mechanism.velocity_scale
+        plain = [table[name] for name in named if table[name].q >= 0]
+        balls = {table[name].joint for name in named if table[name].q < 0}
+        # components of floating joints, and single ones of balls, have to be put in first
+        self._is_whole = all(
+            mechanism.pair_of(joint) == "spherical"
+            and all(c.name in named for c in by_joint(mechanism)[joint]) for joint in balls)
+        self._at = np.array([c.q for c in plain], dtype=np.intp)
+        self._sizes = size[[c.v for c in plain]]
+        self._values = np.array([named[c.name] for c in plain], dtype=float)
+        whole = with_values(mechanism, mechanism.neutral, named) if balls else mechanism.neutral
+        places = [int(mechanism.model.idx_qs[mechanism.joint_id(joint)]) for joint in balls]
+        self._balls = [(at, whole[at : at + 4]) for at in places] if self._is_whole else []
+
+    def distance(self, q: Array) -> float:
+        """Return how far q (nq,) is from the named values; an orientation counts by its angle."""
+        if self._is_whole:
+            gap = (self._values - q[self._at]) / self._sizes
+            if self._balls:
+                turns = [_angle_between(q[at : at + 4], goal) for at, goal in self._balls]
+                gap = np.concatenate([gap, turns])
+        else:
+            target = with_values(self.mechanism, q, self.named)
+            gap = pin.difference(self.mechanism.model, q, target) / self.mechanism.velocity_scale
+        size = max(float(np.abs(gap).max(initial=0.0)), 1.0)  # squares stay numbers
+        return size * float(np.linalg.norm(gap / size))
+
+
+def _angle_between(one: Array, two: Array) -> float:
+    """Return the angle between orientations, quaternions (4,) [rad]."""
+    near = two if one @ two >= 0.0 else -two
+    apart, together = one - near, one + near
+    return 4.0 * math.atan2(math.sqrt(apart @ apart), math.sqrt(together @ together))
+
+
 class _Search:
     """Attempts from several starts, and the best of what they found.
 
@@ -303,11 +349,7 @@ class _Search:
         self.free = self._free(name for name in self.held if name not in self.pinned)
         self.first = self.free & self._free(self.named)
         self.has_first = bool(self.first.any()) and not np.array_equal(self.first, self.free)
-        wanted = [table[name] for name in self.named]
-        self.is_plain = all(c.q >= 0 for c in wanted)
-        self.named_at = np.array([c.q for c in wanted], dtype=np.intp)
-        self.named_sizes = self.mechanism.velocity_scale[[c.v for c in wanted]]
-        self.named_values = np.array(list(self.named.values()), dtype=float)
+        self.target = _Target(self.mechanism, self.named)
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self.found_at = -1
@@ -393,7 +435,7 @@ class _Search:
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
             return
-        distance = self._distance(q)
+        distance = self.target.distance(q)
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best = (distance, q)
 
@@ -469,17 +511,6 @@ class _Search:
         moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
         near = bool(np.abs(moved).max(initial=0.0) < NEAR)
         return (there, open_by) if open_by <= ACCEPTED and near else (q, error)
-
-    def _distance(self, q: Array) -> float:
-        """How far q is from the named values; an orientation counts by its angle."""
-        mechanism = self.mechanism
-        if self.is_plain:
-            gap = (self.named_values - q[self.named_at]) / self.named_sizes
-        else:
-            target = with_values(mechanism, q, self.named)
-            gap = pin.difference(mechanism.model, q, target) / mechanism.velocity_scale
-        size = max(float(np.abs(gap).max(initial=0.0)), 1.0)  # squares stay numbers
-        return size * float(np.linalg.norm(gap / size))
 
     def done(self, k: int) -> bool:
         """Whether further starts can be spared after start number `k`."""
@@ -689,11 +720,10 @@ def _as_given(
     if not pin.isNormalized(mechanism.model, q, 0.5):
         raise ValueError("guess q has a quaternion whose length is far from 1")
     q = pin.normalize(mechanism.model, q)
-    joints = list(mechanism.model.names)[1:]
     named = {}
-    for joint in joints:
-        names = [c.name for c in mechanism.coordinate_table.values() if c.joint == joint]
-        named.update(zip(names, joint_vector(mechanism, q, joint).tolist(), strict=True))
+    for joint, coordinates in by_joint(mechanism).items():
+        values = joint_vector(mechanism, q, joint).tolist()
+        named.update({c.name: x for c, x in zip(coordinates, values, strict=True)})
     return _Guess(q, named)
 
 

@@ -16,8 +16,7 @@
 #define WELL 1e-3
 #define NONE 1e-13  /* length of a row of derivatives that is none: others are of order one */
 #define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
-/* Freedoms up to which a full matrix is factored faster than a sparse one is put in order; where
-   equations are left out, the sparse one is wanted for the step beside. */
+/* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
 #define FEW 40
 /* Equations among which independent ones are sought: of more, all that are not none are taken. */
 #define SEARCHED 200
@@ -27,8 +26,7 @@ typedef struct {
     Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
     const Int *driven;
     Int *chosen;      /* closure equations, ascending */
-    int sparse;       /* whether the kernel's system is factored, or this: */
-    Real *matrix;     /* (nv, nv) transposed K; of few freedoms */
+    Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
     Int *order;
     Real *x;          /* (nv) */
     Real *q;          /* (nq) */
@@ -169,27 +167,32 @@ static Real pivot_ratio(const Real *matrix, Int n)
     return most > 0.0 ? least / most : n ? 0.0 : 1.0;
 }
 
+/* Factor the kernel's square system at the evaluated configuration, in an order chosen there. */
+static int factor_system(Rates *r)
+{
+    const int code =
+        system_set(r->k, r->chosen, r->n_chosen, r->driven, r->n_driven, NULL, 0);
+    return code == DONE ? system_factor(r->k) : code;
+}
+
 /* Factor at the evaluated configuration. */
 static int factor(Rates *r)
 {
     Kernel *k = r->k;
-    r->sparse = k->nv > FEW || r->n_chosen < k->n_closure;
-    if (!r->sparse) {
+    if (k->nv <= FEW) {
         fill_matrix(r);
         const Int singular = k->nv ? dense_lu(k->nv, r->matrix, r->order) : 0;
         r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
         return DONE;
     }
-    int code = system_set(k, r->chosen, r->n_chosen, r->driven, r->n_driven, NULL, 0);
-    if (code == DONE)
-        code = system_factor(k);
+    const int code = factor_system(r);
     r->pivot = code == DONE ? k->pivot_ratio : 0.0;
     return code == SINGULAR ? DONE : code;
 }
 
 static void solve(Rates *r, Real *x)
 {
-    if (r->sparse)
+    if (r->k->nv > FEW)
         system_solve(r->k, x);
     else if (r->k->nv)
         dense_lu_solve(r->k->nv, r->matrix, r->order, 1, 1, x);
@@ -242,9 +245,11 @@ static void evaluate(Kernel *k, const Real *q)
 static int follow_beside(Rates *r, const Real *q)
 {
     Kernel *k = r->k;
-    if (!r->sparse || r->n_chosen == k->n_closure || r->n_chosen == k->nv)
+    if (r->n_chosen == k->n_closure || r->n_chosen == k->nv)
         return 1;
-    const int code = stays_closed(k, q, equations_error(k), r->q);
+    int code = factor_system(r);
+    if (code == DONE)
+        code = stays_closed(k, q, equations_error(k), r->q);
     evaluate(k, q);
     return code == DONE && factor(r) == DONE;
 }

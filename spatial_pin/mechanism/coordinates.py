@@ -57,7 +57,7 @@ def blur(mechanism: Mechanism, q: Array) -> float:
     return float(np.abs(q[places] * each).max(initial=0.0))
 
 
-def _by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
+def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
     """Return the coordinates of every joint."""
     if "by joint" not in mechanism.memo:
         found: dict[str, list[Coordinate]] = {}
@@ -76,10 +76,10 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
         ValueError: a value is no finite number, or a joint has another number of coordinates.
     """
     values: dict[str, float] = {}
-    by_joint = _by_joint(mechanism)
+    joints = by_joint(mechanism)
     for key, value in guess.items():
-        if key in by_joint:
-            coordinates = by_joint[key]
+        if key in joints:
+            coordinates = joints[key]
             if len(coordinates) == 1 and type(value) is float:
                 values[coordinates[0].name] = finite_number(value, f"{key!r}")
                 continue
@@ -95,7 +95,7 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
             values[name] = finite_number(value, f"{key!r}")
         else:
             raise UnknownNameError("joint, coordinate or driver", key,
-                                   [*by_joint, *mechanism.coordinate_table, *mechanism.drivers])
+                                   [*joints, *mechanism.coordinate_table, *mechanism.drivers])
     return values
 
 
