@@ -5,8 +5,6 @@ from typing import Any
 
 from spatial_pin.accuracy.reference import Errors
 from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
-from spatial_pin.accuracy.tradeoff_view import plot as _plot_of_tradeoff
-from spatial_pin.accuracy.tradeoff_view import table as _table_of_tradeoff
 from spatial_pin.assembly.assemble import assemble
 from spatial_pin.assembly.export_mjcf import export_mjcf
 from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
@@ -32,9 +30,7 @@ from spatial_pin.errors import (
     StepLimitError,
     UnknownNameError,
 )
-from spatial_pin.formats.export import save as _save
 from spatial_pin.formats.files import list_mechanisms, load
-from spatial_pin.formats.pinocchio_model.from_model import mechanism_of as _from_model
 from spatial_pin.mechanism import closures, laws
 from spatial_pin.mechanism.coordinates import CoordinateRates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -47,12 +43,10 @@ from spatial_pin.mobility.loops import Loop
 from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
 from spatial_pin.mobility.modes import assembly_modes
-from spatial_pin.motion import outputs as _outputs
 from spatial_pin.motion.dead_centres import dead_centres
 from spatial_pin.motion.joint_limits import JointLimit, Passing
 from spatial_pin.motion.limits import Range, limits
 from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
-from spatial_pin.motion.summary import summary as _summary
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.motion.trace import trace
 from spatial_pin.rates.jacobians import (
@@ -63,29 +57,27 @@ from spatial_pin.rates.jacobians import (
     jacobian_rate,
 )
 from spatial_pin.rates.jerks import Jerks, solve_jerks
-from spatial_pin.rates.rates import rate_error as _rate_error
 from spatial_pin.rates.rates import solve_rates
 from spatial_pin.rates.transmission import Transmission, transmission
 from spatial_pin.reduction.differences import Verification
 from spatial_pin.reduction.reduce import Reduced, reduce
 from spatial_pin.reduction.report import Omission
-from spatial_pin.reduction.verification import verification as _verification
 from spatial_pin.settings import Accuracy
 
 __version__ = "0.1.0"
 
-_offer({
-    "Mechanism.from_model": _from_model,
-    "Mechanism.save": _save,
-    "Motion.bodies": _outputs.bodies,
-    "Motion.com": _outputs.com,
-    "Motion.frame": _outputs.frame,
-    "Motion.output": _outputs.output,
-    "Motion.rate_error": _rate_error,
-    "Motion.summary": _summary,
-    "Reduced.verify": _verification,
-    "Tradeoff.plot": _plot_of_tradeoff,
-    "Tradeoff.table": _table_of_tradeoff,
+_offer({  # imported when they are first asked for
+    "Mechanism.from_model": "formats.pinocchio_model.from_model:mechanism_of",
+    "Mechanism.save": "formats.export:save",
+    "Motion.bodies": "motion.outputs:bodies",
+    "Motion.com": "motion.outputs:com",
+    "Motion.frame": "motion.outputs:frame",
+    "Motion.output": "motion.outputs:output",
+    "Motion.rate_error": "rates.rates:rate_error",
+    "Motion.summary": "motion.summary:summary",
+    "Reduced.verify": "reduction.verification:verification",
+    "Tradeoff.plot": "accuracy.tradeoff_view:plot",
+    "Tradeoff.table": "accuracy.tradeoff_view:table",
 })
 
 # they load meshcat and matplotlib

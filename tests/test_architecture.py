@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import spatial_pin as sp
+from spatial_pin import methods
 
 PACKAGE = Path(sp.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
@@ -39,6 +40,7 @@ DATA_TYPES = {  # a module that is one, and the rooms that it has nothing of
 }
 FACTORISATIONS = {"svd", "svdvals", "qr", "geqp3", "rq", "lstsq", "pinv", "pinvh", "matrix_rank",
                   "cond", "null_space", "orth", "lu", "lu_factor", "splu", "spilu"}
+INNER = ("Motion.bodies", "Motion.rate_error", "Motion.summary", "Tradeoff.table")  # of others
 ELSEWHERE = {  # modules that factor themselves, and why
     "dynamics.solvers.sparse": "a sparse factorisation whose order is kept",
 }
@@ -168,6 +170,13 @@ def test_factorisations_that_tell_ranks_are_mathematics_without_mechanisms():
 def test_every_public_name_exists_and_is_documented():
     for name in sp.__all__:
         assert getattr(sp, name).__doc__, name
+
+
+@pytest.mark.parametrize("name", methods.names())
+def test_what_a_data_type_offers_is_worked_out_by_a_documented_function(name):
+    kind, _, method = name.partition(".")
+    assert methods.method(name).__doc__
+    assert hasattr(getattr(sp, kind), method) or name in INNER
 
 
 def test_a_room_does_not_hide_a_verb_of_its_name():
