@@ -134,7 +134,7 @@ static int products_are_sound(const Kernel *k)
            pattern_is_sound(k->entry_start, k->n_equations, k->entry_v, k->nv);
 }
 
-/* Reads all numbers; the kernel's own copy is what its pointers show. */
+/* Reads all numbers; the kernel's own copy is what its pointers show. Returns a code. */
 static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
     const Int n = k->n_joints, np = k->n_products, ne = k->n_equations;
@@ -154,10 +154,10 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
     for (Int i = 0; i < n_fields; i++)
         total += fields[i].count;
     if (total != n_reals)
-        return 0;
+        return BAD_ARRAYS;
     Real *copy = k->rotation ? (Real *)k->rotation : kernel_memory(k, total, sizeof *copy);
     if (!copy)
-        return 0;
+        return NO_MEMORY;
     memcpy(copy, reals, (size_t)total * sizeof *copy);
     for (Int i = 0; i < n_fields; copy += fields[i++].count)
         *fields[i].to = copy;
@@ -166,7 +166,7 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
         k->plain[j] = R[0] == 1.0 && R[4] == 1.0 && R[8] == 1.0 && R[1] == 0.0 && R[2] == 0.0 &&
                       R[3] == 0.0 && R[5] == 0.0 && R[6] == 0.0 && R[7] == 0.0;
     }
-    return 1;
+    return DONE;
 }
 
 /* Memory for what evaluations write. */
@@ -209,10 +209,9 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
     if (read_structure(k, from) && tree_is_sound(k) && products_are_sound(k) &&
         equations_are_sound(k)) {
         k->plain = kernel_memory(k, k->n_joints, sizeof(Int));
-        if (!k->plain)
+        code = k->plain ? read_numbers(k, reals, n_reals) : NO_MEMORY;
+        if (code == DONE && !make_room(k))
             code = NO_MEMORY;
-        else if (read_numbers(k, reals, n_reals))
-            code = make_room(k) ? DONE : NO_MEMORY;
     }
     if (code == DONE)
         *out = k;
@@ -225,7 +224,7 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
     lu_forget(k->lu);
-    return read_numbers(k, reals, n_reals) ? DONE : BAD_ARRAYS;
+    return read_numbers(k, reals, n_reals);
 }
 
 EXPORT void kernel_destroy(Kernel *k)
