@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.trees import tree_of
@@ -58,18 +59,33 @@ Term = tuple[float, int, Array, float]  # factor * (R_joint local + flag p_joint
 class _Vectors:
     """Coefficient rows on G of one block (A, B or X), grown row by row, and their terms."""
 
-    def __init__(self, n_joints: int) -> None:
-        self.n = n_joints
-        self.rows: list[Array] = []
+    def __init__(self) -> None:
         self.terms: list[tuple[Term, ...]] = []
 
     def add(self, *terms: Term) -> None:
         """Add the sum of terms."""
         self.terms.append(terms)
-        row = np.zeros(4 * self.n)
-        for factor, joint, local, flag in terms:
-            row[4 * joint : 4 * joint + 4] += factor * np.array([*local, flag])
-        self.rows.append(row)
+
+    def entries(self) -> _Entries:
+        """Return the entries of the rows, without zeros."""
+        cells: dict[tuple[int, int], float] = {}
+        for row, terms in enumerate(self.terms):
+            for factor, joint, local, flag in terms:
+                for k, x in enumerate((*local, flag)):
+                    at = row, 4 * joint + k
+                    cells[at] = cells.get(at, 0.0) + factor * x
+        found = [(*at, x) for at, x in cells.items() if x]
+        rows, columns, values = zip(*found, strict=True) if found else ((), (), ())
+        return _Entries(np.array(rows, np.intp), np.array(columns, np.intp),
+                        np.array(values, float))
+
+
+class _Entries(NamedTuple):
+    """Entries of a matrix: where they are, and what."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    values: Array
 
 
 class Constraints:
@@ -95,7 +111,7 @@ class Constraints:
         self.scale = 1.0 / mechanism.characteristic_length
         self.supports = _supports(mechanism.model)
         n = mechanism.model.njoints
-        self._a, self._b, self._x = _Vectors(n), _Vectors(n), _Vectors(n)
+        self._a, self._b, self._x = _Vectors(), _Vectors(), _Vectors()
         self._constants: list[float] = []
         self._factors: list[float] = []
         self._signs: list[Array] = []
@@ -125,15 +141,17 @@ class Constraints:
         self.n_wrenches = self.n_rows + len(self.elsewhere)
         self.screws = [(at, e.products[1], e.numbers[0]) for at, e in enumerate(self.equations)
                        if e.kind is KINDS["screw"]]
-        a, b, x = self._a.rows, self._b.rows, self._x.rows
+        a, b, x = (block.entries() for block in (self._a, self._b, self._x))
         self.terms = self._a.terms, self._b.terms, self._x.terms
-        self.c_abx = _matrix([*a, *b, *x], 4 * n)
-        self.c_rates = _rate_matrix(a, b, n)
-        self.rate_sum = _sum_of_rates(len(a))
+        r = len(self._constants)
+        self.c_abx = _matrix([a, b, x], [0, r, 2 * r], (3 * r, 4 * n))
+        self.c_rates = _rate_matrix(a, b, r, n)
+        self.rate_sum = _sum_of_rates(r)
         self.constants = np.array(self._constants)
         self.factors = np.array(self._factors).reshape(-1, 1)
-        signs = np.array(self._signs).reshape(len(self._signs), mechanism.model.nv)
-        self.signs = signs * mechanism.velocity_scale
+        self.signs = np.array(self._signs).reshape(r, mechanism.model.nv)
+        self.signs *= mechanism.velocity_scale
+        self._signs.clear()  # many loops have many
         self.spin_bias = np.array(spin).reshape(self.n_passive, 6 * n)
 
     def _equations(self, made: list[tuple[Kind, Closure, Row]]) -> list[Equation]:
@@ -266,42 +284,28 @@ def unit_length(mechanism: Mechanism, closure: Closure) -> float:
     return length if length > SHORT * size else size
 
 
-def _rate_rows(a: list[Array], b: list[Array], n: int) -> list[Array]:
-    """Rows that take (G'', G', G) of each joint to A'', A', A and then B, B', B''."""
-
-    def rows(block: list[Array], order: int) -> list[Array]:
-        out = np.zeros((len(block), n, 3, 4))
-        out[:, :, 2 - order] = np.array(block).reshape(-1, n, 4)
-        return list(out.reshape(len(block), 12 * n))
-
-    return [row for block, orders in ((a, (2, 1, 0)), (b, (0, 1, 2)))
-            for order in orders for row in rows(block, order)]
+def _rate_matrix(a: _Entries, b: _Entries, r: int, n: int) -> Any:
+    """Return the matrix that takes (G'', G', G) of n joints to A'', A', A and then B, B', B''."""
+    orders = [(a, 2), (a, 1), (a, 0), (b, 0), (b, 1), (b, 2)]
+    blocks = [_Entries(x.rows, 12 * (x.columns // 4) + 4 * (2 - order) + x.columns % 4, x.values)
+              for x, order in orders]
+    return _matrix(blocks, [k * r for k in range(6)], (6 * r, 12 * n))
 
 
-def _matrix(rows: list[Array], width: int) -> Any:
-    dense = np.array(rows).reshape(len(rows), width)
-    if dense.size <= DENSE_LIMIT:
+def _matrix(blocks: list[_Entries], starts: list[int], shape: tuple[int, int]) -> Any:
+    """Return the matrix with blocks from some rows on; a sparse one where it is large."""
+    rows = np.concatenate([x.rows + start for x, start in zip(blocks, starts, strict=True)])
+    columns, values = (np.concatenate(x) for x in (
+        [x.columns for x in blocks], [x.values for x in blocks]))
+    if shape[0] * shape[1] <= DENSE_LIMIT:
+        dense = np.zeros(shape)
+        dense[rows, columns] = values
         return dense
     from scipy.sparse import csr_array  # imported on use: it takes a tenth of a second
 
-    return csr_array(dense)
-
-
-def _rate_matrix(a: list[Array], b: list[Array], n: int) -> Any:
-    """Return the matrix of `_rate_rows`, never dense when it is large."""
-    height = 6 * len(a)
-    if height * 12 * n <= DENSE_LIMIT:
-        return _matrix(_rate_rows(a, b, n), 12 * n)
-    from scipy.sparse import csr_array
-
-    places, values = [], []
-    for k, (block, order) in enumerate([(a, 2), (a, 1), (a, 0), (b, 0), (b, 1), (b, 2)]):
-        dense = np.array(block)
-        rows, columns = np.nonzero(dense)
-        moved = 12 * (columns // 4) + 4 * (2 - order) + columns % 4
-        places.append([rows + k * len(a), moved])
-        values.append(dense[rows, columns])
-    return csr_array((np.concatenate(values), np.hstack(places)), shape=(height, 12 * n))
+    found = csr_array((values, (rows, columns)), shape=shape)
+    found.sort_indices()
+    return found
 
 
 def _sum_of_rates(n: int) -> Any:
