@@ -1,17 +1,11 @@
 """Spatial mechanisms with closed loops on Pinocchio."""
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from spatial_pin.accuracy.reference import Errors
-from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
 from spatial_pin.assembly.assemble import assemble
 from spatial_pin.assembly.export_mjcf import export_mjcf
 from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
-from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
-from spatial_pin.dimensions.tolerance import Tolerance, tolerance
-from spatial_pin.dynamics.derivatives.derivatives import Derivatives, dynamics_derivatives
-from spatial_pin.dynamics.derivatives.reactions import Linear
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
 from spatial_pin.dynamics.inverse import Efforts, inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
@@ -59,10 +53,18 @@ from spatial_pin.rates.jacobians import (
 from spatial_pin.rates.jerks import Jerks, solve_jerks
 from spatial_pin.rates.rates import solve_rates
 from spatial_pin.rates.transmission import Transmission, transmission
-from spatial_pin.reduction.differences import Verification
-from spatial_pin.reduction.reduce import Reduced, reduce
-from spatial_pin.reduction.report import Omission
 from spatial_pin.settings import Accuracy
+
+if TYPE_CHECKING:
+    from spatial_pin.accuracy.reference import Errors
+    from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
+    from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
+    from spatial_pin.dimensions.tolerance import Tolerance, tolerance
+    from spatial_pin.dynamics.derivatives.derivatives import Derivatives, dynamics_derivatives
+    from spatial_pin.dynamics.derivatives.reactions import Linear
+    from spatial_pin.reduction.differences import Verification
+    from spatial_pin.reduction.reduce import Reduced, reduce
+    from spatial_pin.reduction.report import Omission
 
 __version__ = "0.1.0"
 
@@ -80,10 +82,27 @@ _offer({  # imported when they are first asked for
     "Tradeoff.table": "accuracy.tradeoff_view:table",
 })
 
-# they load meshcat and matplotlib
-_SEEN_ON_USE = dict.fromkeys(("Look", "Viewer", "export_html", "live", "movie", "plot", "report",
-                              "screenshot", "show"), "spatial_pin.view")
-_SEEN_ON_USE["Vectors"] = "spatial_pin.view.scene.layers.arrows"
+# views load meshcat and matplotlib; the others are a fifth of what importing would take
+_ON_USE = {
+    **dict.fromkeys(("Look", "Viewer", "export_html", "live", "movie", "plot", "report",
+                     "screenshot", "show"), "spatial_pin.view"),
+    "Vectors": "spatial_pin.view.scene.layers.arrows",
+    "Derivatives": "spatial_pin.dynamics.derivatives.derivatives",
+    "Errors": "spatial_pin.accuracy.reference",
+    "Linear": "spatial_pin.dynamics.derivatives.reactions",
+    "Measured": "spatial_pin.accuracy.tradeoff",
+    "Omission": "spatial_pin.reduction.report",
+    "Reduced": "spatial_pin.reduction.reduce",
+    "Sensitivity": "spatial_pin.dimensions.sensitivity",
+    "Tolerance": "spatial_pin.dimensions.tolerance",
+    "Tradeoff": "spatial_pin.accuracy.tradeoff",
+    "Verification": "spatial_pin.reduction.differences",
+    "dynamics_derivatives": "spatial_pin.dynamics.derivatives.derivatives",
+    "reduce": "spatial_pin.reduction.reduce",
+    "sensitivity": "spatial_pin.dimensions.sensitivity",
+    "tolerance": "spatial_pin.dimensions.tolerance",
+    "tradeoff": "spatial_pin.accuracy.tradeoff",
+}
 
 __all__ = [
     "Accuracy",
@@ -184,6 +203,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _SEEN_ON_USE:
-        return getattr(import_module(_SEEN_ON_USE[name]), name)
+    if name in _ON_USE:
+        return getattr(import_module(_ON_USE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
