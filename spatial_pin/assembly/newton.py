@@ -307,21 +307,6 @@ class SquareSystem:
         """Rows of the matrix that hold the resolved passive freedoms."""
         return self._spin
 
-    def stack(self, jacobians: Array) -> Array:
-        """Return the matrices (nv, nv, m) for Jacobians (n_rows + n_passive, nv, m)."""
-        n = self.evaluation.constraints.n_rows
-        matrices = np.empty((*self.matrix.shape, jacobians.shape[2]))
-        matrices[self._closure] = jacobians[self.rows]
-        matrices[self._spin] = jacobians[n:]
-        matrices[self._prescribed] = self._drive[:, :, None]
-        return matrices
-
-    def put_bias(self, rhs: Array, bias: Array) -> None:
-        """Write the right-hand sides (m, nv) of accelerations for biases (m, rows + passive)."""
-        n = self.evaluation.constraints.n_rows
-        rhs[:, self._closure] = -bias[:, self.rows]
-        rhs[:, self._spin] = -bias[:, n:]
-
     def driver_rates(self) -> Array:
         """Return (nv, n_drivers): joint velocities per unit speed of each driver."""
         rhs = np.zeros((len(self.matrix), len(self.driven)))
