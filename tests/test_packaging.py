@@ -116,7 +116,8 @@ def test_the_wheel_is_one_of_its_platform(monkeypatch, system, asked, tag):
 
 def test_a_library_older_than_its_c_files_is_refused(tree):
     folder = tree / build_kernel.KERNEL
-    library = build_kernel.compile_kernel(tree, ["-O0"])
+    strict = ["-O0", "-Wall", "-Wextra", "-pedantic-errors"]  # C99 and nothing else
+    library = build_kernel.compile_kernel(tree, strict)
     assert library == folder / LIBRARY
     assert compiled_from(opened(library)) == source_hash(folder)
     with (folder / "vectors.h").open("a") as file:

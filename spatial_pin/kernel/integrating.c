@@ -51,9 +51,7 @@ struct Integrator {
     void *context;
 };
 
-static const Method METHODS[];
-
-static const Method *method_of(const Integrator *g) { return METHODS + g->method; }
+static const Method *method_of(const Integrator *g);
 
 /* ---- errors ---- */
 
@@ -177,6 +175,8 @@ static const Method METHODS[] = {
     {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 0, 1, 2, 2.78, 2},
 };
 enum { N_METHODS = sizeof METHODS / sizeof *METHODS };
+
+static const Method *method_of(const Integrator *g) { return METHODS + g->method; }
 
 /* ---- stiffness ---- */
 
