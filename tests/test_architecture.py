@@ -191,6 +191,7 @@ def test_usual_verbs_need_no_scipy():
             "s = sp.solve_rates(m, sp.assemble(m, {'crank': 1.0}), {'crank': 2.0}); "
             "sp.sweep(m, 'crank', numpy.linspace(0.0, 7.0, 99)); sp.jacobian(m, s, 'coupler'); "
             "sp.forward_dynamics(m, s).reactions; sp.inverse_dynamics(m, s); sp.mobility(m); "
+            "sp.simulate(m, s, 0.1); sp.sensitivity(m, s, 'rocker_pin', ['a']); "
             "print([name for name in sys.modules if name.partition('.')[0] in ('scipy', 'yaml')])")
     run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert run.stdout == "[]\n"
