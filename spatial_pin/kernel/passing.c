@@ -23,7 +23,7 @@
 #define REGULAR 1e-7    /* pivots at a place where nothing is lost */
 #define NEARBY 1e-5      /* way from a zero of higher order, that round-off blurs */
 #define EVEN 1e-10       /* determinant at a zero of even order, by the largest on the strip */
-#define LOOKS 24         /* places that a determinant is looked at */
+#define LOOKS 16         /* places that a determinant is looked at */
 #define NODE STRIP_NODES
 
 
@@ -316,13 +316,17 @@ static Real secants(Dynamics *d, const Strip *s, Real a, Real b, Real low, Real 
     return b;
 }
 
-/* Note the crossing near x, the only one from low to high. Round-off blurs a zero of higher order
- * of the determinant far and wide, but not that of the inverse solution. */
-static void note_crossing(Dynamics *d, Strip *s, Real x, Real low, Real high)
+/* Note the crossing from low to high; where secants from there lead out, the one near a zero of
+ * the determinant. Round-off blurs such a zero far and wide if it is one of higher order, but not
+ * that of the inverse solution. */
+static void note_crossing(Dynamics *d, Strip *s, Real low, Real high, Int exponent)
 {
-    const Real wide = secants(d, s, low, high, low, high);
-    const Real near = isfinite(wide) ? wide : secants(d, s, x - NEARBY, x + NEARBY, low, high);
-    x = isfinite(near) ? near : x;
+    Real x = secants(d, s, low, high, low, high);
+    if (!isfinite(x)) {
+        const Real zero = zero_between(d, s, low, high, exponent);
+        x = secants(d, s, zero - NEARBY, zero + NEARBY, low, high);
+        x = isfinite(x) ? x : zero;
+    }
     for (Int i = 0; i < s->n_crossings; i++)
         if (fabs(x - s->crossing[i]) < NEARBY)
             return;
@@ -339,7 +343,7 @@ static void look_for_zeros(Dynamics *d, Strip *s, Real low, Real high)
     place_trial(d, s, 0, low);
     equations_jacobian(d->k);
     const Int exponent = system_factor(d->k) == DONE ? d->k->exponent : 0;
-    for (int level = 0; level < 5; level++) {
+    for (int level = 0; level < 6; level++) {
         const Real apart = (high - low) / LOOKS;
         int found = 0, least = 0;
         for (int i = 0; i <= LOOKS; i++) {
@@ -352,13 +356,13 @@ static void look_for_zeros(Dynamics *d, Strip *s, Real low, Real high)
             if (value[i] * value[i + 1] < 0.0) {
                 found = 1;
                 const Real from = low + i * apart, to = from + apart;
-                note_crossing(d, s, zero_between(d, s, from, to, exponent), from, to);
+                note_crossing(d, s, from, to, exponent);
             }
         if (found)
             return;
         if (fabs(value[least]) < EVEN * largest) {
             const Real x = low + least * apart;
-            note_crossing(d, s, x, x - apart, x + apart);
+            note_crossing(d, s, x - apart, x + apart, exponent);
             return;
         }
         if (least == 0 || least == LOOKS)
