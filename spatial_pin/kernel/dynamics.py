@@ -43,10 +43,11 @@ class Run(ctypes.Structure):
     _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("q", POINTER), ("v", POINTER),
                 ("a", POINTER), ("numbers", POINTER), ("efforts", POINTER), ("angles", POINTER),
                 ("most", INT), ("patience", REAL), ("largest_step", REAL),
-                ("largest_pivot", REAL), ("allowed", REAL)]
+                ("largest_pivot", REAL), ("allowed", REAL), ("n_crossed", INT),
+                ("crossed", REAL * MOST_CROSSINGS), ("crossed_row", INT * MOST_CROSSINGS)]
 
 
-AT_END, AT_FAILURE, WORN, CROSSED, STIFF, CREEPING, MANY = range(7)  # why it paused
+AT_END, AT_FAILURE, WORN, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
 
 
 class Samples(NamedTuple):

@@ -13,7 +13,7 @@
 enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 
 /* Why a run of steps paused; the samples of its last step are not made, but after WORN. */
-enum Pause { AT_END = 0, AT_FAILURE = 1, WORN = 2, CROSSED = 3, STIFF = 4, CREEPING = 5, MANY = 6,
+enum Pause { AT_END = 0, AT_FAILURE = 1, WORN = 2, FULL = 3, STIFF = 4, CREEPING = 5, MANY = 6,
              RAISED = 7 };
 
 #define LONG 15     /* steps at the bound of stability that tell a stiff motion */
@@ -307,12 +307,17 @@ EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real 
 
 /* ---- many steps of a mechanism ---- */
 
+enum { MOST_CROSSED = 64 };
+
 typedef struct {
     const Real *times; /* of all samples */
     Int n_times, row;  /* how many there are, and how many are made */
     Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
     Int most;          /* steps to take */
     Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
+    Int n_crossed;     /* crossings passed: chart coordinate, and samples before */
+    Real crossed[MOST_CROSSED];
+    Int crossed_row[MOST_CROSSED];
 } Run;
 
 static int creeps(Integrator *g, const Dynamics *d, Run *run)
@@ -349,6 +354,22 @@ static int samples(Integrator *g, Dynamics *d, Run *run)
     return code != DONE ? code : passing_return(d, &d->ended);
 }
 
+/* Note the crossings that the last step has passed, whose samples are those from `first` on. */
+static void note_crossings(const Integrator *g, const Dynamics *d, Run *run, Int first)
+{
+    const Int room = MOST_CROSSED - run->n_crossed, q = d->held_q[0];
+    const Int n = passing_crossed(d, g->y_old[0], g->y[0], run->crossed + run->n_crossed, room);
+    const Real sense = g->y[0] >= g->y_old[0] ? 1.0 : -1.0, scale = d->k->scale[d->held[0]];
+    for (Int i = run->n_crossed; i < run->n_crossed + n; i++) {
+        Int row = first;
+        while (row < run->row &&
+               sense * ((run->q[row * d->k->nq + q] - d->start[q]) / scale - run->crossed[i]) < 0.0)
+            row++;
+        run->crossed_row[i] = row;
+    }
+    run->n_crossed += n;
+}
+
 static int is_worn(const Integrator *g, Dynamics *d, const Run *run)
 {
     for (Int i = 0; !d->is_linear && i < d->n_free; i++)
@@ -361,7 +382,7 @@ static int is_worn(const Integrator *g, Dynamics *d, const Run *run)
 EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
 {
     for (Int step = 0; step < run->most; step++) {
-        Real x;
+        const Int first = run->row;
         if (integrator_step(g) != DONE)
             return RAISED;
         if (g->status == FAILED)
@@ -370,11 +391,13 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             return CREEPING;
         if (g->is_stiff)
             return STIFF;
-        if (d->passes && passing_crossed(d, g->y_old[0], g->y[0], &x, 1) > 0)
-            return CROSSED;
+        if (run->n_crossed > MOST_CROSSED / 2)
+            return FULL;
         const int code = samples(g, d, run);
         if (code != DONE)
             return code == ASK_FAILED ? RAISED : AT_FAILURE;
+        if (d->passes)
+            note_crossings(g, d, run, first);
         if (is_worn(g, d, run))
             return WORN;
         if (g->status == FINISHED)

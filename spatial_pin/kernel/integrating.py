@@ -162,6 +162,11 @@ class Explicit:
         self._y[:] = value
 
     @property
+    def y_old(self) -> Array:
+        """(n,) unknowns where the last step began."""
+        return self._y_old.copy()
+
+    @property
     def f(self) -> Array:
         """(n,) their rates at t."""
         return self._f.copy()

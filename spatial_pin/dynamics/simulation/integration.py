@@ -230,6 +230,9 @@ class Run:
             why: int = inner.run(run)
         finally:
             rows.filled = run.row
+        for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
+            self._note_crossing(system.coordinate_at(x), row)
+        system.seen(solver.y if why in ROUTINE else inner.y_old)
         taken = inner.steps - before
         if taken > 1:
             self._creeping = self._standing = 0
@@ -419,9 +422,12 @@ class Run:
         """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
         for value, at in system.crossings_to(y):
             row = self.rows.filled + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
-            text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the "
-                    "one that goes straight on")
-            self.events.append(Event("branch point", value, row, text))
+            self._note_crossing(value, row)
+
+    def _note_crossing(self, value: float, row: int) -> None:
+        text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the one "
+                "that goes straight on")
+        self.events.append(Event("branch point", value, row, text))
 
     def _note_limits(self, found: Found, times: Array) -> None:
         """Keep the limits passed in the last step, which has rows at `times`."""

@@ -216,3 +216,8 @@ class System(Protocol):
     def crossings_to(self, y: Array) -> list[tuple[float, float]]:
         """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
 
+    def coordinate_at(self, x: float) -> float:
+        """Return the value of the first independent coordinate at a chart coordinate."""
+
+    def seen(self, y: Array) -> None:
+        """Take it that crossings on the way to y are known."""

@@ -235,8 +235,15 @@ class Independent:
         if self.n != 1:
             return []
         before, self._seen = self._seen, float(y[0])
-        scale = float(self._scale[0])
-        return [(self._start + scale * x, x) for x in self.kernel.crossed(before, self._seen)]
+        return [(self.coordinate_at(x), x) for x in self.kernel.crossed(before, self._seen)]
+
+    def coordinate_at(self, x: float) -> float:
+        """Return the value of the first independent coordinate at a chart coordinate."""
+        return self._start + float(self._scale[0]) * x
+
+    def seen(self, y: Array) -> None:
+        """Take it that crossings on the way to y are known."""
+        self._seen = float(y[0]) if self.n else 0.0
 
     @property
     def evaluations(self) -> int:

@@ -287,6 +287,13 @@ class Projected:
         energies = self.problem.energies(q, v, self.evaluation, self.problem.work(y))
         return (q, v, a, np.array([error, *energies]), np.empty(0), self.evaluation.angles.copy())
 
+    def coordinate_at(self, x: float) -> float:
+        """Return x: there are no crossings."""
+        return x
+
+    def seen(self, y: Array) -> None:
+        """Do nothing: there are no crossings."""
+
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether the chart should be begun anew."""
         return self.curved and float(np.abs(y[: self.n]).max()) > FAR
