@@ -23,7 +23,8 @@
 #define LOOK 1e-3        /* part of a first step over which the determinant's fall is judged */
 #define NEAR_SINGULAR 1e-5 /* smallest over largest pivot: beyond, arc length has the better view */
 #define REGULAR 0.1      /* smallest over largest pivot: below, a residual leaves the more open in
-                            configurations and rates, and is asked to be smaller by as much */
+                            configurations and rates, and is asked to be smaller by as much;
+                            factors of another point are off where the equations are weakest */
 #define WORN 2.3         /* binary orders (a factor of 5) by which the determinant falls, */
 #define WORN_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
@@ -182,7 +183,7 @@ static int close_prediction(Path *path, Real way)
     const Real part = fmin(1.0, k->pivot_ratio / REGULAR);
     Correction c = {.enough = fmax(part * wanted->enough, 0.1 * least),
                     .tolerance = fmax(part * wanted->tolerance, 0.3 * least),
-                    .left = fmax(wanted->left, least), .fixed = -1, .reuse = !path->stale};
+                    .left = fmax(wanted->left, least), .fixed = -1, .reuse = !path->stale && part == 1.0};
     c.allowed = wanted->order ? EXPLAINED * way : INFINITY;
     path->stale = 1;
     int code = correct(k, path->next->q, &c);
