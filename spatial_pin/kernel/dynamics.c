@@ -390,18 +390,15 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
 }
 
 /* Efforts of prescribed drivers: what is missing at the accelerations found. */
-static void drive_efforts(Dynamics *d)
+static int drive_efforts(Dynamics *d)
 {
     Kernel *k = d->k;
     tree_rates(k, d->v, d->a);
     bodies_need(d);
-    for (Int i = 0; i < d->n_lines; i++) { /* once more, their power is counted already */
-        const Real power = d->power;
-        (void)i;
-        springs_on_bodies(d);
-        d->power = power;
-        break;
-    }
+    const Real power = d->power; /* that of springs is counted already */
+    if (springs_on_bodies(d) != DONE)
+        return ASK_FAILED;
+    d->power = power;
     gather(d, d->a);
     for (Int i = 0; i < d->n_drives; i++) {
         const Real *column = d->columns + (d->n_free + i) * k->nv;
@@ -411,6 +408,7 @@ static void drive_efforts(Dynamics *d)
         d->drive_effort[i] = sum / k->scale[d->held[d->n_free + i]];
         d->power += d->drive_effort[i] * d->v[d->held[d->n_free + i]];
     }
+    return DONE;
 }
 
 static void whole_accelerations(Dynamics *d)
@@ -448,7 +446,8 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
         return code;
     if (d->n_drives) {
         whole_accelerations(d);
-        drive_efforts(d);
+        if (drive_efforts(d) != DONE)
+            return ASK_FAILED;
     }
     independent_rates(d, d->v, rates);
     memcpy(rates + n, d->z, (size_t)n * sizeof *rates);
@@ -514,8 +513,8 @@ int dynamics_sample(void *from, Real t, const Real *y, Real *q, Real *v, Real *a
     numbers[0] = equations_error(k);
     numbers[2] = energies(d, numbers + 1);
     numbers[3] = d->works ? y[d->n_unknowns - 1] : 0.0;
-    if (d->n_drives)
-        drive_efforts(d);
+    if (d->n_drives && drive_efforts(d) != DONE)
+        return ASK_FAILED;
     memcpy(q, d->q, (size_t)k->nq * sizeof *q);
     memcpy(v, d->v, (size_t)k->nv * sizeof *v);
     memcpy(a, d->a, (size_t)k->nv * sizeof *a);
