@@ -163,13 +163,21 @@ static void predict(Path *path, Real target)
     path->next->s = target;
 }
 
-/* Closure error that round-off of the coordinates themselves may leave: an angle that counts a
- * million turns is known to 1e-9 rad. */
+static int is_driven(const Kernel *k, Int v)
+{
+    for (Int i = 0; i < k->n_driven; i++)
+        if (k->driven[i] == v)
+            return 1;
+    return 0;
+}
+
+/* Closure error that round-off of the unknown coordinates may leave: an angle that counts a million
+ * turns is known to 1e-9 rad. What is driven has its value exactly. */
 static Real round_off_of(const Kernel *k, const Real *q)
 {
     Real most = 0.0;
     for (Int j = 1; j < k->n_joints; j++)
-        if (joint_nv(k->kind[j]) == 1)
+        if (joint_nv(k->kind[j]) == 1 && !is_driven(k, k->iv[j]))
             most = fmax(most, fabs(q[k->iq[j]]) / k->scale[k->iv[j]]);
     return 4.0 * DBL_EPSILON * most;
 }
