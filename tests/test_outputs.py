@@ -15,7 +15,7 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin import cli
-from spatial_pin.formats.export import export_urdf
+from spatial_pin.mechanism.export import export_urdf
 from spatial_pin.outputs import replacing, write_text
 
 posix = pytest.mark.skipif(os.name != "posix", reason="limits and signals of POSIX")

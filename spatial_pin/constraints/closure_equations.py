@@ -33,12 +33,12 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.trees import tree_of
+from spatial_pin.constraints.workspaces import lent
 from spatial_pin.mechanism.coordinates import joint_values, needed, with_values
 from spatial_pin.mechanism.equations import Row
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
-from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.taylor import Taylor
 

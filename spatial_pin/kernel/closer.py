@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.workspaces import lent
 from spatial_pin.kernel.kernel import Kernel, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import Array
 
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`

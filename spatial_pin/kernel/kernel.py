@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import constraints_of
+from spatial_pin.constraints.workspaces import lent
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.library import CODES, library
 from spatial_pin.kernel.packing import Packed, packed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import Array
 
 

@@ -14,10 +14,10 @@ from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.constraints.workspaces import lent
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
-from spatial_pin.mechanism.workspaces import lent
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
 from spatial_pin.rates import regular
 from spatial_pin.rates.prescribed import (

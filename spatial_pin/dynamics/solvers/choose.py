@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from spatial_pin.constraints.trees import is_large
+from spatial_pin.constraints.workspaces import lent
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.sparse import SparseEquations
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.workspaces import lent
 
 
 def _made_for(mechanism: Mechanism) -> Equations:
