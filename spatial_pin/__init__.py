@@ -71,7 +71,6 @@ __version__ = "0.1.0"
 _offer({  # imported when they are first asked for
     "Mechanism.from_model": "formats.pinocchio_model.from_model:mechanism_of",
     "Mechanism.save": "formats.export:save",
-    "Mechanism.export_urdf": "formats.export:export_urdf",
     "Motion.bodies": "motion.outputs:bodies",
     "Motion.com": "motion.outputs:com",
     "Motion.frame": "motion.outputs:frame",
