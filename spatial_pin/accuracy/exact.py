@@ -1,8 +1,8 @@
 """Exact rows of a sweep: positions, velocities and accelerations refined in extended precision.
 
 Newton corrections with a matrix in double precision and residuals in extended precision
-(`spatial_pin.accuracy.extended`) are iterated until they no longer shrink [GolubVanLoan, 3.5.3].
-The last ones tell how good the rows are.
+(`spatial_pin.accuracy.extended`) are iterated until they no longer shrink
+[GolubVanLoan2013, 3.5.3]. The last ones tell how good the rows are.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-/* Dense factorisations of matrices stored by rows [GolubVanLoan]: L U with row exchanges, Q R with
+/* Dense factorisations of matrices stored by rows [GolubVanLoan2013]: L U with row exchanges, Q R with
  * column exchanges, L Lᵀ, and solutions with them. The matrices are small: no blocks.
  */
 #include <float.h>
@@ -283,7 +283,7 @@ static void reflect(Int m, Int n, const Real *qr, Int k, Real tau, Int columns, 
 }
 
 /* Lengths of what is left of the columns after step k: worn ones, which have lost half their digits
-   since they were last measured, are measured anew [GolubVanLoan, 5.4.2]. */
+   since they were last measured, are measured anew [GolubVanLoan2013, 5.4.2]. */
 static void shorten(Int m, Int n, const Real *a, Int k, Real *length, Real *measured)
 {
     for (Int j = k + 1; j < n; j++) {

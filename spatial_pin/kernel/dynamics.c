@@ -2,7 +2,7 @@
  *
  * With G the joint velocities per unit rate of the free coordinates and a0 the joint accelerations
  * at which these have none, virtual work along G gives
- *     G^T (M (a0 + G z) + b - f) = 0      [Wehage & Haug 1982]
+ *     G^T (M (a0 + G z) + b - f) = 0      [Wehage1982]
  * for their accelerations z. M a0 + b is worked out body by body (Newton and Euler), G^T M G from
  * the bodies' velocities per unit rate. Springs act as forces on the bodies, gravity too. */
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* A path of closed configurations, followed through many values of one driver.
  *
- * Predictor, corrector, and tests that a step stays on its path [Allgower, Georg: Numerical
- * Continuation Methods]. A step is taken whole or not at all: what fails is tried again at half
+ * Predictor, corrector, and tests that a step stays on its path [AllgowerGeorg2003].
+ * A step is taken whole or not at all: what fails is tried again at half
  * its length, and where that does not help, the caller looks at what lies ahead. */
 #include <float.h>
 #include <stdlib.h>

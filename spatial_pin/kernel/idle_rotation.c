@@ -48,7 +48,7 @@ typedef struct {
     Real z[9], d[9][3];
 } Curve;
 
-/* Divided differences of repeated nodes [Stoer, Bulirsch: Numerical Analysis, 2.1.5]. */
+/* Divided differences of repeated nodes [StoerBulirsch2002, 2.1.5]. */
 static void divide_differences(Curve *curve, const IdleAxis *const *axes, Real h)
 {
     for (int order = 1; order < curve->n; order++)

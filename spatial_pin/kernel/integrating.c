@@ -3,7 +3,7 @@
  * A method is one entry of METHODS: its coefficients (tableaus.h), how its error is estimated and
  * how the last step is interpolated. Adaptive steps are controlled as SciPy's: the error is the root
  * mean square of that of every unknown, by rtol times its size and atol. Whether stability, not
- * accuracy, bounds the steps is told by two stages at one time [Hairer & Wanner 1996, IV.2]. */
+ * accuracy, bounds the steps is told by two stages at one time [HairerWanner1996, IV.2]. */
 #include <stdlib.h>
 #include <string.h>
 

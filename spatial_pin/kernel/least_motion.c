@@ -1,4 +1,4 @@
-/* A complete orthogonal decomposition [GolubVanLoan, 5.5]: Jᵀ P = Q R with the longest column left
+/* A complete orthogonal decomposition [GolubVanLoan2013, 5.5]: Jᵀ P = Q R with the longest column left
  * first, cut where the pivots end; then of [Rᵀ; sqrt(damping)], which has full rank. Steps leave
  * alone what no equation moves, and equations that follow from others change nothing: to the last
  * digits, where a factor of J Jᵀ + damping knows both by their squares only.

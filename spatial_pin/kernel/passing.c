@@ -29,7 +29,7 @@
 
 enum { FOUND = 40, CHOSEN_ANEW = 41 };
 
-/* ---- polynomials through nodes [Berrut & Trefethen 2004, 4.2] ---- */
+/* ---- polynomials through nodes [BerrutTrefethen2004, 4.2] ---- */
 
 static void set_weights(Strip *s, Int first, Int count)
 {

@@ -94,7 +94,7 @@ static void choose_those_that_are(Rates *r)
     }
 }
 
-/* Independent ones of the chosen, by their Q R with the longest one left first [GolubVanLoan, 5.4];
+/* Independent ones of the chosen, by their Q R with the longest one left first [GolubVanLoan2013, 5.4];
    0 where it is not clear which, or how many. */
 static int choose_independent(Rates *r)
 {

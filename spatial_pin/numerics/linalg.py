@@ -123,7 +123,7 @@ def row_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
 def aligned(rows: Array, reference: Array) -> Array:
     """Return orthonormal `rows` (k, n) turned among themselves to be nearest to `reference`.
 
-    Orthogonal Procrustes problem [GolubVanLoan, 6.4.1].
+    Orthogonal Procrustes problem [GolubVanLoan2013, 6.4.1].
     """
     u, _, vt = np.linalg.svd(reference @ rows.T)
     return u @ vt @ rows
@@ -149,7 +149,7 @@ def pseudo_inverses(a: Array, tolerance: float) -> Array:
 def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
     """Return the sorted indices of a maximal well-conditioned set of independent rows of `a`.
 
-    Column-pivoted QR of the transpose [GolubVanLoan, 5.4].
+    Column-pivoted QR of the transpose [GolubVanLoan2013, 5.4].
     """
     if not a.size:
         return np.empty(0, dtype=np.intp)

@@ -8,7 +8,8 @@ as there are freedoms, both
 
 are regular. The first takes any velocities to the nearest that the loops allow, the second any
 multipliers to the nearest self-stress, or generalised forces to the shortest multipliers that bear
-them [GolubVanLoan, 5.5]. Both have the pattern of the loops: their factors grow with their number.
+them [GolubVanLoan2013, 5.5]. Both have the pattern of the loops: their factors grow with the
+number of loops.
 """
 
 from __future__ import annotations

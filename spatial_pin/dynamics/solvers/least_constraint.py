@@ -7,7 +7,7 @@ Of all accelerations a = a0 + G z that the loops allow, those happen for which
 is least [Gauss1829; UdwadiaKalaba1996], c'' and w' a body's accelerations, f the joint forces
 given; an armature A of a joint coordinate x adds 1/2 A x''^2. Solved by QR of the bodies' own
 rows, the heaviest first, no mass matrix is ever formed: in that a light body's part is rounded away
-beside a heavy one's [GolubVanLoan, 6.2.5]. Every row keeps its own relative accuracy
+beside a heavy one's [GolubVanLoan2013, 6.2.5]. Every row keeps its own relative accuracy
 [CoxHigham1998], so it is bounded row by row how far entries may be off: a motion has no inertia if
 no row of it is larger than that, however small its inertia is, and what the same bounds leave
 uncertain of the accelerations is told with them.
