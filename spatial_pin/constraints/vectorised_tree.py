@@ -20,10 +20,6 @@ from spatial_pin.numerics.linalg import Array
 
 WRAPPED = [0, 1, 2, 0, 1]
 
-# The C library gives large blocks back to the system when they are freed, to be zeroed again for
-# the next array, until one of this size has been freed; that took a quarter of the time.
-np.empty(1 << 21)
-
 
 def dot(x: Array, y: Array) -> Array:
     """Return x . y of world vectors (..., 5, m)."""
