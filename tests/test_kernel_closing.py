@@ -110,3 +110,17 @@ def test_many_loops_close_as_few_do() -> None:
     assert error <= 1e-15
     assert left[0] <= 1e-13
     assert np.abs(many[0] - few).max() <= 1e-11
+
+
+@pytest.mark.parametrize("name", ["rssr", "stewart", "watt_six_bar"])
+def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) -> None:
+    mechanism = sp.load(name)
+    q = np.array([_near(mechanism, seed, 3.0) for seed in range(8)])
+    free, turns = np.ones(mechanism.model.nv, dtype=bool), np.empty(0)
+    free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
+    rest = free, turns, 1e-13, 60, (), 1e-9
+    together, alone = Closer(mechanism).close_all(q, *rest), Closer(mechanism)
+    for start, found in zip(q, together, strict=True):
+        known = alone.close(start, *rest)
+        assert np.array_equal(found.q, known.q)
+        assert found[1:] == known[1:]

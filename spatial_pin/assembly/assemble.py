@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import close, closed, closed_by
+from spatial_pin.assembly.close import ITERATIONS, close, closed, closed_by, finite
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.rounding import allowed_from, cut_of, may_be_rounded, rounded
@@ -36,7 +37,7 @@ from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import EPS, Array, decompose
+from spatial_pin.numerics.linalg import EPS, RANK_TOLERANCE, Array, decompose
 from spatial_pin.settings import Accuracy, accuracy_of
 
 MAX_STARTS = 60  # starts from other values of what the guess leaves open, before giving up
@@ -145,9 +146,11 @@ def assembled(
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
-    said = standing_drivers(mechanism, held, guess, free)
+    start = _read_guess(mechanism, guess)
+    said = _standing(mechanism, held, guess, start, free)
     beginning = mechanism.start(held) if guess is None else None
-    start = _read_guess(mechanism, guess if beginning is None else beginning)
+    if beginning is not None:
+        start = _read_guess(mechanism, beginning)
     standing = said if beginning is None else {
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
@@ -222,6 +225,13 @@ def standing_drivers(
         UnknownNameError: a name does not exist.
         ValueError: `free` names what is no driver, or is held.
     """
+    return _standing(mechanism, held, guess, _read_guess(mechanism, guess), free)
+
+
+def _standing(
+    mechanism: Mechanism, held: Iterable[str], guess: Any, start: _Guess, free: Iterable[str]
+) -> dict[str, float]:
+    """Do as `standing_drivers` with a guess that has been read."""
     drivers = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
     loose = set()
     for name in (free,) if isinstance(free, str) else free:
@@ -232,9 +242,10 @@ def standing_drivers(
         if coordinate.name in held:
             raise ValueError(f"free: {name!r} is given a value too")
         loose.add(coordinate.name)
-    start = _read_guess(mechanism, guess)
     values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
     standing = [name for name in values if name not in held and name not in loose]
+    if not standing:
+        return {}
     spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.named)
     silent = [name for name in values if name not in spoken]
     if spoken - set(values) and not set(silent).isdisjoint(standing):
@@ -288,16 +299,23 @@ class _Target:
 
     def distance(self, q: Array) -> float:
         """Return how far q (nq,) is from the named values; an orientation counts by its angle."""
+        return self.distances(q[None])[0]
+
+    def distances(self, q: Array) -> list[float]:
+        """Return the distances of the rows of q (m, nq)."""
         if self._is_whole:
-            gap = (self._values - q[self._at]) / self._sizes
-            if self._balls:
-                turns = [_angle_between(q[at : at + 4], goal) for at, goal in self._balls]
-                gap = np.concatenate([gap, turns])
+            gaps = (self._values - q[:, self._at]) / self._sizes
+            turns = [[_angle_between(x[at : at + 4], goal) for x in q] for at, goal in self._balls]
+            if turns:
+                gaps = np.hstack([gaps, np.array(turns).T])
         else:
-            target = with_values(self.mechanism, q, self.named)
-            gap = pin.difference(self.mechanism.model, q, target) / self.mechanism.velocity_scale
-        size = max(float(np.abs(gap).max(initial=0.0)), 1.0)  # squares stay numbers
-        return size * float(np.linalg.norm(gap / size))
+            model, size = self.mechanism.model, self.mechanism.velocity_scale
+            gaps = np.array([pin.difference(model, x, with_values(self.mechanism, x, self.named))
+                             / size for x in q])
+        sizes = np.abs(gaps).max(axis=1, initial=1.0)  # squares stay numbers
+        gaps /= sizes[:, None]
+        found: list[float] = (sizes * np.sqrt(np.vecdot(gaps, gaps))).tolist()
+        return found
 
 
 def _angle_between(one: Array, two: Array) -> float:
@@ -373,16 +391,36 @@ class _Search:
             self._try_starts(_starts(self.mechanism, q, self.held, self.named, self.still), release)
         self.closer = None
 
-    def _try_starts(self, starts: Iterable[Array], release: bool) -> None:
+    def _try_starts(self, starts: Iterator[Array], release: bool) -> None:
         most = MAX_STARTS
         for k, start in enumerate(starts):
             if _size(self.mechanism, start) * ROUND_OFF < 1.0:  # else no digit is left of it
                 self.attempt(start)
             if self.done(k) or self.is_near:
                 break
+            if self.best is not None:
+                self._compare(list(islice(starts, min(MORE_STARTS, most - 1 - k))), k + 1)
+                break
             if k == 0 and release and self.standing:
                 most = self._worth_trying(start)
             if k + 1 == most:
+                break
+
+    def _compare(self, starts: Sequence[Array], first: int) -> None:
+        """Try starts after one that has led to a closed configuration: mostly all of them count.
+
+        Args:
+            starts: configurations (nq,).
+            first: number of the first of them.
+        """
+        if not starts:
+            return
+        small = _size(self.mechanism, np.array(starts)) * ROUND_OFF < 1.0
+        reached = self._reached([x for x, ok in zip(starts, small.tolist(), strict=True) if ok])
+        for k, ok in enumerate(small.tolist(), start=first):
+            if ok:
+                self._keep(*next(reached))
+            if self.done(k) or self.is_near:
                 break
 
     def _worth_trying(self, q: Array) -> int:
@@ -410,10 +448,44 @@ class _Search:
 
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
-        evaluation = self.evaluation
         if self.has_first:
             q = self._closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
-        found = self._closed(q, self.free, self.pinned)
+        self._keep(self._closed(q, self.free, self.pinned))
+
+    def _reached(self, starts: Sequence[Array]) -> Iterator[tuple[Closed, float | None]]:
+        """Yield where closing leads from starts, and how far that is from what is named, if known.
+
+        All are closed in one go, where no other equations lead.
+        """
+        if self.whole is not None or self.closer is None:
+            for q in starts:
+                if self.has_first:
+                    q = self._closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
+                yield self._closed(q, self.free, self.pinned), None
+            return
+        closer, turns, pinned = self.closer, self.evaluation.turns, self.pinned.values()
+        q = np.array(starts)
+        before: Sequence[Closed] = ()
+        if self.has_first:
+            before = closer.close_all(q, self.first, turns, max(self.tolerance, LOOSE), ITERATIONS,
+                                      pinned, RANK_TOLERANCE)
+            q = np.array([x.q for x in before])
+        after = closer.close_all(q, self.free, turns, self.tolerance, ITERATIONS, pinned,
+                                 RANK_TOLERANCE)
+        distances = self.target.distances(np.array([x.q for x in after]))
+        for k, found in enumerate(after):
+            if before:
+                finite(before[k])
+            yield finite(found), distances[k]
+
+    def _keep(self, found: Closed, distance: float | None = None) -> None:
+        """Keep where closing has led if it is the best so far.
+
+        Args:
+            found: where that is.
+            distance: of it from what is named, where it is known.
+        """
+        evaluation = self.evaluation
         q, error = found.q, found.error
         if self.let_go and error <= ACCEPTED:
             least, error = self._least(q, self.free)
@@ -435,7 +507,8 @@ class _Search:
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
             return
-        distance = self.target.distance(q)
+        if distance is None or q is not found.q:
+            distance = self.target.distance(q)
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best = (distance, q)
 
@@ -457,7 +530,7 @@ class _Search:
         """Whether loops closed nearly, or some equations nearly follow from others."""
         if self.best is None or self.whole is not None:
             return self.is_near
-        self.evaluation.update(self.best[1])
+        self._evaluate(self.best[1])
         return may_be_rounded(self.evaluation, self.gap)
 
     def _judged(self, q: Array, known: Closed | None = None) -> tuple[Array, float, str]:
@@ -468,10 +541,11 @@ class _Search:
             known: how it was closed, which may tell without a closer look that nothing is.
         """
         evaluation = self.evaluation
-        q = nearest_turn(self.mechanism, q, self.held, self.named)
+        turned = _turned(self.mechanism, q, self.held, self.named)
         if (known is not None and self.whole is None and known.error <= ACCEPTED
-                and not known.may_be_mirrored and np.array_equal(q, known.q)):
+                and not known.may_be_mirrored and q is known.q and not turned):
             return q, known.error, ""
+        q = _with_places(q, turned)
         evaluation.update(q)
         error = evaluation.closure_error
         fault = "" if error <= self._accepted(q) else evaluation.worst_closure()
@@ -530,11 +604,16 @@ class _Search:
         if self.best is None:
             raise self._failure()
         q = self.best[1]
-        evaluation.update(q)
+        self._evaluate(q)
         names = {d.joint: d.name for d in self.mechanism.drivers.values()}
         gone = _gone(self.mechanism, q, said)
         return State(self.mechanism, q, closure_error=evaluation.closure_error,
                      angles=evaluation.angles, released={names[c]: x for c, x in gone.items()})
+
+    def _evaluate(self, q: Array) -> None:
+        """Evaluate the equations at q (nq,), which nobody changes, if they do not stand there."""
+        if self.evaluation.q is not q:
+            self.evaluation.update(q)
 
     def _failure(self) -> AssemblyError:
         held = ", ".join(f"{name} = {value:.6g}" for name, value in self.given.items())
@@ -649,13 +728,13 @@ def _sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp], Array]:
     return names, places, sizes
 
 
-def _size(mechanism: Mechanism, q: Array) -> float:
-    """Return the largest coordinate of q by the size of the mechanism.
+def _size(mechanism: Mechanism, q: Array) -> Any:
+    """Return the largest coordinate of q (nq,) or (m, nq) by the size of the mechanism.
 
     Angles that mean the same after a turn do not count.
     """
     _, places, sizes = _sizes(mechanism)
-    return float(np.abs(q[places] / sizes).max(initial=0.0))
+    return np.abs(q[..., places] / sizes).max(axis=-1, initial=0.0)
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:
@@ -721,8 +800,10 @@ def _as_given(
         raise ValueError("guess q has a quaternion whose length is far from 1")
     q = pin.normalize(mechanism.model, q)
     named = {}
+    places = q.tolist()
     for joint, coordinates in by_joint(mechanism).items():
-        values = joint_vector(mechanism, q, joint).tolist()
+        values = ([places[c.q] for c in coordinates] if coordinates[0].q >= 0
+                  else joint_vector(mechanism, q, joint).tolist())
         named.update({c.name: x for c, x in zip(coordinates, values, strict=True)})
     return _Guess(q, named)
 
@@ -751,13 +832,14 @@ def _starts(
     if not np.any(~is_held):
         return
     open_ones = ~is_held & ~is_named
+    sizes = np.where(is_angle, 1.0, scale * 0.2)
+    reach, at = np.where(open_ones, np.pi, 0.0) * sizes, fixed
     for k, draw in enumerate(_draws(mechanism), start=1):
-        reach = np.where(open_ones, np.pi, 0.0)
         if k > MAX_STARTS // 2 or not open_ones.any():
-            reach = np.where(is_named, 1.0 if k < 3 * MAX_STARTS // 4 else np.pi, reach)
-            fixed = near
-        reach = reach * np.where(is_angle, 1.0, scale * 0.2)
-        yield pin.integrate(model, fixed, draw * reach)
+            shake = 1.0 if k < 3 * MAX_STARTS // 4 else np.pi
+            reach = np.where(is_named, shake, np.where(open_ones, np.pi, 0.0)) * sizes
+            at = near
+        yield pin.integrate(model, at, draw * reach)
 
 
 def _draws(mechanism: Mechanism) -> Array:
@@ -791,20 +873,37 @@ def nearest_turn(
     mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
 ) -> Array:
     """Take whole turns off the angles: nearest to the named value, else to zero, in limits."""
+    return _with_places(q, _turned(mechanism, q, held, named))
+
+
+def _with_places(q: Array, values: Mapping[int, float]) -> Array:
+    """Return a copy of q (nq,) with values by place."""
     q = q.copy()
-    turn = 2.0 * np.pi
+    for at, value in values.items():
+        q[at] = value
+    return q
+
+
+def _turned(
+    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
+) -> dict[int, float]:
+    """Return the angles, by place in q (nq,), that `nearest_turn` changes."""
+    turn, changed = 2.0 * math.pi, {}
     lower, upper = mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
     for c in periodic(mechanism):
+        before = angle = float(q[c.q])
         if c.name in held:
-            q[c.q] = held[c.name]
-            continue
-        target = named.get(c.name, 0.0)
-        q[c.q] -= turn * np.ceil((q[c.q] - target) / turn - 0.5 - 1e-9)  # half a turn is +pi
-        if q[c.q] > upper[c.q] and q[c.q] - turn >= lower[c.q]:
-            q[c.q] -= turn
-        elif q[c.q] < lower[c.q] and q[c.q] + turn <= upper[c.q]:
-            q[c.q] += turn
-    return q
+            angle = held[c.name]
+        else:
+            target = named.get(c.name, 0.0)
+            angle -= turn * math.ceil((angle - target) / turn - 0.5 - 1e-9)  # half a turn is +pi
+            if angle > upper[c.q] and angle - turn >= lower[c.q]:
+                angle -= turn
+            elif angle < lower[c.q] and angle + turn <= upper[c.q]:
+                angle += turn
+        if angle != before:
+            changed[c.q] = angle
+    return changed
 
 
 def _violated(mechanism: Mechanism, q: Array) -> str:

@@ -17,6 +17,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import NOT_FINITE, RANK_TOLERANCE, Array
 
+ITERATIONS = 60  # damped steps at most
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
@@ -25,7 +26,7 @@ def close(
     q: Array,
     free: NDArray[np.bool_],
     tolerance: float,
-    iterations: int = 60,
+    iterations: int = ITERATIONS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = RANK_TOLERANCE,
 ) -> tuple[Array, float]:
@@ -55,7 +56,7 @@ def closed(
     free: NDArray[np.bool_],
     turns: Array,
     tolerance: float,
-    iterations: int = 60,
+    iterations: int = ITERATIONS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = RANK_TOLERANCE,
 ) -> Closed:
@@ -70,12 +71,16 @@ def closed_by(
     free: NDArray[np.bool_],
     turns: Array,
     tolerance: float,
-    iterations: int = 60,
+    iterations: int = ITERATIONS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = RANK_TOLERANCE,
 ) -> Closed:
     """Do as `closed` by what the caller has been lent, for the same names pinned."""
-    found = closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut)
+    return finite(closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut))
+
+
+def finite(found: Closed) -> Closed:
+    """Return where closing has led; raises as `close`."""
     if not math.isfinite(found.error):
         raise SingularError(NOT_FINITE)
     return found

@@ -81,13 +81,31 @@ class Closer:
             pinned: values of the pinned coordinates, in the order of their names.
             cut: size of the equations, by the largest, below which they move nothing.
         """
-        self._q[:], self._free[:], self._turns[:] = q, free, turns
-        if len(self._order):
-            self._pinned[:] = np.array(list(pinned))[self._order]
+        self._take(free, turns, pinned)
+        self._q[:] = q
         self._library.closer_close(self._handle, 1, *self._at, tolerance, iterations, cut,
                                    *self._ends)
         return Closed(self._q.copy(), self._error.item(),
                       not self.knows_mirrors or bool(self._mirrored[0]))
+
+    def close_all(
+        self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
+        pinned: Iterable[float], cut: float,
+    ) -> list[Closed]:
+        """Close each row of q (m, nq) by itself, as `close` does."""
+        self._take(free, turns, pinned)
+        q, errors = np.array(q, order="C"), np.empty(len(q))
+        mirrored = np.empty(len(q), np.int64)
+        self._library.closer_close(self._handle, len(q), address(q), *self._at[1:], tolerance,
+                                   iterations, cut, address(errors), address(mirrored))
+        return [Closed(*row) for row in zip(
+            q, errors.tolist(), ((mirrored != 0) | (not self.knows_mirrors)).tolist(),
+            strict=True)]
+
+    def _take(self, free: NDArray[np.bool_], turns: Array, pinned: Iterable[float]) -> None:
+        self._free[:], self._turns[:] = free, turns
+        if len(self._order):
+            self._pinned[:] = np.array(list(pinned))[self._order]
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
