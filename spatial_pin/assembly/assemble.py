@@ -273,6 +273,85 @@ def _at_home(
     return {name: home.coordinate(name).value for name in silent}
 
 
+class _Places(NamedTuple):
+    """Where coordinates are in q and v.
+
+    Attributes:
+        plain: names of those that are entries of q.
+        at: (n,) these entries.
+        sizes: (n,) of a unit of each.
+        balls: first entry in q of each joint that others are components of.
+        is_whole: whether these are balls of which all components are meant.
+    """
+
+    plain: list[str]
+    at: NDArray[np.intp]
+    sizes: Array
+    balls: list[int]
+    is_whole: bool
+
+
+def _places(mechanism: Mechanism, names: tuple[str, ...]) -> _Places:
+    """Return where coordinates are; looked up once for the same ones."""
+    if ("places", names) not in mechanism.memo:
+        table = mechanism.coordinate_table
+        plain = [table[name] for name in names if table[name].q >= 0]
+        balls = dict.fromkeys(table[name].joint for name in names if table[name].q < 0)
+        mechanism.memo["places", names] = _Places(
+            [c.name for c in plain], np.array([c.q for c in plain], dtype=np.intp),
+            mechanism.velocity_scale[[c.v for c in plain]],
+            [int(mechanism.model.idx_qs[mechanism.joint_id(joint)]) for joint in balls],
+            all(mechanism.pair_of(joint) == "spherical"
+                and all(c.name in names for c in by_joint(mechanism)[joint]) for joint in balls))
+    found: _Places = mechanism.memo["places", names]
+    return found
+
+
+class _Left(NamedTuple):
+    """What may move where some coordinates are held.
+
+    Attributes:
+        pinned: held components of balls and floating joints.
+        still: velocity entries of free bases that stand.
+        free: (nv,) the velocities that may move.
+        first: (nv,) those that may move first, while what the guess names is held too.
+        has_first: whether that is something, and something else.
+    """
+
+    pinned: tuple[str, ...]
+    still: tuple[int, ...]
+    free: NDArray[np.bool_]
+    first: NDArray[np.bool_]
+    has_first: bool
+
+
+def _left(
+    mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], named: tuple[str, ...]
+) -> _Left:
+    """Return what may move; looked up once for the same coordinates held, let go and named."""
+    key = "left", held, let_go, named
+    if key not in mechanism.memo:
+        table = mechanism.coordinate_table
+        pinned = tuple(name for name in held if table[name].q < 0)
+        still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
+        free = _free(mechanism, still, (name for name in held if name not in pinned))
+        first = free & _free(mechanism, still, named)
+        mechanism.memo[key] = _Left(pinned, still, free, first,
+                                    bool(first.any()) and not np.array_equal(first, free))
+    found: _Left = mechanism.memo[key]
+    return found
+
+
+def _free(
+    mechanism: Mechanism, still: Iterable[int], held: Iterable[str]
+) -> NDArray[np.bool_]:
+    """Return (nv,) which velocities are left where entries and coordinates are held."""
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[list(still)] = False
+    free[[mechanism.coordinate_table[name].v for name in held]] = False
+    return free
+
+
 class _Target:
     """What the guess names, and how far configurations are from it.
 
@@ -283,19 +362,14 @@ class _Target:
 
     def __init__(self, mechanism: Mechanism, named: Mapping[str, float]) -> None:
         self.mechanism, self.named = mechanism, named
-        table, size = mechanism.coordinate_table, mechanism.velocity_scale
-        plain = [table[name] for name in named if table[name].q >= 0]
-        balls = {table[name].joint for name in named if table[name].q < 0}
+        places = _places(mechanism, tuple(named))
         # components of floating joints, and single ones of balls, have to be put in first
-        self._is_whole = all(
-            mechanism.pair_of(joint) == "spherical"
-            and all(c.name in named for c in by_joint(mechanism)[joint]) for joint in balls)
-        self._at = np.array([c.q for c in plain], dtype=np.intp)
-        self._sizes = size[[c.v for c in plain]]
-        self._values = np.array([named[c.name] for c in plain], dtype=float)
-        whole = with_values(mechanism, mechanism.neutral, named) if balls else mechanism.neutral
-        places = [int(mechanism.model.idx_qs[mechanism.joint_id(joint)]) for joint in balls]
-        self._balls = [(at, whole[at : at + 4]) for at in places] if self._is_whole else []
+        self._is_whole, self._at, self._sizes = places.is_whole, places.at, places.sizes
+        self._values = np.array([named[name] for name in places.plain], dtype=float)
+        self._balls: list[tuple[int, Array]] = []
+        if places.balls and places.is_whole:
+            whole = with_values(mechanism, mechanism.neutral, named)
+            self._balls = [(at, whole[at : at + 4]) for at in places.balls]
 
     def distance(self, q: Array) -> float:
         """Return how far q (nq,) is from the named values; an orientation counts by its angle."""
@@ -360,13 +434,10 @@ class _Search:
         self.whole, self.gap = whole, accuracy.gap
         self.cut = cut_of(whole.mechanism, accuracy.gap) if whole else 0.0
         self.is_near = False
-        table = self.mechanism.coordinate_table
-        self.pinned = {name: x for name, x in self.held.items() if table[name].q < 0}
-        self.still = still_entries(self.mechanism, (
-            table[name] for name in (*self.held, *(let_go or {}))))
-        self.free = self._free(name for name in self.held if name not in self.pinned)
-        self.first = self.free & self._free(self.named)
-        self.has_first = bool(self.first.any()) and not np.array_equal(self.first, self.free)
+        left = _left(self.mechanism, tuple(self.held), tuple(self.let_go), tuple(self.named))
+        self.pinned = {name: self.held[name] for name in left.pinned}
+        self.still, self.free = left.still, left.free
+        self.first, self.has_first = left.first, left.has_first
         self.target = _Target(self.mechanism, self.named)
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
@@ -375,10 +446,7 @@ class _Search:
 
     def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
-        free = np.ones(self.mechanism.model.nv, dtype=bool)
-        free[list(self.still)] = False
-        free[[self.mechanism.coordinate_table[name].v for name in held]] = False
-        return free
+        return _free(self.mechanism, self.still, held)
 
     def run(self, q: Array, release: bool = False) -> None:
         """Try starts, the first at q (nq,), until one is surely the nearest, or all have failed.
@@ -823,7 +891,7 @@ def _starts(
     fixed = with_values(mechanism, q, {**named, **held})
     yield fixed
     table, far = mechanism.coordinate_table, FAR * mechanism.characteristic_length
-    nearer = {name: float(np.clip(value, -far, far)) for name, value in named.items()
+    nearer = {name: min(max(value, -far), far) for name, value in named.items()
               if table[name].unit == "m"}
     near = with_values(mechanism, fixed, {**nearer, **held})
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
@@ -832,14 +900,13 @@ def _starts(
     if not np.any(~is_held):
         return
     open_ones = ~is_held & ~is_named
-    sizes = np.where(is_angle, 1.0, scale * 0.2)
-    reach, at = np.where(open_ones, np.pi, 0.0) * sizes, fixed
-    for k, draw in enumerate(_draws(mechanism), start=1):
-        if k > MAX_STARTS // 2 or not open_ones.any():
-            shake = 1.0 if k < 3 * MAX_STARTS // 4 else np.pi
-            reach = np.where(is_named, shake, np.where(open_ones, np.pi, 0.0)) * sizes
-            at = near
-        yield pin.integrate(model, at, draw * reach)
+    sizes, draws = np.where(is_angle, 1.0, scale * 0.2), _draws(mechanism)
+    n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
+    reach = np.where(open_ones, np.pi, 0.0)
+    for at, part, shake in ((fixed, draws[:n], 0.0), (near, draws[n:late], 1.0),
+                            (near, draws[late:], np.pi)):
+        for step in part * (np.where(is_named, shake, reach) * sizes):
+            yield pin.integrate(model, at, step)
 
 
 def _draws(mechanism: Mechanism) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -121,12 +120,10 @@ class Closer:
         return q, errors
 
 
-@contextmanager
-def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> Iterator[Closer]:
+def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> lent[Closer]:
     """Lend what closes the loops of a mechanism with coordinates pinned, as if newly made."""
     names = tuple(pinned)
-    with lent(mechanism, ("closer", names), lambda: Closer(mechanism, names)) as closer:
-        yield closer
+    return lent(mechanism, ("closer", names), lambda: Closer(mechanism, names))
 
 
 def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:

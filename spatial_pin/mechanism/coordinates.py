@@ -114,18 +114,18 @@ def check_guess(mechanism: Mechanism, where: str) -> None:
 def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> Array:
     """Return a copy of `q` (nq,) with the named coordinates set."""
     q = np.array(q, dtype=np.float64)
-    vectors: dict[str, Array] = {}
+    components: dict[str, dict[int, float]] = {}
     for name, value in values.items():
         c = mechanism.coordinate_table[name]
         if c.q >= 0:
             q[c.q] = value
         else:
-            if c.joint not in vectors:
-                vectors[c.joint] = joint_vector(mechanism, q, c.joint)
-            vectors[c.joint][c.place] = value
-    for joint, vector in vectors.items():
+            components.setdefault(c.joint, {})[c.place] = value
+    for joint, given in components.items():
         i = mechanism.joint_id(joint)
-        at = mechanism.model.idx_qs[i]
+        at, n = mechanism.model.idx_qs[i], mechanism.model.nvs[i]
+        vector = np.empty(n) if len(given) == n else joint_vector(mechanism, q, joint)
+        vector[list(given)] = list(given.values())
         if vector.size == 6:
             q[at : at + 3], at = vector[:3], at + 3
         q[at : at + 4] = pin.Quaternion(pin.exp3(vector[-3:])).coeffs()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -73,6 +74,23 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
     Returns:
         The signed amounts by coordinate: positive beyond upper limits, negative beyond lower ones.
     """
+    places, slack = _places(mechanism)
+    here = q[places]
+    low, high = (x[places] for x in (mechanism.model.lowerPositionLimit,
+                                     mechanism.model.upperPositionLimit))
+    if ((here >= low - slack) & (here <= high + slack) | (low >= high)).all():  # as a rule
+        return {}
     rooms = {limit: float(limit.room(q)) for limit in joint_limits(mechanism)}
     return {limit.name: -limit.side * room for limit, room in rooms.items()
             if room < -SLACK * limit.size}
+
+
+def _places(mechanism: Mechanism) -> tuple[NDArray[np.intp], Array]:
+    """Return the places in q of coordinates that may have limits, and half of their slack."""
+    if "limited" not in mechanism.memo:
+        table = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
+        mechanism.memo["limited"] = (
+            np.array([c.q for c in table], dtype=np.intp),
+            0.5 * SLACK * mechanism.velocity_scale[[c.v for c in table]])
+    places, slack = mechanism.memo["limited"]
+    return places, slack

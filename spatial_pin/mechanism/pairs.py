@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -59,7 +60,7 @@ class Pair:
     uses_length: bool = False
     native: pin.ContactType | None = None
 
-    @property
+    @cached_property
     def is_linear(self) -> bool:
         """Whether the velocity vector is the time derivative of the coordinates."""
         return not any(suffix in ("z", "rz") for suffix, _ in self.coordinates)
