@@ -1,0 +1,142 @@
+"""What an assembly reads from names alone: what may move, and how far it is from what is named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.holding import still_entries
+from spatial_pin.mechanism.coordinates import by_joint, with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+
+class Places(NamedTuple):
+    """Where coordinates are in q and v.
+
+    Attributes:
+        plain: names of those that are entries of q.
+        at: (n,) these entries.
+        sizes: (n,) of a unit of each.
+        balls: first entry in q of each joint that others are components of.
+        is_whole: whether these are balls of which all components are meant.
+    """
+
+    plain: list[str]
+    at: NDArray[np.intp]
+    sizes: Array
+    balls: list[int]
+    is_whole: bool
+
+
+def places_of(mechanism: Mechanism, names: tuple[str, ...]) -> Places:
+    """Return where coordinates are; looked up once for the same ones."""
+    if ("places", names) not in mechanism.memo:
+        table, known = mechanism.coordinate_table, set(names)
+        plain = [table[name] for name in names if table[name].q >= 0]
+        balls = dict.fromkeys(table[name].joint for name in names if table[name].q < 0)
+        mechanism.memo["places", names] = Places(
+            [c.name for c in plain], np.array([c.q for c in plain], dtype=np.intp),
+            mechanism.velocity_scale[[c.v for c in plain]],
+            [int(mechanism.model.idx_qs[mechanism.joint_id(joint)]) for joint in balls],
+            all(mechanism.pair_of(joint) == "spherical"
+                and all(c.name in known for c in by_joint(mechanism)[joint]) for joint in balls))
+    found: Places = mechanism.memo["places", names]
+    return found
+
+
+class Left(NamedTuple):
+    """What may move where some coordinates are held.
+
+    Attributes:
+        pinned: held components of balls and floating joints.
+        still: velocity entries of free bases that stand.
+        free: (nv,) the velocities that may move.
+        first: (nv,) those that may move first, while what the guess names is held too.
+        has_first: whether that is something, and something else.
+    """
+
+    pinned: tuple[str, ...]
+    still: tuple[int, ...]
+    free: NDArray[np.bool_]
+    first: NDArray[np.bool_]
+    has_first: bool
+
+
+def left_of(
+    mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], named: tuple[str, ...]
+) -> Left:
+    """Return what may move; looked up once for the same coordinates held, let go and named."""
+    key = "left", held, let_go, named
+    if key not in mechanism.memo:
+        table = mechanism.coordinate_table
+        pinned = tuple(name for name in held if table[name].q < 0)
+        still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
+        free = free_but(mechanism, still, (name for name in held if name not in pinned))
+        first = free & free_but(mechanism, still, named)
+        mechanism.memo[key] = Left(pinned, still, free, first,
+                                   bool(first.any()) and not np.array_equal(first, free))
+    found: Left = mechanism.memo[key]
+    return found
+
+
+def free_but(
+    mechanism: Mechanism, still: Iterable[int], held: Iterable[str]
+) -> NDArray[np.bool_]:
+    """Return (nv,) which velocities are left where entries and coordinates are held."""
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[list(still)] = False
+    free[[mechanism.coordinate_table[name].v for name in held]] = False
+    return free
+
+
+class Target:
+    """What the guess names, and how far configurations are from it.
+
+    Args:
+        mechanism: the mechanism.
+        named: values by coordinate [rad, m].
+    """
+
+    def __init__(self, mechanism: Mechanism, named: Mapping[str, float]) -> None:
+        self.mechanism, self.named = mechanism, named
+        places = places_of(mechanism, tuple(named))
+        # components of floating joints, and single ones of balls, have to be put in first
+        self._is_whole, self._at, self._sizes = places.is_whole, places.at, places.sizes
+        self._values = np.array([named[name] for name in places.plain], dtype=float)
+        self._balls: list[tuple[int, Array]] = []
+        if places.balls and places.is_whole:
+            whole = with_values(mechanism, mechanism.neutral, named)
+            self._balls = [(at, whole[at : at + 4]) for at in places.balls]
+
+    def distance(self, q: Array) -> float:
+        """Return how far q (nq,) is from the named values; an orientation counts by its angle."""
+        return self.distances(q[None])[0]
+
+    def distances(self, q: Array) -> list[float]:
+        """Return the distances of the rows of q (m, nq)."""
+        if self._is_whole:
+            gaps = (self._values - q[:, self._at]) / self._sizes
+            turns = [[_angle_between(x[at : at + 4], goal) for x in q] for at, goal in self._balls]
+            if turns:
+                gaps = np.hstack([gaps, np.array(turns).T])
+        else:
+            model, size = self.mechanism.model, self.mechanism.velocity_scale
+            gaps = np.array([pin.difference(model, x, with_values(self.mechanism, x, self.named))
+                             / size for x in q])
+        sizes = np.abs(gaps).max(axis=1, initial=1.0)  # squares stay numbers
+        gaps /= sizes[:, None]
+        found: list[float] = (sizes * np.sqrt(np.vecdot(gaps, gaps))).tolist()
+        return found
+
+
+def _angle_between(one: Array, two: Array) -> float:
+    """Return the angle between orientations, quaternions (4,) [rad]."""
+    near = two if one @ two >= 0.0 else -two
+    apart, together = one - near, one + near
+    return 4.0 * math.atan2(math.sqrt(apart @ apart), math.sqrt(together @ together))
