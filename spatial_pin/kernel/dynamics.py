@@ -13,7 +13,7 @@ import numpy as np
 from spatial_pin.kernel.integrating import Asking, view
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import INT, POINTER, REAL, library
-from spatial_pin.kernel.packing import Ints, Packed, packed, with_masses
+from spatial_pin.kernel.packing import Ints, Packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -136,6 +136,7 @@ class Dynamics:
 
     Args:
         mechanism: the mechanism.
+        arrays: what it is made of, idle rotations left out, with its masses.
         held: its coordinates.
         acting: forces.
         least: accelerations (n,) of the free coordinates by scale, of (t, q, v, a, angles), where
@@ -148,9 +149,9 @@ class Dynamics:
     """
 
     def __init__(
-        self, mechanism: Mechanism, held: Held, acting: Acting, least: Least, tolerance: float
+        self, mechanism: Mechanism, arrays: Packed, held: Held, acting: Acting, least: Least,
+        tolerance: float,
     ) -> None:
-        arrays = with_masses(packed(mechanism, idle=False), mechanism.model)
         self._kernel = kernel = Kernel(mechanism, arrays)
         self._library, self.asking = library(), Asking()
         self.nq, self.nv, self.n_angles = kernel.nq, kernel.nv, kernel.n_angles

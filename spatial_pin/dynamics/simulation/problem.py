@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,12 +13,13 @@ from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
 from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.kkt import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.dynamics import Dynamics, Samples
+from spatial_pin.kernel.packing import Packed, packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
 from spatial_pin.mechanism.laws import DriverLaw
@@ -42,7 +44,7 @@ class Problem:
     Attributes:
         forces: its springs, and what resists at joints.
         mass: its mass matrix at a configuration.
-        kinetic: its kinetic energy at a motion.
+        freedoms: those that it has at a state.
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
@@ -60,10 +62,7 @@ class Problem:
         refuse_negative_inertias(mechanism)
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
-        self.data = self.model.createData()
-        self.mass = MassMatrix(self.model)
-        self.kinetic = KineticEnergy(self.model)
-        self.least_constraint = LeastConstraint(mechanism)
+        self.mass, self.freedoms = MassMatrix(self.model), Freedoms(mechanism)
         self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
@@ -78,6 +77,26 @@ class Problem:
         self.is_damped = bool(self.forces.resistance
                               or any(spring.damping for spring in mechanism.springs))
         self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
+
+    @cached_property
+    def packed(self) -> Packed:
+        """What a kernel is made of that knows its masses."""
+        return with_masses(packed(self.mechanism, idle=False), self.model)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Pinocchio's memory, overwritten by whoever asks."""
+        return self.model.createData()
+
+    @cached_property
+    def kinetic(self) -> KineticEnergy:
+        """Its kinetic energy at a motion."""
+        return KineticEnergy(self.model)
+
+    @cached_property
+    def least_constraint(self) -> LeastConstraint:
+        """What finds accelerations for any masses."""
+        return LeastConstraint(self.mechanism)
 
     def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:
         """Return a State at which `evaluation` stands."""

@@ -16,11 +16,7 @@ from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, flo
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
-from spatial_pin.dynamics.simulation.independent_coordinates import (
-    Lost,
-    best_coordinates,
-    plain_coordinates,
-)
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integration import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem, System
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
@@ -210,11 +206,11 @@ def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()
     Raises:
         SingularError: the motion is not determined there.
     """
-    free = best_coordinates(state, [c.v for c, _ in problem.drives])
+    free = problem.freedoms.best(state, [c.v for c, _ in problem.drives])
     if not problem.drives:
         spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
         if len(free) - len(spins) == 1:
-            for v in plain_coordinates(state, spins.rows):
+            for v in problem.freedoms.plain(state, spins.rows):
                 if (Independent, (v,)) not in given_up:
                     return Independent(problem, state, [v], spins)
     return Independent(problem, state, free)

@@ -23,7 +23,6 @@ from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedom
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.least_constraint import cross
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 
@@ -54,11 +53,13 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     it beside its line.
     """
     mechanism = problem.mechanism
+    if "spherical" not in mechanism.pairs:
+        return []
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_rows])
-    if len(freedoms) < 2 or "spherical" not in mechanism.pairs:
+    if len(freedoms) < 2:
         return []
     found, groups = [], driven_groups(mechanism)
     for name, velocities in passive_freedoms(evaluation, freedoms * problem.scale):
@@ -112,7 +113,7 @@ def _stay_free(evaluation: Evaluation, q: Array, bodies: list[Spinning]) -> bool
 
 
 class Spins:
-    """Spins of bodies on a branch, and what the branch's functions are without them.
+    """Spins of bodies on a branch.
 
     Args:
         problem: what is simulated.
@@ -120,8 +121,8 @@ class Spins:
     """
 
     def __init__(self, problem: Problem, bodies: list[Spinning]) -> None:
-        self.model, self.data, self.bodies = problem.model, problem.model.createData(), bodies
-        self.rows = np.zeros((len(bodies), self.model.nv))
+        self._model, self.bodies = problem.model, bodies
+        self.rows = np.zeros((len(bodies), problem.model.nv))
         for row, body in zip(self.rows, bodies, strict=True):
             row[body.v] = body.axis
 
@@ -130,71 +131,8 @@ class Spins:
 
     def rates(self, q: Array, v: Array) -> list[float]:
         """Return sigma of every body [rad/s], at q (nq,) and v (nv,)."""
-        pin.forwardKinematics(self.model, self.data, q, v)
-        return [float(body.axis @ self.data.v[body.joint].angular) for body in self.bodies]
-
-    def without(self, q: Array, t: Array, c: Array) -> tuple[Array, Array]:
-        """Return dq/ds and d²q/ds² (nv,) of a branch on which no body spins."""
-        t, c = t.copy(), c.copy()
-        pin.forwardKinematics(self.model, self.data, q, t, c)
-        for body in self.bodies:
-            u, v = body.axis, body.v
-            spin = float(u @ self.data.v[body.joint].angular)
-            c[v] += spin * cross(u, t[v]) - float(u @ self.data.a[body.joint].angular) * u
-            t[v] -= spin * u
-        return t, c
-
-    def put(self, q: Array, t: Array, c: Array) -> tuple[Array, Array, Array]:
-        """Return q, t and c with (d, 0), w and dw/ds in the places of the ball joints."""
-        q, t, c = q.copy(), t.copy(), c.copy()
-        for body in self.bodies:
-            rotation = _rotation(q[body.q])
-            q[body.q] = [*(rotation @ body.axis), 0.0]
-            t[body.v], c[body.v] = rotation @ t[body.v], rotation @ c[body.v]
-        return q, t, c
-
-    def turning(self, functions: list[float], rate: float, sigmas: list[float],
-                quaternions: list[float]) -> list[float]:
-        """Return the derivatives of the quaternions x, y, z, w of all bodies, one after the other.
-
-        Args:
-            functions: w and d of every body.
-            rate: ds/dt.
-            sigmas: of every body [rad/s].
-            quaternions: of every body.
-        """
-        found: list[float] = []
-        for k, sigma in enumerate(sigmas):
-            wx, wy, wz, dx, dy, dz = functions[6 * k : 6 * k + 6]
-            x, y, z, w = quaternions[4 * k : 4 * k + 4]
-            a = 0.5 * (wx * rate + sigma * dx)
-            b = 0.5 * (wy * rate + sigma * dy)
-            c = 0.5 * (wz * rate + sigma * dz)
-            found += [a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x,
-                      -a * x - b * y - c * z]
-        return found
-
-    def restore(
-        self, q: Array, quaternions: Array, v: Array, a: Array, sigmas: list[float]
-    ) -> None:
-        """Take d, w s' and its derivative out of q, v and a, and put what the joints have there.
-
-        The integrated quaternions are turned by the shortest way to have the line where it is.
-        """
-        for k, body in enumerate(self.bodies):
-            d, u = q[body.q][:3], body.axis
-            integrated = pin.Quaternion(quaternions[4 * k : 4 * k + 4])
-            integrated.normalize()
-            way = pin.Quaternion.FromTwoVectors(integrated.toRotationMatrix() @ u, d)
-            quaternion = way * integrated
-            quaternion.normalize()
-            back = quaternion.toRotationMatrix().T
-            q[body.q] = quaternion.coeffs()
-            omega = back @ v[body.v]
-            v[body.v] = omega + sigmas[k] * u
-            a[body.v] = back @ a[body.v] - sigmas[k] * cross(u, omega)
-
-
-def _rotation(quaternion: Array) -> Array:
-    rotation: Array = pin.Quaternion(quaternion).toRotationMatrix()
-    return rotation
+        if not self.bodies:
+            return []
+        data = self._model.createData()
+        pin.forwardKinematics(self._model, data, q, v)
+        return [float(body.axis @ data.v[body.joint].angular) for body in self.bodies]

@@ -7,6 +7,7 @@ a line of symmetry are no freedoms then, their angular velocity about it is cons
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,14 @@ from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.forces import Forces, joint_efforts
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
-from spatial_pin.dynamics.simulation.independent_coordinates import (
-    Lost,
-    best_coordinates,
-    plain_coordinates,
-)
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem, Samples
 from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.dynamics.solvers.kkt import ROUNDING, Blurred, Motions
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.dynamics import Acting, Dynamics, Held, Line, Turn
 from spatial_pin.mechanism.mechanism import Spring
-from spatial_pin.numerics.linalg import Array, independent_rows
+from spatial_pin.numerics.linalg import Array
 
 FAST = 4.0  # speed of a joint, by the independent coordinates', at which others are taken
 FAR = 1.0  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
@@ -61,7 +58,6 @@ class Independent:
         self.spins = spins or Spins(problem, [])
         self.patience = FAST
         mechanism = problem.mechanism
-        self._evaluation = Evaluation(constraints_of(mechanism))
         self._prescribed = [c.v for c, _ in problem.drives]
         self._scale = problem.scale[self.free]
         self._q0 = state.q
@@ -70,10 +66,11 @@ class Independent:
         self._is_linear = all(v in places for v in held)
         self._start = float(state.q[places[free[0]]]) if self.n and free[0] in places else 0.0
         self._seen = 0.0
-        self._choose_rows(state)
+        self._rows = problem.freedoms.equations(state)
+        self._is_whole = len(self._rows) == constraints_of(mechanism).n_rows
         wanted = problem.tolerance if self._is_whole else min(problem.tolerance, TIGHT)
-        self.kernel = Dynamics(mechanism, self._held(places), self._acting(state), self._least,
-                               max(wanted, FINEST))
+        self.kernel = Dynamics(mechanism, problem.packed, self._held(places), self._acting(state),
+                               self._least, max(wanted, FINEST))
         self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         self._begin(state)
 
@@ -108,14 +105,6 @@ class Independent:
             self._drives if problem.drives else None, problem.works,
             float(inertias.max(initial=0.0)))
 
-    def _choose_rows(self, state: State) -> None:
-        evaluation = self._evaluation
-        evaluation.turns[:] = state.angles
-        evaluation.update(state.q)
-        n_rows = evaluation.constraints.n_rows
-        self._rows = independent_rows(evaluation.jacobian[:n_rows])
-        self._is_whole = len(self._rows) == n_rows
-
     def _begin(self, state: State) -> None:
         mechanism = self.problem.mechanism
         held = self.n + len(self._prescribed) + len(self.spins)
@@ -129,6 +118,10 @@ class Independent:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
 
     # ---- what the kernel asks ----
+
+    @cached_property
+    def _evaluation(self) -> Evaluation:
+        return Evaluation(constraints_of(self.problem.mechanism))
 
     def _efforts(self, t: float, q: Array, v: Array, angles: Array) -> Array:
         problem = self.problem
@@ -176,8 +169,8 @@ class Independent:
     def choice(self, state: State) -> list[int]:
         """Return the velocity entries that would be the best independent ones at a state."""
         if self.n == 1 and not self._prescribed:
-            return plain_coordinates(state, self.spins.rows)[:1]
-        return best_coordinates(state, self._prescribed)
+            return self.problem.freedoms.plain(state, self.spins.rows)[:1]
+        return self.problem.freedoms.best(state, self._prescribed)
 
     def place(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at y.
