@@ -184,20 +184,22 @@ static void twists(Dynamics *d, Int i)
     }
 }
 
-static void centre_velocity(const Kernel *k, Int j, const Real *twist, Real *velocity, Real *turn)
+/* Make the twist of a body one of its centre of mass, and of its own axes. */
+static void see_from_centre(const Kernel *k, Int j, Real *twist)
 {
-    Real centre[3];
+    Real centre[3], velocity[3], turn[3];
     rotate3(k->R + 9 * j, k->com + 3 * j, centre);
     add3(1.0, k->p + 3 * j, centre);
     cross3(twist + 3, centre, velocity);
-    add3(1.0, twist, velocity);
+    add3(1.0, velocity, twist);
     rotate_back3(k->R + 9 * j, twist + 3, turn);
+    copy3(turn, twist + 3);
 }
 
 static void reduced_mass(Dynamics *d)
 {
     Kernel *k = d->k;
-    const Int n = d->n_free;
+    const Int n = d->n_free, apart = 6 * k->n_joints;
     memset(d->mass, 0, (size_t)(n * n) * sizeof *d->mass);
     for (Int i = 0; i < n; i++)
         twists(d, i);
@@ -205,13 +207,13 @@ static void reduced_mass(Dynamics *d)
         if (!moves_mass(k, j))
             continue;
         for (Int a = 0; a < n; a++) {
-            Real v[3], w[3], moment[3], other[3], turn[3];
-            centre_velocity(k, j, d->twist + 6 * (k->n_joints * a + j), v, w);
+            Real *own = d->twist + apart * a + 6 * j, moment[3];
+            see_from_centre(k, j, own);
             for (int i = 0; i < 3; i++)
-                moment[i] = dot3(k->inertia + 9 * j + 3 * i, w);
+                moment[i] = dot3(k->inertia + 9 * j + 3 * i, own + 3);
             for (Int b = 0; b <= a; b++) {
-                centre_velocity(k, j, d->twist + 6 * (k->n_joints * b + j), other, turn);
-                d->mass[a * n + b] += k->mass[j] * dot3(v, other) + dot3(moment, turn);
+                const Real *other = d->twist + apart * b + 6 * j;
+                d->mass[a * n + b] += k->mass[j] * dot3(own, other) + dot3(moment, other + 3);
             }
         }
     }
