@@ -61,7 +61,8 @@ class _Interpolated:
         if not steps.size:
             return [place] if reach < TOGETHER else []
         found = []
-        for group in np.split(steps, np.flatnonzero(np.diff(steps.real) > 0.1 * reach) + 1):
+        gap = max(0.1 * reach, TOGETHER)  # else round-off parts a place into ever more
+        for group in np.split(steps, np.flatnonzero(np.diff(steps.real) > gap) + 1):
             step, apart = group.real.mean(), np.ptp(group.real)
             if np.abs(group.real).max() <= SETTLED:
                 found += [place] if np.abs(group.imag).min() < TOGETHER else []
