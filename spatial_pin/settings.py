@@ -114,8 +114,8 @@ class Accuracy:
         `scripts/accuracy_table.py` found over the mechanisms of the library with loops, each doing
         its usual sweep, or swinging a second or two under gravity. That is a measurement, not a
         proof: near singular configurations, and in long or unstable simulations, errors grow
-        (`sarrus` swept through its flat position and `crank_collar` let fall are left out for
-        that). Measure your own mechanism and task to be sure:
+        (`delta` and `sarrus` swept through their change points, and `crank_collar` let fall, are
+        left out for that). Measure your own mechanism and task to be sure:
         `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
         Args:
@@ -175,18 +175,18 @@ LEVELS = {
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
-        (0.0004, Accuracy(tolerance=0.0001)),
-        (5e-10, Accuracy(tolerance=1e-10)),
-        (7e-12, Accuracy(tolerance=1e-12)),
-        (6e-13, Accuracy(tolerance=1e-15)),
+        (0.006, Accuracy(tolerance=0.0001)),
+        (2e-11, Accuracy(tolerance=1e-12)),
+        (2e-12, Accuracy()),
+        (4e-13, Accuracy(tolerance=1e-15)),
     ),
     "simulate": (
-        (0.03, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
-        (0.003, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
+        (0.007, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
         (0.0001, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
+        (5e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
         (6e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
-        (7e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
-        (6e-08, Accuracy(time_tolerance=1e-11)),
-        (2e-08, Accuracy()),
+        (6e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (2e-08, Accuracy(time_tolerance=1e-11)),
+        (8e-09, Accuracy(time_tolerance=1e-12)),
     ),
 }
