@@ -29,7 +29,6 @@ from spatial_pin.settings import Accuracy
 
 REST = 8  # samples step by step behind a branch point: the kernel stops beside it anyway
 FAR = 1.0  # stretches from the last sample that are not gone again
-LARGE = 1_000_000  # multiplications, a millisecond: independent equations are chosen in the kernel
 CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
 
 
@@ -88,14 +87,13 @@ class Start:
         """Return the path where as many equations are independent as there are unknowns."""
         k, prescribed = self.kernel, len(self.driven) + len(self.still)
         wanted = k.nv - k.n_passive - prescribed
-        if not self.is_compiled or not 0 <= wanted <= k.n_rows or (
-                wanted < k.n_rows and wanted * k.n_rows * k.nv > LARGE):
+        if not self.is_compiled or not 0 <= wanted <= k.n_rows:
             return None
         return self._path(np.arange(wanted), np.empty((0, k.nv)), self.state.q,
                           self.state.angles, True)
 
     def _path_of_system(self) -> Path | None:
-        """Return the path where passive freedoms are left, or the mechanism is large."""
+        """Return the path where passive freedoms are left."""
         if not self.is_compiled:
             return None
         self.evaluation.turns[:] = self.state.angles
