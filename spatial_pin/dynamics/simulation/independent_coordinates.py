@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.newton import rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.trees import is_large
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.rates import rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows, weighty_rows
 
+NONE = 1e-13  # derivative of an equation that is round-off: others are of order one
 PLAIN = 0.1  # speed of a plain coordinate, by the fastest component's, at which it will do
 
 
@@ -45,8 +49,31 @@ class Freedoms:
             evaluation.turns[:] = state.angles
             evaluation.update(state.q)
             self._jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
-            self._state, self._rows, self._spaces = state, independent_rows(self._jacobian), {}
+            self._state, self._spaces = state, {}
+            if not (is_large(self._mechanism.model) and self._look_for_one_freedom(state)):
+                self._rows = independent_rows(self._jacobian)
         return self._rows
+
+    def _look_for_one_freedom(self, state: State) -> bool:
+        """Look whether the first joint of a large mechanism clearly moves all others.
+
+        And whether there is one choice of equations only. By rates, whose cost grows with the
+        number of loops, not with its cube.
+        """
+        mechanism, nv = self._mechanism, self._mechanism.model.nv
+        rows = np.flatnonzero(np.abs(self._jacobian).max(axis=1, initial=0.0) > NONE)
+        with kernel_of(mechanism) as kernel:
+            if kernel.n_passive or len(rows) != nv - 1:
+                return False
+            rates = rates_of(kernel, (0,), 1)
+            rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
+            found = rates.solve(state.q, state.angles)
+            if found is None:
+                return False
+            motion: Array = (found.v / mechanism.velocity_scale)[None]
+        self._rows = rows
+        self._spaces[np.zeros((0, nv)).tobytes()] = motion / np.linalg.norm(motion)
+        return True
 
     def best(self, state: State, prescribed: Sequence[int]) -> list[int]:
         """Return the velocity entries that determine the motion best, besides the prescribed ones.

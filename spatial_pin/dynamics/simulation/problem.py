@@ -12,6 +12,7 @@ import pinocchio as pin
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
 from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.trees import Piece, is_large, pieces_of
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
 from spatial_pin.dynamics.simulation.result import Energies, Projection
@@ -43,7 +44,6 @@ class Problem:
 
     Attributes:
         forces: its springs, and what resists at joints.
-        mass: its mass matrix at a configuration.
         freedoms: those that it has at a state.
         law: efforts as a function of time and state, if they are one.
         constant: (nv,) efforts otherwise.
@@ -62,7 +62,7 @@ class Problem:
         refuse_negative_inertias(mechanism)
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.tolerance = mechanism.velocity_scale, tolerance
-        self.mass, self.freedoms = MassMatrix(self.model), Freedoms(mechanism)
+        self.freedoms = Freedoms(mechanism)
         self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
@@ -87,6 +87,25 @@ class Problem:
     def data(self) -> pin.Data:
         """Pinocchio's memory, overwritten by whoever asks."""
         return self.model.createData()
+
+    @cached_property
+    def mass(self) -> MassMatrix:
+        """Its mass matrix at a configuration."""
+        return MassMatrix(self.model)
+
+    @cached_property
+    def _pieces(self) -> list[Piece]:
+        return pieces_of(self.model)
+
+    def heaviest(self, q: Array) -> float:
+        """Return the largest inertia of a joint, scaled, the others held, at q (nq,)."""
+        found = np.zeros(self.model.nv)
+        if is_large(self.model):
+            for piece in self._pieces:
+                found[piece.v] = piece.mass(q[piece.q]).diagonal()
+        else:
+            found[:] = self.mass(q).diagonal()
+        return float((found * self.scale**2).max(initial=0.0))
 
     @cached_property
     def kinetic(self) -> KineticEnergy:

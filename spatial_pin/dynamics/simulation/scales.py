@@ -66,6 +66,5 @@ def natural_units(system: System, t: float, y: Array, q: Array, left: float) -> 
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
-        heaviest = float((problem.mass(q).diagonal() * problem.scale**2).max(initial=0.0))
-        units[-1] = heaviest * rate * rate or 1.0
+        units[-1] = problem.heaviest(q) * rate * rate or 1.0
     return Units(1.0 / rate, units)

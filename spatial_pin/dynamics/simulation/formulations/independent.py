@@ -97,13 +97,12 @@ class Independent:
                  for line in forces.lines]
         turns = [Turn(turn.q, turn.v, _constants(springs[turn.name]), turn.energy is None)
                  for turn in forces.turns]
-        inertias = problem.mass(state.q).diagonal() * problem.scale**2
         return Acting(
             resistance.damping, resistance.friction, resistance.slip_speed,
             problem.model.armature, problem.constant, lines, turns,
             self._efforts if problem.law is not None else None, _laws(forces),
             self._drives if problem.drives else None, problem.works,
-            float(inertias.max(initial=0.0)))
+            problem.heaviest(state.q))
 
     def _begin(self, state: State) -> None:
         mechanism = self.problem.mechanism
