@@ -11,6 +11,9 @@ import spatial_pin as sp
 from spatial_pin.accuracy import models
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.constraints.trees import Tree, TreeInPieces, tree_of
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.rates import rates_of
+from spatial_pin.mechanism.coordinates import with_values
 
 WORK = """
 import pathlib, sys
@@ -26,6 +29,7 @@ assert np.abs(motion.coordinate("pin_7").value - motion.driver).max() < 1e-10
 height = motion.frame("top_7").position[:, 1]
 assert np.abs(height - np.cos(motion.driver)).max() < 1e-10
 assert sp.forward_dynamics(mechanism, state).reactions
+assert sp.simulate(mechanism, state, 0.1).frame("top_7").position.shape == (1001, 3)
 # the peak of this process alone: that of getrusage begins with its parent's
 status = pathlib.Path("/proc/self/status").read_text()
 print(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")))
@@ -38,6 +42,21 @@ def test_many_loops_take_little_memory():
     found = subprocess.run([sys.executable, "-c", WORK, "200"], capture_output=True, text=True,
                            check=True)
     assert int(found.stdout) < 700_000  # kB
+
+
+def test_rates_of_a_long_chain_are_clear():
+    """Rows of loops of 1 m are short beside a mechanism of 1100 m: that is no dependence."""
+    mechanism = models.ladder(1100)
+    values = {c: -0.02 if c.startswith("pin") else 0.02 for c in mechanism.coordinates}
+    q = with_values(mechanism, mechanism.neutral, values)
+    with kernel_of(mechanism) as kernel:
+        rates = rates_of(kernel, (mechanism.coordinate("pin_0").v,), 1)
+        rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
+        found = rates.solve(q, np.zeros(kernel.n_angles))
+        assert found is not None and found.pivot < 1e-3
+        want = [1.0 if c.startswith("pin") else -1.0 for c in mechanism.coordinates]
+        assert found.v == pytest.approx(want, abs=1e-10)
+        assert np.abs(found.a).max() < 1e-9
 
 
 def test_pieces_of_a_tree_move_as_the_whole_does():

@@ -170,6 +170,8 @@ void lu_free(SparseLU *lu);
 void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factorisation */
 int lu_has_order(const SparseLU *lu);
 void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent);
+/* Smallest over largest pivot, each relative to the length (n) of its row. */
+Real lu_even_ratio(const SparseLU *lu, const Real *length);
 /* Entries (row[i], column[i]) of an n x n matrix; chooses the order by `value`. */
 int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
                const Real *value);

@@ -12,7 +12,8 @@
 #include "kernel.h"
 #include "regular.h"
 
-/* Smallest over largest pivot below which rates lose digits that are worth a closer look. */
+/* Smallest over largest pivot, relative to the lengths of their rows where these may differ by much,
+   below which rates lose digits that are worth a closer look. */
 #define WELL 1e-3
 #define NONE 1e-13  /* length of a row of derivatives that is none: others are of order one */
 #define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
@@ -33,6 +34,7 @@ typedef struct {
     Real *rows, *tau, *scratch; /* to choose among equations, of which there are too many */
     Int *columns;
     Real pivot;       /* smallest over largest */
+    Real even;        /* the same, pivots relative to the lengths of their rows */
 } Rates;
 
 static int make_room(Rates *r)
@@ -175,6 +177,20 @@ static int factor_system(Rates *r)
     return code == DONE ? system_factor(r->k) : code;
 }
 
+/* Smallest over largest pivot relative to its row's length: a loop that is short beside the whole
+   mechanism has short rows, however independent they are. */
+static Real even_ratio(Rates *r)
+{
+    const Kernel *k = r->k;
+    Real *length = r->x;
+    memset(length, 0, (size_t)k->nv * sizeof *length);
+    for (Int e = 0; e < k->n_system; e++)
+        length[k->system_row[e]] += k->system_value[e] * k->system_value[e];
+    for (Int i = 0; i < k->nv; i++)
+        length[i] = sqrt(length[i]);
+    return lu_even_ratio(k->lu, length);
+}
+
 /* Factor at the evaluated configuration. */
 static int factor(Rates *r)
 {
@@ -182,11 +198,12 @@ static int factor(Rates *r)
     if (k->nv <= FEW) {
         fill_matrix(r);
         const Int singular = k->nv ? dense_lu(k->nv, r->matrix, r->order) : 0;
-        r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
+        r->even = r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
         return DONE;
     }
     const int code = factor_system(r);
     r->pivot = code == DONE ? k->pivot_ratio : 0.0;
+    r->even = code == DONE ? even_ratio(r) : 0.0;
     return code == SINGULAR ? DONE : code;
 }
 
@@ -265,7 +282,7 @@ static int place(Rates *r, const Real *q, const Real *turns)
         code = factor(r);
     if (code != DONE)
         return code;
-    return r->pivot > WELL && follow_beside(r, q) ? DONE : UNSAFE;
+    return r->even > WELL && follow_beside(r, q) ? DONE : UNSAFE;
 }
 
 static int are_finite(const Real *x, Int n)

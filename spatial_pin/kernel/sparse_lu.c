@@ -404,6 +404,17 @@ int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *co
 
 /* ---- numbers ---- */
 
+Real lu_even_ratio(const SparseLU *lu, const Real *length)
+{
+    Real least = INFINITY, most = 0.0;
+    for (Int step = 0; step < lu->n; step++) {
+        const Real size = fabs(lu->value[lu->pivot_at[step]]) / length[lu->pivot_row[step]];
+        least = fmin(least, size);
+        most = fmax(most, size);
+    }
+    return lu->n ? least / most : 1.0;
+}
+
 /* Keep the determinant's size as mantissa * 2^exponent, far from overflow. */
 static void multiply_determinant(SparseLU *lu, Real size)
 {
