@@ -17,6 +17,7 @@ from test_linkages import delta
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
+from spatial_pin.continuation import singular_points
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.view.page.drive import Drive
 
@@ -296,6 +297,17 @@ def test_windows_thrown_through_their_flat_positions_meet_each_once(windows, acc
     met = sorted(abs(e.value) for e in motion.events)  # told as the angle of any of the joints
     np.testing.assert_allclose(met, np.abs(level(0.0, angles[0, -1])), atol=1e-9)
     assert len(met) > 1
+
+
+def test_where_many_windows_go_flat_is_told_in_few_steps(monkeypatch):
+    """Round-off scatters the many eigenvalues of the place: they are not followed one by one."""
+    taken, steps = [], singular_points._Interpolated.steps
+    monkeypatch.setattr(singular_points._Interpolated, "steps",
+                        lambda curve, place: taken.append(place) or steps(curve, place))
+    mech = models.ladder(40)
+    motion = sp.sweep(mech, "pin_0", [0.5, 2.0], guess=upright(mech, 0.5))
+    assert [e.value for e in motion.events] == pytest.approx([np.pi / 2.0], abs=1e-11)
+    assert 0 < len(taken) < 200
 
 
 @CHAIN
