@@ -94,8 +94,13 @@ def may_be_rounded(evaluation: Evaluation, gap: float) -> bool:
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows]
     if not jacobian.size or not gap:
         return False
-    s = _even(jacobian)
-    return bool(np.any((s > RANK_TOLERANCE * s[0]) & (s < min(gap, SOFT) * s[0])))
+    memo, place = evaluation.mechanism.memo, (evaluation.q.tobytes(), gap)
+    known: tuple[tuple[bytes, float], bool] | None = memo.get("may be rounded")
+    if known is None or known[0] != place:  # a motion begins where loops have been closed
+        s = _even(jacobian)
+        known = place, bool(np.any((s > RANK_TOLERANCE * s[0]) & (s < min(gap, SOFT) * s[0])))
+        memo["may be rounded"] = known
+    return known[1]
 
 
 def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
