@@ -360,13 +360,13 @@ static void look_for_zeros(Dynamics *d, Strip *s, Real low, Real high)
             }
         if (found)
             return;
+        if (least == 0 || least == LOOKS)
+            return; /* it only falls: with many loops by many orders of magnitude */
         if (fabs(value[least]) < EVEN * largest) {
             const Real x = low + least * apart;
             note_crossing(d, s, x - apart, x + apart, exponent);
             return;
         }
-        if (least == 0 || least == LOOKS)
-            return;
         low += (least - 1) * apart;
         high = low + 2.0 * apart;
     }
