@@ -1,4 +1,4 @@
-"""Compile the kernel (`spatial_pin/kernel/*.c`) with the system's C compiler, or with ziglang's.
+"""Compile the kernel (`spatial_pin/kernel/*/*.c`) with the system's C compiler, or with ziglang's.
 
 Hatchling runs this as a build hook; `python scripts/build_kernel.py` compiles in place, for work on
 the C files; arguments are further flags. Where no C compiler works, the hook asks pip for `ziglang`
@@ -116,8 +116,9 @@ def compile_kernel(root: Path, flags: list[str] | None = None, out: Path | None 
     out = out or folder / about["LIBRARY"]
     written = out.with_name(f"{out.name}.{os.getpid()}")  # the old one may be in use
     is_of = f'-DSOURCE_HASH="{about["source_hash"](folder)}"'
-    command = [*compiler(), *platform_flags(), *FLAGS, is_of, *(flags or []),
-               *sorted(map(str, folder.glob("*.c"))), "-o", str(written), "-lm"]
+    headers = sorted({f"-I{file.parent}" for file in about["c_files"](folder, ".h")})
+    command = [*compiler(), *platform_flags(), *FLAGS, is_of, *headers, *(flags or []),
+               *map(str, about["c_files"](folder, ".c")), "-o", str(written), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:

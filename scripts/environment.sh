@@ -21,7 +21,7 @@ if [ ! -x .venv/bin/python ]; then
   fi
 fi
 
-what_is_installed() { cat pyproject.toml scripts/build_kernel.py spatial_pin/kernel/*.[ch]; }
+what_is_installed() { cat pyproject.toml scripts/build_kernel.py spatial_pin/kernel/*/*.[ch]; }
 
 stamp=.venv/installed-$1
 if ! ls spatial_pin/kernel/_kernel.* >/dev/null 2>&1 || ! what_is_installed | cmp -s - "$stamp"; then

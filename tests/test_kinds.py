@@ -101,11 +101,11 @@ def kernel_with_cams(tmp_path_factory):
     root = tmp_path_factory.mktemp("source")
     folder = root / build_kernel.KERNEL
     shutil.copytree(ROOT / build_kernel.KERNEL, folder, ignore=shutil.ignore_patterns("_*"))
-    text = (folder / "equations.c").read_text()
+    text = (folder / "core" / "equations.c").read_text()
     assert text.count(TABLE) == text.count(LAST) == 1
     text = text.replace(TABLE, IN_C + TABLE).replace(
         LAST, "    [5] = {3, 0, 0, value_of_cam, jacobian_of_cam, bias_of_cam},\n" + LAST)
-    (folder / "equations.c").write_text(text)
+    (folder / "core" / "equations.c").write_text(text)
     return opened(build_kernel.compile_kernel(root, ["-O1"]))
 
 
@@ -165,7 +165,7 @@ def test_a_new_kind_moves_and_bears_forces(tmp_path, cams):
 
 
 def test_the_kinds_are_numbered_as_in_the_kernel():
-    text = (ROOT / build_kernel.KERNEL / "kernel.h").read_text()
+    text = (ROOT / build_kernel.KERNEL / "core" / "kernel.h").read_text()
     assert [k.code for k in KINDS.values()] == list(range(len(KINDS)))
     for name, code in (("PRODUCT", 0), ("SCREW_ANGLE", 1), ("DIFFERENCE", 2), ("COUPLING", 3),
                        ("IDLE", 4)):

@@ -45,11 +45,9 @@ def machine(monkeypatch, tmp_path):
 @pytest.fixture
 def tree(tmp_path):
     """A source tree of the kernel alone."""
-    for part in (build_kernel.KERNEL, Path("scripts")):
-        (tmp_path / part).mkdir(parents=True)
-    for file in (ROOT / build_kernel.KERNEL).iterdir():
-        if file.suffix in (".c", ".h", ".py"):
-            shutil.copy(file, tmp_path / build_kernel.KERNEL)
+    (tmp_path / "scripts").mkdir()
+    shutil.copytree(ROOT / build_kernel.KERNEL, tmp_path / build_kernel.KERNEL,
+                    ignore=shutil.ignore_patterns("_*"))
     return tmp_path
 
 
@@ -120,11 +118,11 @@ def test_a_library_older_than_its_c_files_is_refused(tree):
     library = build_kernel.compile_kernel(tree, strict)
     assert library == folder / LIBRARY
     assert compiled_from(opened(library)) == source_hash(folder)
-    with (folder / "vectors.h").open("a") as file:
+    with (folder / "core" / "vectors.h").open("a") as file:
         file.write("/* changed */\n")
     with pytest.raises(sp.SpatialPinError, match=r"is older than the C files.*build_kernel\.py"):
         opened(library)
-    for file in [*folder.glob("*.c"), *folder.glob("*.h")]:
+    for file in folder.rglob("*.[ch]"):
         file.unlink()
     opened(library)  # installed from a wheel: there are no C files
     with pytest.raises(sp.SpatialPinError, match=r"cannot be loaded .*install the package"):
@@ -145,8 +143,8 @@ def test_a_wheel_in_an_empty_environment_loads_by_name_from_another_folder(tmp_p
     assert not [n for n in names if n.endswith((".c", ".h"))]
     with tarfile.open(sdist) as packed:
         sources = {name.partition("/")[2] for name in packed.getnames()}
-    assert {"scripts/build_kernel.py", "spatial_pin/kernel/model.c",
-            "spatial_pin/kernel/kernel.h"} <= sources
+    assert {"scripts/build_kernel.py", "spatial_pin/kernel/core/model.c",
+            "spatial_pin/kernel/core/kernel.h"} <= sources
     assert not [n for n in sources if n.endswith(LIBRARY)]
 
     folder = tmp_path / "empty"

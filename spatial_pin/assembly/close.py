@@ -32,11 +32,12 @@ def close(
 ) -> tuple[Array, float]:
     """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
 
-    Damped steps, then undamped ones of least norm down to round-off, see `kernel/closing.c`. Where
-    frames of closures are turned far against each other, the logarithms of their rotations lead
-    first: products would lead to mirror images. Coordinates that are `pinned` have their values
-    exactly: components of balls and floating joints, which no velocity belongs to. Singular values
-    below `cut` times the largest move nothing: the rows are closed as well as the others can.
+    Damped steps, then undamped ones of least norm down to round-off, see
+    `kernel/closing/closing.c`. Where frames of closures are turned far against each other, the
+    logarithms of their rotations lead first: products would lead to mirror images. Coordinates that
+    are `pinned` have their values exactly: components of balls and floating joints, which no
+    velocity belongs to. Singular values below `cut` times the largest move nothing: the rows are
+    closed as well as the others can.
 
     Returns:
         The configuration and its closure error, small or not; `evaluation` is left there.

@@ -1,7 +1,7 @@
 """The kinds of closure equations: what each is of products of vectors and of joint coordinates.
 
 To add a kind, add one entry to `KINDS`, and one of the same number to the table in
-`kernel/equations.c`:
+`kernel/core/equations.c`:
 
 1. `code`: its number in the kernel.
 2. `formula`: the equation, as a function of its products, then its coordinates, then its angle if

@@ -1,5 +1,8 @@
 """What the kernel is compiled from, and what that makes: read by the build and by the loader.
 
+Its C files stand in one folder a job: core (the mechanism, its equations, factorisations), closing
+(far from closure, and rates), following (paths), simulating (forces and steps in time).
+
 It imports nothing of the package: the build runs it before there is one.
 """
 
@@ -12,12 +15,17 @@ from pathlib import Path
 LIBRARY = "_kernel" + {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 
+def c_files(folder: Path, *suffixes: str) -> list[Path]:
+    """Return the C files below a folder with suffixes such as ".c", sorted by name."""
+    return sorted((p for p in folder.glob("*/*") if p.suffix in suffixes), key=lambda p: p.name)
+
+
 def source_hash(folder: Path) -> str:
-    """Return a hash of the C files in a folder, or nothing where there are none.
+    """Return a hash of the C files below a folder, or nothing where there are none.
 
     It tells that a file has changed, no more; importing `hashlib` takes 4 ms.
     """
-    files = sorted([*folder.glob("*.c"), *folder.glob("*.h")], key=lambda p: p.name)
+    files = c_files(folder, ".c", ".h")
     if not files:
         return ""
     found = 0
