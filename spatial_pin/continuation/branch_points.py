@@ -116,10 +116,6 @@ class Strip(NamedTuple):
         """Whether a driver value lies between the ends."""
         return min(self.ends) < value < max(self.ends)
 
-    def is_between(self, first: float, last: float) -> bool:
-        """Whether the strip lies between two driver values, ends included."""
-        return min(first, last) <= min(self.ends) and max(self.ends) <= max(first, last)
-
     def crossed(self, first: float, last: float) -> list[float]:
         """Return the crossings met on the way from one driver value to another, in this order."""
         low, high = min(first, last) - SAME, max(first, last) + SAME

@@ -35,7 +35,7 @@ _lu_solve = _function(
 _upper_solve = _function("dense_upper_solve", None, _COUNT, _REALS, _COUNT, _COUNT, _REALS)
 _inverse_norm = _function(
     "dense_inverse_norm", ctypes.c_double, _COUNT, _REALS, _COUNTS, _REALS)
-_cholesky_solve = _function("dense_cholesky_solve", _COUNT, _COUNT, _REALS, _REALS)
+_cholesky_solve = _function("dense_cholesky_solve", _COUNT, _COUNT, _REALS, _REALS, ctypes.c_double)
 _qr = _function("dense_qr", None, _COUNT, _COUNT, _REALS, _COUNTS, _REALS, _REALS)
 _qr_turn = _function("dense_qr_turn", None, _COUNT, _COUNT, _REALS, _REALS, _COUNT, _COUNT, _COUNT,
                      _REALS, _REALS)
@@ -92,7 +92,7 @@ def cholesky_solve(a: Array, b: Array) -> tuple[Array, Array, bool]:
     factor, x = _own(a), _own(b)
     if not x.size:
         return factor, x, True
-    return factor, x, not _cholesky_solve(len(x), _reals(factor), _reals(x))
+    return factor, x, not _cholesky_solve(len(x), _reals(factor), _reals(x), 0.0)
 
 
 def qr(a: Array) -> tuple[Array, Order, Array]:

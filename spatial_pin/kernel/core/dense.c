@@ -205,15 +205,15 @@ Real dense_inverse_norm(Int n, const Real *lu, const Int *order, Real *scratch)
 /* ---- L Lᵀ ---- */
 
 /* Factor the symmetric a (n, n) in place, its lower triangle; x := a⁻¹ x for x (n). Return 0, or
-   the number of the first column that shows that it is not positive definite. */
-Int dense_cholesky_solve(Int n, Real *a, Real *x)
+   the number of the first column whose pivot is not above `least`, 0 for positive definite. */
+Int dense_cholesky_solve(Int n, Real *a, Real *x, Real least)
 {
     for (Int k = 0; k < n; k++) {
         for (Int j = 0; j <= k; j++) {
             const Real sum = a[k * n + j] - dot_row(j, a + k * n, a + j * n);
             if (j < k)
                 a[k * n + j] = sum / a[j * n + j];
-            else if (sum > 0.0)
+            else if (sum > least)
                 a[k * n + k] = sqrt(sum);
             else
                 return k + 1;

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "dense.h"
 #include "dynamics.h"
 
 #define LIGHT 1e-8  /* inertia, by the heaviest joint's, that may be round-off */
@@ -239,28 +240,13 @@ static int solve_masses(Dynamics *d)
         z[0] /= m[0];
         return 1;
     }
-    for (Int c = 0; c < n; c++) {
-        for (Int r = c; r < n; r++) {
-            Real sum = m[r * n + c] * unit[r] * unit[c];
-            for (Int i = 0; i < c; i++)
-                sum -= m[r * n + i] * m[c * n + i];
-            if (r == c && !(sum > ALIKE))
-                return 0;
-            /* the strict lower part holds the factor; what is read of m is below and right */
-            m[r * n + c] = r == c ? sqrt(sum) : sum / m[c * n + c];
-        }
-    }
     for (Int i = 0; i < n; i++) {
         z[i] *= unit[i];
-        for (Int j = 0; j < i; j++)
-            z[i] -= m[i * n + j] * z[j];
-        z[i] /= m[i * n + i];
+        for (Int j = 0; j <= i; j++)
+            m[i * n + j] *= unit[i] * unit[j];
     }
-    for (Int i = n - 1; i >= 0; i--) {
-        for (Int j = i + 1; j < n; j++)
-            z[i] -= m[j * n + i] * z[j];
-        z[i] /= m[i * n + i];
-    }
+    if (dense_cholesky_solve(n, m, z, ALIKE))
+        return 0;
     for (Int i = 0; i < n; i++)
         z[i] *= unit[i];
     return 1;
