@@ -13,7 +13,7 @@ from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.continuation.idle_rotation import Spin
-from spatial_pin.continuation.pseudo_arclength import Arrival, march
+from spatial_pin.continuation.pseudo_arclength import Arrival, towards
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import blur, coordinate_value, with_values
 from spatial_pin.mechanism.parts import Coordinate
@@ -361,7 +361,7 @@ class Branch:
 
     def _march(self, target: float) -> None:
         """Go on by arc length, which finds the limit or passes the hard stretch."""
-        arrival = march(self.system, self.q, target, self.t, self.tolerance)
+        arrival = towards(self.system, self.q, target, self.t, self.tolerance)
         if arrival.kind != "reached":
             raise Stopped(arrival)
         self.q, self.s = arrival.q, target

@@ -1,4 +1,8 @@
-"""Following closed configurations by arc length, where the driver is no parameter any more."""
+"""Following closed configurations by pseudo-arclength, where the driver is no parameter any more.
+
+Predictor along the tangent, corrector in the plane normal to it [AllgowerGeorg2003]. What differs
+between callers is where they end: at a driver value, at a limit, where the curve closes.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.newton import SquareSystem
-from spatial_pin.continuation.singular_points import located, room_after
+from spatial_pin.continuation.singular_points import distance_after, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array
 
@@ -18,11 +22,11 @@ LARGEST_STEP = 0.1
 SMALLEST_STEP = 1e-9
 STRAIGHT = 0.98  # least cosine between the directions at the two ends of a step
 MOST_STEPS = 2000
-NEAR_CROSSING = 1e-3  # length of a step in which a change of the determinant's sign is believed
+NEAR_BRANCH_POINT = 1e-3  # length of a step in which a change of the determinant's sign is believed
 
 
 class Arrival(NamedTuple):
-    """Where a march ended.
+    """Where following a path ended.
 
     Attributes:
         kind: "reached", "limit", "branch point", "singular" or "lost".
@@ -37,7 +41,84 @@ class Arrival(NamedTuple):
     is_far: bool = False
 
 
-def march(
+class Step(NamedTuple):
+    """A step along a curve that is not taken yet.
+
+    Attributes:
+        kind: "regular", or where none is possible "branch point", or "lost".
+        q: (nq,) configuration where it ends.
+        t: (nv,) scaled unit tangent there.
+        length: its length [rad, characteristic lengths].
+    """
+
+    kind: str
+    q: Array
+    t: Array
+    length: float
+
+
+class ArcLengthPath:
+    """A point that moves along a curve by pseudo-arclength.
+
+    Attributes:
+        curve: the curve.
+        point: where it stands.
+        distance: to the singularity ahead, where the equations would lose their rank as they did
+            in the last step; infinite if none is in view.
+    """
+
+    def __init__(self, curve: Curve, point: CurvePoint, distance: float = np.inf) -> None:
+        self.curve, self.point, self.distance = curve, point, distance
+
+    @property
+    def value(self) -> float:
+        """Driver value of the point [rad or m]."""
+        return float(self.point.q[self.curve.driver.q])
+
+    def ahead(self, length: float) -> Step:
+        """Return the next step, as long as asked for or shorter where the curve bends.
+
+        It goes no further than half the way to a singularity: two branch points in one step would
+        not be noticed.
+        """
+        curve, point = self.curve, self.point
+        length = min(length, max(0.5 * self.distance, SMALLEST_STEP))
+        smallest = min(length, SMALLEST_STEP)
+        while length >= smallest:
+            q = curve.ahead(point, length)
+            t, sign = curve.direction(q, point.t) if q is not None else (point.t, 0)
+            if q is not None and sign == point.sign and t @ point.t >= STRAIGHT:
+                return Step("regular", q, t, length)
+            length *= 0.5
+            if length < NEAR_BRANCH_POINT and q is not None and sign != point.sign:
+                return Step("branch point", point.q, point.t, 0.0)
+        return Step("lost", point.q, point.t, 0.0)
+
+    def turning_point(self, step: Step) -> Step | None:
+        """Return the part of a step to where the driver turns back, if it does."""
+        curve, point = self.curve, self.point
+        before, after = curve.slope(point.t), curve.slope(step.t)
+        if not before or before * after > 0.0:
+            return None
+
+        def slope(x: float) -> float:
+            q = curve.ahead(point, x)
+            return curve.slope(curve.direction(q, point.t)[0]) if q is not None else np.nan
+
+        length = _root(slope, step.length)
+        return Step("regular", _place(curve, point, length), step.t, length)
+
+    def take(self, step: Step) -> bool:
+        """Move by a step; False, and nothing moves, where branches cross at its end."""
+        point = self.curve.settle(step.q, step.t)
+        if point is None:
+            return False
+        self.distance = distance_after(self.point, point, step.length)
+        self.point = point
+        return True
+
+
+def towards(
     system: SquareSystem, q: Array, target: float, direction: Array, tolerance: float
 ) -> Arrival:
     """Follow the curve from q towards the driver value `target`.
@@ -57,45 +138,25 @@ def march(
     heading = np.sign(target - q[at])
     point = curve.settle(q, heading * direction / curve.scale)
     if point is None:
-        return locate_crossing(curve, curve.point(q, heading * direction / curve.scale), q)
-    last = point
+        return branch_point_near(curve, curve.point(q, heading * direction / curve.scale), q)
+    path = ArcLengthPath(curve, point)
     length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
-        if point is None:
-            return locate_crossing(curve, last, q)
-        q, last = point.q, point
-        ahead = curve.ahead(point, length)
-        t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
-        if ahead is None or t @ point.t < STRAIGHT or sign != point.sign:
-            length *= 0.5
-            if length < NEAR_CROSSING and ahead is not None and sign != point.sign:
-                return locate_crossing(curve, point, q)
-            if length < SMALLEST_STEP:
-                return Arrival("lost", q, float(q[at]))
-            continue
-        if heading * (ahead[at] - target) >= 0.0:
-            return _arrive(curve, point, length, target)
-        if heading * curve.slope(t) <= 0.0:
-            turning = turning_point(curve, point, length)
-            limit = _place(curve, point, turning)
-            if heading * (limit[at] - target) >= 0.0:
-                return _arrive(curve, point, turning, target)
-            return Arrival("limit", limit, float(limit[at]))
-        q, point = ahead, curve.settle(ahead, t)
-        # never further than half the way to where the rows would lose their rank
-        room = 0.5 * room_after(last, point, length) if point is not None else np.inf
-        length = min(2.0 * length, LARGEST_STEP, max(room, SMALLEST_STEP))
-    return Arrival("lost", q, float(q[at]))
-
-
-def turning_point(curve: Curve, point: CurvePoint, length: float) -> float:
-    """Return the length, at most `length`, after which the driver turns back."""
-
-    def slope(x: float) -> float:
-        ahead = curve.ahead(point, x)
-        return curve.slope(curve.direction(ahead, point.t)[0]) if ahead is not None else np.nan
-
-    return _root(slope, length)
+        point, step = path.point, path.ahead(length)
+        if step.kind == "lost":
+            break
+        if step.kind == "branch point":
+            return branch_point_near(curve, point, point.q)
+        turn = path.turning_point(step)
+        for end in (step,) if turn is None else (turn, step):
+            if heading * (end.q[at] - target) >= 0.0:
+                return _arrive(curve, point, end.length, target)
+        if turn is not None:
+            return Arrival("limit", turn.q, float(turn.q[at]))
+        if not path.take(step):
+            return branch_point_near(curve, point, step.q)
+        length = min(2.0 * step.length, LARGEST_STEP)
+    return Arrival("lost", path.point.q, path.value)
 
 
 def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Arrival:
@@ -113,11 +174,11 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
     if error > 1e-11:
         return Arrival("lost", ahead, target)
     if curve.settle(ahead, point.t) is None:
-        return locate_crossing(curve, point, ahead)
+        return branch_point_near(curve, point, ahead)
     return Arrival("reached", ahead, target)
 
 
-def locate_crossing(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
+def branch_point_near(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
     """Return where the rows lose their rank, ahead of a point, near q; there if none is found."""
     found = located(curve, point)
     kind, value = found if found is not None else ("branch point", float(q[curve.driver.q]))

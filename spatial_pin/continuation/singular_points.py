@@ -93,7 +93,7 @@ def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
     for _ in range(APPROACHES):
         if base is None:
             return None
-        distance = room_ahead(curve, base)
+        distance = distance_ahead(curve, base)
         if VIEW[0] <= distance <= VIEW[1]:
             return base, distance
         if VIEW[1] < distance < np.inf:
@@ -117,15 +117,15 @@ def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
     return None
 
 
-def room_ahead(curve: Curve, point: CurvePoint) -> float:
+def distance_ahead(curve: Curve, point: CurvePoint) -> float:
     """Return about how far ahead of a point the rows lose their rank, inf if not at all."""
     q = curve.ahead(point, PROBE)
     if q is None:
         return 0.0
-    return room_after(point, point._replace(sigma=curve.sigma(q)), PROBE)
+    return distance_after(point, point._replace(sigma=curve.sigma(q)), PROBE)
 
 
-def room_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
+def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
     """Return how far ahead of a point, `length` after the last, its rows would lose their rank."""
     fall = last.sigma - point.sigma
     return point.sigma * length / fall if fall > 0.0 else np.inf

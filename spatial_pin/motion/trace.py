@@ -11,8 +11,8 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, positive_number
 from spatial_pin.continuation.branch_points import straight_on
-from spatial_pin.continuation.pseudo_arclength import Arrival, turning_point
-from spatial_pin.continuation.singular_points import located, room_after, room_ahead
+from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
+from spatial_pin.continuation.singular_points import distance_ahead, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -22,7 +22,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-SAME = 1e-6  # difference of crossings seen from either side that are one [rad or m]
+ROUND_OFF = 1e-12  # part of a row's arc length that is none any more
+SAME = 1e-6  # difference of branch points seen from either side that are one [rad or m]
 # Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
 # along the last step as in the first; two and a half, as they do not.
 STEPS_NEAR = 2.5
@@ -65,59 +66,50 @@ def trace(
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)
+    path = ArcLengthPath(curve, first, distance_ahead(curve, first))
     rows = _TracedRows(curve, driver, state.mechanism)
     rows.add(first)
-    rows.room = room_ahead(curve, first)
-    point = first
     while len(rows.points) < most_rows:
-        ahead = _advance(curve, point, step, rows)
-        if isinstance(ahead, Arrival):
-            beyond = straight_on(curve, point)
-            if beyond is not None:
-                rows.note_crossings(point, beyond)
-                point = beyond
-                rows.add(point)
-                continue
-            motion = rows.motion()
+        if _advance(path, step, rows):
+            if rows.is_back(path.point, step):
+                rows.add_first_again()
+                break
+        elif not _pass_straight_on(path, rows):
             raise SingularError(
                 f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
-                f"{ahead.value:.12g}: {ahead.kind}", motion=motion,
+                f"{path.value:.12g}: branch point", motion=rows.motion(),
             )
-        point = ahead
-        if rows.is_back(point, step):
-            rows.add_first_again()
-            break
-        rows.add(point)
+        rows.add(path.point)
     else:
-        rows.note("not closed", float(point.q[curve.driver.q]))
+        rows.note("not closed", path.value)
     return rows.motion()
 
 
-def _advance(
-    curve: Curve, point: CurvePoint, step: float, rows: _TracedRows
-) -> CurvePoint | Arrival:
-    """Go one row further, by smaller steps where the curve bends, noting limits on the way."""
-    left, length = step, step
-    at = curve.driver.q
-    while left > 1e-12 * step:
-        length = min(length, left, 0.5 * rows.room)  # two crossings in one step are not noticed
-        ahead = curve.ahead(point, length)
-        t, sign = curve.direction(ahead, point.t) if ahead is not None else (point.t, 0)
-        if length < min(1e-6 * step, left):
-            return Arrival("branch point", point.q, float(point.q[at]))
-        if ahead is None or t @ point.t < 0.98 or sign != point.sign:
-            length *= 0.5
-            continue
-        if curve.slope(t) * curve.slope(point.t) < 0.0:
-            limit = curve.ahead(point, turning_point(curve, point, length))
-            if limit is not None:
-                rows.note("limit", float(limit[at]))
-        settled = curve.settle(ahead, t)
-        if settled is None:
-            return Arrival("branch point", ahead, float(ahead[at]))
-        rows.room = room_after(point, settled, length)
-        point, left = settled, left - length
-    return point
+def _advance(path: ArcLengthPath, length: float, rows: _TracedRows) -> bool:
+    """Go one row further, noting limits on the way; False where branches cross before."""
+    left, longest = length, length
+    while left > ROUND_OFF * length:
+        step = path.ahead(min(longest, left))
+        if step.kind != "regular":
+            return False
+        turn = path.turning_point(step)
+        if turn is not None:
+            rows.note("limit", float(turn.q[path.curve.driver.q]))
+        if not path.take(step):
+            return False
+        longest, left = step.length, left - step.length
+    return True
+
+
+def _pass_straight_on(path: ArcLengthPath, rows: _TracedRows) -> bool:
+    """Go straight on beyond a branch point after the last row; False if no branch does."""
+    before = rows.points[-1]
+    beyond = straight_on(path.curve, before)
+    if beyond is None:
+        return False
+    rows.note_branch_points(before, beyond)
+    path.point, path.distance = beyond, distance_ahead(path.curve, beyond)
+    return True
 
 
 class _TracedRows:
@@ -130,7 +122,6 @@ class _TracedRows:
         self.errors: list[float] = []
         self.places: list[Array] = []
         self.events: list[Event] = []
-        self.room = np.inf  # arc length ahead to where the closure rows would lose their rank
         self.near, self.has_left = np.inf, False  # how near to the first place counts as back there
 
     def add(self, point: CurvePoint) -> None:
@@ -173,7 +164,7 @@ class _TracedRows:
         self.errors.append(self.errors[0])
 
     def note(self, kind: str, value: float) -> None:
-        """Keep a limit position, a crossing, or an end before the curve is closed, as an event."""
+        """Keep a limit position, a branch point, or an early end as an event."""
         unit = self.mechanism.coordinate(self.driver).unit
         words = {"limit": "limit position (dead centre)",
                  "branch point": "branch point, passed straight on,",
@@ -181,15 +172,14 @@ class _TracedRows:
         text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
         self.events.append(Event(kind, value, len(self.points), text))
 
-    def note_crossings(self, point: CurvePoint, beyond: CurvePoint) -> None:
-        """Keep the crossings between two points: as seen from both, there may be more than one."""
+    def note_branch_points(self, point: CurvePoint, beyond: CurvePoint) -> None:
+        """Keep what lies between two points: as seen from both, there may be more than one."""
         back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
         seen = [located(self.curve, x) for x in (point, back)]
         values = [found[1] for found in seen if found is not None]
         for k, value in enumerate(values):
             if not k or abs(value - values[0]) > SAME:
                 self.note("branch point", value)
-        self.room = room_ahead(self.curve, beyond)
 
     def motion(self) -> Motion:
         """Return the rows as a Motion over the arc length."""
