@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics import dense
+from spatial_pin.numerics.tolerances import EPS as EPS
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
-EPS = float(np.finfo(float).eps)
-RANK_TOLERANCE = 1e-10  # singular values below this fraction of the largest count as zero
-ROUND_OFF = 1e-13  # as do all below this: matrices are scaled to order one
+RANK_TOLERANCE = TOLERANCES.rank
+ROUND_OFF = TOLERANCES.zero
 LARGEST_STACKED = 14  # rows of matrices that are factored together faster than one by one
 NOT_FINITE = ("the equations have entries that are no finite numbers: a position or a rate has "
               "grown beyond all numbers")
@@ -58,7 +59,7 @@ class Decomposition(NamedTuple):
         return self.vt[:r].T @ ((self.u[:, :r].T @ b) / self.s[:r])
 
 
-def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
+def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
     """Decompose `a` (m, n); columns and rows are expected to be scaled alike.
 
     Raises:
@@ -75,11 +76,11 @@ def decompose(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
         s = np.array([np.nan])
     if not s[0] < np.inf:
         raise SingularError(NOT_FINITE)
-    rank = int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF)))
+    rank = int(np.count_nonzero(s > max(tolerance * s[0], TOLERANCES.zero)))
     return Decomposition(u, s, vt, rank)
 
 
-def full_decomposition(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposition:
+def full_decomposition(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
     """Decompose `a` (m, n) with `u` (m, m) and `vt` (n, n) whole: all four subspaces."""
     m, n = a.shape
     if not a.size:
@@ -87,7 +88,8 @@ def full_decomposition(a: Array, tolerance: float = RANK_TOLERANCE) -> Decomposi
     if not np.isfinite(a).all():
         return decompose(a, tolerance)  # which refuses it
     u, s, vt = np.linalg.svd(a, full_matrices=True)
-    return Decomposition(u, s, vt, int(np.count_nonzero(s > max(tolerance * s[0], ROUND_OFF))))
+    rank = int(np.count_nonzero(s > max(tolerance * s[0], TOLERANCES.zero)))
+    return Decomposition(u, s, vt, rank)
 
 
 def singular_values(a: Array) -> Array:
@@ -96,12 +98,12 @@ def singular_values(a: Array) -> Array:
     return found
 
 
-def rank(a: Array, tolerance: float = RANK_TOLERANCE) -> int:
+def rank(a: Array, tolerance: float = TOLERANCES.rank) -> int:
     """Return the numerical rank of `a`."""
     return decompose(a, tolerance).rank
 
 
-def null_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
+def null_space(a: Array, tolerance: float = TOLERANCES.rank) -> Array:
     """Return orthonormal rows spanning {x: a x = 0}."""
     return decompose(a, tolerance).null_space
 
@@ -109,12 +111,12 @@ def null_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
 def null_vectors(a: Array, tolerance: float) -> tuple[Array, NDArray[np.intp]]:
     """Return of matrices (m, r, n) the sum of the null space's rows (m, n), and ranks (m,)."""
     _, s, vt = np.linalg.svd(a)
-    ranks = np.count_nonzero(s > np.maximum(tolerance * s[:, :1], ROUND_OFF), axis=1)
+    ranks = np.count_nonzero(s > np.maximum(tolerance * s[:, :1], TOLERANCES.zero), axis=1)
     is_null = np.arange(a.shape[2]) >= ranks[:, None]
     return np.einsum("mk,mkn->mn", is_null.astype(np.float64), vt), ranks
 
 
-def row_space(a: Array, tolerance: float = RANK_TOLERANCE) -> Array:
+def row_space(a: Array, tolerance: float = TOLERANCES.rank) -> Array:
     """Return orthonormal rows spanning the rows of `a`."""
     svd = decompose(a, tolerance)
     return svd.vt[: svd.rank]
@@ -146,7 +148,7 @@ def pseudo_inverses(a: Array, tolerance: float) -> Array:
     return np.linalg.pinv(a, rcond=tolerance)
 
 
-def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
+def independent_rows(a: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np.intp]:
     """Return the sorted indices of a maximal well-conditioned set of independent rows of `a`.
 
     Column-pivoted QR of the transpose [GolubVanLoan2013, 5.4].
@@ -155,7 +157,7 @@ def independent_rows(a: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.
         return np.empty(0, dtype=np.intp)
     qr, order, _ = dense.qr(a.T)
     d = np.abs(np.diagonal(qr))
-    r = int(np.count_nonzero(d > max(tolerance * d[0], ROUND_OFF))) if d.size else 0
+    r = int(np.count_nonzero(d > max(tolerance * d[0], TOLERANCES.zero))) if d.size else 0
     return np.sort(order[:r])
 
 

@@ -13,6 +13,7 @@
 
 #include <stddef.h>
 
+#include "tolerances.h"
 #include "vectors.h"
 
 #if defined(_WIN32)
