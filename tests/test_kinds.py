@@ -20,7 +20,7 @@ import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation, composed_rates
 from spatial_pin.constraints.kinds import KINDS, Kind, Parts
 from spatial_pin.kernel.library import opened
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.taylor import Taylor, argument
 
@@ -114,8 +114,8 @@ def cams(monkeypatch, kernel_with_cams):
     """Screws become cams: one entry in the table of kinds, and a pair that has such a row."""
 
     def rows(g):
-        return (Row(u=g.axes1[:, 2], offset=0.4, kind="cam", angle_from=g.axes1[:, :2].T,
-                    angle_of=g.axes2[:, 0]),)
+        return (ConstraintEquation(u=g.axes1[:, 2], offset=0.4, kind="cam",
+                                   angle_from=g.axes1[:, :2].T, angle_of=g.axes2[:, 0]),)
 
     monkeypatch.setattr("spatial_pin.kernel.kernel.library", lambda: kernel_with_cams)
     monkeypatch.setitem(KINDS, "cam", CAM)

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.closure_equations import unit_length
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism import point_on_body as point_on
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
@@ -198,7 +198,7 @@ class Extended:
         unit = Long(unit_length(self.mechanism, closure))
         return (dot(d, d) - dot(e, e)) * (self._scale / (2 * unit))
 
-    def _row(self, row: Row, r1: Array, r2: Array, d: Array) -> Array:
+    def _row(self, row: ConstraintEquation, r1: Array, r2: Array, d: Array) -> Array:
         if row.u is None:
             length = Long(row.offset)
             value = dot(d, d)
@@ -211,7 +211,7 @@ class Extended:
         value[0] -= row.offset
         return value
 
-    def _angle(self, row: Row, r1: Array, r2: Array, turns: Array) -> Array:
+    def _angle(self, row: ConstraintEquation, r1: Array, r2: Array, turns: Array) -> Array:
         """Return the relative angle of a screw row with its rates (3, N) [rad]."""
         assert row.angle_from is not None and row.angle_of is not None
         of = r2 @ row.angle_of.astype(Long)

@@ -23,8 +23,8 @@ from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.kernel.closer import Closed, Closer, closer_of
 from spatial_pin.mechanism.coordinates import (
-    blur,
     by_joint,
+    coordinate_round_off,
     coordinate_value,
     finite_array,
     finite_number,
@@ -504,7 +504,7 @@ class _Search:
         """
         q = q.copy()
         q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
-        return min(max(ACCEPTED, blur(self.mechanism, q)), OPEN)
+        return min(max(ACCEPTED, coordinate_round_off(self.mechanism, q)), OPEN)
 
     def _least(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
         """Return the closed configuration near q in which the drivers let go have gone the least.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import Closed, Closer, closer_of
-from spatial_pin.mechanism.coordinates import coordinate_row
+from spatial_pin.mechanism.coordinates import coordinate_gradient
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import NOT_FINITE, RANK_TOLERANCE, Array
@@ -106,5 +106,5 @@ def pinned_rows(
 def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
     """Return the derivative (nv,) of a coordinate by its size with respect to scaled velocities."""
     size = mechanism.velocity_scale
-    row: Array = coordinate_row(mechanism, coordinate, q) * size / size[coordinate.v]
+    row: Array = coordinate_gradient(mechanism, coordinate, q) * size / size[coordinate.v]
     return row

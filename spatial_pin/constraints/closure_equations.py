@@ -33,9 +33,9 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.trees import tree_of
-from spatial_pin.constraints.workspaces import lent
+from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.mechanism.coordinates import joint_values, needed, with_values
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
@@ -46,7 +46,7 @@ SHORT = 1e-3  # length of a distance, by the characteristic length, that is no u
 DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
 
 
-class RowLabel(NamedTuple):
+class EquationLabel(NamedTuple):
     """Which equation of which closure a row is."""
 
     closure: str
@@ -116,16 +116,16 @@ class Constraints:
         self._factors: list[float] = []
         self._signs: list[Array] = []
         self.spins: list[tuple[int, Array]] = []
-        labels: list[RowLabel] = []
-        made: list[tuple[Kind, Closure, Row]] = []
+        labels: list[EquationLabel] = []
+        made: list[tuple[Kind, Closure, ConstraintEquation]] = []
         for closure in mechanism.closures:
             for k, row in enumerate(closure.rows):
                 made.append((KINDS["difference" if closure.between else row.kind], closure, row))
                 self._add_row(row, closure)
-                labels.append(RowLabel(closure.name, k))
+                labels.append(EquationLabel(closure.name, k))
         self.n_products, self.n_angles = len(labels), 0
         self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
-        labels += [RowLabel(c.name, 0) for c in self.couplings]
+        labels += [EquationLabel(c.name, 0) for c in self.couplings]
         equations = self._equations(made)
         self.passive_at = len(self._constants)
         spin = [self._add_passive(p.body, p.axis) for p in mechanism.passives]
@@ -154,7 +154,7 @@ class Constraints:
         self._signs.clear()  # many loops have many
         self.spin_bias = np.array(spin).reshape(self.n_passive, 6 * n)
 
-    def _equations(self, made: list[tuple[Kind, Closure, Row]]) -> list[Equation]:
+    def _equations(self, made: list[tuple[Kind, Closure, ConstraintEquation]]) -> list[Equation]:
         """Return the closure equations; products beside their first ones are added kind by kind."""
         equations: list[Any] = [None] * len(made)
         for kind in KINDS.values():
@@ -189,7 +189,7 @@ class Constraints:
         self._add_distance(closure.between, unit_length(self.mechanism, closure), 0.0)
         return len(self._constants) - 1
 
-    def _add_row(self, row: Row, closure: Closure) -> None:
+    def _add_row(self, row: ConstraintEquation, closure: Closure) -> None:
         if row.u is None:  # distance: (d . d - L²) / 2L
             unit = unit_length(self.mechanism, closure) if closure.between else row.offset
             self._add_distance(closure.frames, unit, 0.5 * row.offset * self.scale)
@@ -213,7 +213,7 @@ class Constraints:
         self._x.add((1.0, i2, w, 0.0))
         self._finish(cosine, 0.0, sign)
 
-    def add_direction(self, closure: Closure, row: Row) -> tuple[int, int]:
+    def add_direction(self, closure: Closure, row: ConstraintEquation) -> tuple[int, int]:
         """Add the products sine and cosine of the angle of a row; return their numbers."""
         (i1, m1), (i2, m2) = self._frames(closure)
         sign = self.support(i2) - self.support(i1)
@@ -339,7 +339,8 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 @contextmanager
 def evaluation_of(mechanism: Mechanism, angles: Array | float = 0.0) -> Iterator[Evaluation]:
     """Lend an `Evaluation` of a mechanism, its screws counting turns from `angles` (n_angles,)."""
-    with lent(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism))) as evaluation:
+    with acquired(mechanism, "evaluation",
+                  lambda: Evaluation(constraints_of(mechanism))) as evaluation:
         evaluation.turns[:] = angles
         yield evaluation
 

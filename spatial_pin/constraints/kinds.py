@@ -8,11 +8,11 @@ To add a kind, add one entry to `KINDS`, and one of the same number to the table
    it has one, then its numbers. It is given Taylor series, and so tells derivatives of every
    order: use + - * and functions of `numerics.taylor` alone.
 3. `parts`: a function that adds the products that it needs beside its first one, and tells its
-   coordinates and numbers. The first product is that of the vectors of the `Row`.
+   coordinates and numbers. The first product is that of the vectors of the `ConstraintEquation`.
 4. `angle`: which of its products are sine and cosine of an angle that counts turns.
 5. `elsewhere`: which of its products act on other bodies than the two of the closure.
 
-Which kind an equation of a pair is says `Row.kind`.
+Which kind an equation of a pair is says `ConstraintEquation.kind`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array
@@ -40,7 +40,7 @@ class Compiler(Protocol):
     mechanism: Mechanism
     scale: float
 
-    def add_direction(self, closure: Closure, row: Row) -> tuple[int, int]:
+    def add_direction(self, closure: Closure, row: ConstraintEquation) -> tuple[int, int]:
         """Add the products sine and cosine of the angle of a row; return their numbers."""
 
     def add_length(self, closure: Closure) -> int:
@@ -65,7 +65,7 @@ def _itself(product: Taylor) -> Taylor:
     return product
 
 
-def _nothing(compiler: Compiler, closure: Closure, row: Row | None) -> Parts:
+def _nothing(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
     return Parts()
 
 
@@ -75,7 +75,7 @@ class Kind:
 
     code: int
     formula: Callable[..., Taylor] = _itself
-    parts: Callable[[Compiler, Closure, Row | None], Parts] = _nothing
+    parts: Callable[[Compiler, Closure, ConstraintEquation | None], Parts] = _nothing
     angle: tuple[int, int] | None = None
     elsewhere: tuple[int, ...] = ()
 
@@ -85,16 +85,16 @@ class Kind:
         return self.formula is _itself
 
 
-def _screw(compiler: Compiler, closure: Closure, row: Row | None) -> Parts:
+def _screw(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
     assert row is not None and row.pitch is not None
     return Parts(compiler.add_direction(closure, row), (), (row.pitch * compiler.scale,))
 
 
-def _difference(compiler: Compiler, closure: Closure, row: Row | None) -> Parts:
+def _difference(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
     return Parts((compiler.add_length(closure),))
 
 
-def _coupling(compiler: Compiler, closure: Closure, row: Row | None) -> Parts:
+def _coupling(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
     a, b = (compiler.mechanism.coordinate(name) for name in closure.joints)
     unit = 1.0 if b.unit == "rad" else compiler.scale
     return Parts((), (a, b), (unit, closure.ratio, closure.offset))

@@ -1,4 +1,4 @@
-"""Workspaces of a mechanism that are made once and lent out again and again."""
+"""The workspace pool of a mechanism: what is made once and used again and again."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from spatial_pin.mechanism.mechanism import Mechanism
 Workspace = TypeVar("Workspace")
 
 
-class lent(Generic[Workspace]):  # with lent(...) as workspace
-    """Lend a workspace, of which there is one for each borrower at the same time.
+class acquired(Generic[Workspace]):  # with acquired(...) as workspace
+    """Acquire a workspace from the pool, and release it; two at the same time are two workspaces.
 
-    It is left as the last borrower left it; one that an error went through is not lent again.
+    It is as its last user left it; one that an error went through is not released to the pool.
 
     Args:
-        mechanism: that keeps it.
+        mechanism: whose pool it is.
         key: what it is for.
-        make: makes one when none is idle.
+        make: makes one when the pool has none.
     """
 
     def __init__(
@@ -30,12 +30,12 @@ class lent(Generic[Workspace]):  # with lent(...) as workspace
     def __enter__(self) -> Workspace:
         """Return the workspace."""
         try:
-            self._lent = self._idle.pop()
+            self._acquired = self._idle.pop()
         except IndexError:
-            self._lent = self._make()
-        return self._lent
+            self._acquired = self._make()
+        return self._acquired
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        """Take it back."""
+        """Release it to the pool."""
         if kind is None:
-            self._idle.append(self._lent)
+            self._idle.append(self._acquired)

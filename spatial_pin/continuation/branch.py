@@ -15,7 +15,7 @@ from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.continuation.idle_rotation import Spin
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.coordinates import blur, coordinate_value, with_values
+from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import prescribed_at
@@ -303,7 +303,7 @@ class Branch:
 
     def _closed(self, q: Array) -> float:
         """Return the square of the closure residual that round-off may leave."""
-        return max(CLOSED, blur(self.mechanism, q) ** 2)
+        return max(CLOSED, coordinate_round_off(self.mechanism, q) ** 2)
 
     def reselect(self) -> None:
         """Choose the independent rows anew at the present point."""

@@ -16,7 +16,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
-from spatial_pin.mechanism.coordinates import blur, with_values
+from spatial_pin.mechanism.coordinates import coordinate_round_off, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.settings import Accuracy
@@ -88,7 +88,7 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
         q, error = close(evaluation, q, free, accuracy.tolerance)
         q = nearest_turn(there, q, drivers, values)
         evaluation.update(q)
-        if not error <= max(ACCEPTED, blur(there, q)) or evaluation.mirrored():
+        if not error <= max(ACCEPTED, coordinate_round_off(there, q)) or evaluation.mirrored():
             return None
         if _farthest(there, state.q, q) > FARTHEST:
             return None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.workspaces import lent
+from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.kernel.kernel import Kernel, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -120,10 +120,10 @@ class Closer:
         return q, errors
 
 
-def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> lent[Closer]:
+def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:
     """Lend what closes the loops of a mechanism with coordinates pinned, as if newly made."""
     names = tuple(pinned)
-    return lent(mechanism, ("closer", names), lambda: Closer(mechanism, names))
+    return acquired(mechanism, ("closer", names), lambda: Closer(mechanism, names))
 
 
 def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:

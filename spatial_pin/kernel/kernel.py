@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import constraints_of
-from spatial_pin.constraints.workspaces import lent
+from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.library import CODES, library
 from spatial_pin.kernel.packing import Packed, packed
@@ -118,5 +118,5 @@ def check(code: int) -> None:
 @contextmanager
 def kernel_of(mechanism: Mechanism) -> Iterator[Kernel]:
     """Lend a kernel of a mechanism, as if newly made."""
-    with lent(mechanism, "kernel", lambda: Kernel(mechanism)) as kernel:
+    with acquired(mechanism, "kernel", lambda: Kernel(mechanism)) as kernel:
         yield kernel

@@ -42,18 +42,18 @@ class CoordinateRates(NamedTuple):
     acceleration: Any
 
 
-def blur(mechanism: Mechanism, q: Array) -> float:
+def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:
     """Return the closure error that round-off of the coordinates themselves may leave [-].
 
     An angle that counts a million turns is known to 1e-9 rad.
     """
-    if "blur" not in mechanism.memo:
+    if "coordinate round-off" not in mechanism.memo:
         at = [(place, c.v) for c in mechanism.coordinate_table.values()
               if (place := mechanism.place_of(c)) >= 0]
         q_at, v_at = (np.array(x, dtype=np.intp) for x in zip(*at, strict=True)) if at else (
             np.empty(0, dtype=np.intp),) * 2
-        mechanism.memo["blur"] = q_at, 4.0 * EPS / mechanism.velocity_scale[v_at]
-    places, each = mechanism.memo["blur"]
+        mechanism.memo["coordinate round-off"] = q_at, 4.0 * EPS / mechanism.velocity_scale[v_at]
+    places, each = mechanism.memo["coordinate round-off"]
     return float(np.abs(q[places] * each).max(initial=0.0))
 
 
@@ -173,7 +173,7 @@ def coordinate_value(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> 
     return float(joint_vector(mechanism, q, coordinate.joint)[coordinate.place])
 
 
-def coordinate_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
+def coordinate_gradient(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
     """Return the derivative (nv,) of a coordinate's value with respect to joint velocities."""
     row = np.zeros(mechanism.model.nv)
     if coordinate.q >= 0:

@@ -26,15 +26,15 @@ from spatial_pin.numerics.linalg import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class ConstraintEquation:
     """One scalar closure equation.
 
     Attributes:
         u: (3,) vector in the axes of frame 1; None for a distance.
         w: (3,) vector in the axes of frame 2; None where the second factor is d.
-        offset: the constant c of a dot row, or the length L of a distance row [m].
-        pitch: slide per radian of a screw row [m/rad], else None.
-        angle_from: (2, 3) for a screw row: the directions in frame 1 (x then y, normal to u)
+        offset: the constant c of a dot equation, or the length L of a distance equation [m].
+        pitch: slide per radian of a screw equation [m/rad], else None.
+        angle_from: (2, 3) for a screw equation: the directions in frame 1 (x then y, normal to u)
             against which the direction `angle_of` (3,) of frame 2 is measured.
         angle_of: see `angle_from`.
         kind: in the table `spatial_pin.constraints.kinds`.
@@ -54,22 +54,22 @@ class Row:
         return self.w is None
 
 
-def point(u: Array) -> Row:
-    """Return the row u . d = 0."""
-    return Row(u=u)
+def point(u: Array) -> ConstraintEquation:
+    """Return the equation u . d = 0."""
+    return ConstraintEquation(u=u)
 
 
-def dot(u: Array, w: Array, cosine: float = 0.0) -> Row:
-    """Return the row u . w = cosine."""
-    return Row(u=u, w=w, offset=cosine)
+def dot(u: Array, w: Array, cosine: float = 0.0) -> ConstraintEquation:
+    """Return the equation u . w = cosine."""
+    return ConstraintEquation(u=u, w=w, offset=cosine)
 
 
-def distance(length: float) -> Row:
-    """Return the row |d| = length [m]."""
-    return Row(offset=length)
+def distance(length: float) -> ConstraintEquation:
+    """Return the equation |d| = length [m]."""
+    return ConstraintEquation(offset=length)
 
 
-def screw(axes1: Array, axes2: Array, pitch: float) -> Row:
-    """Return the row slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
-    return Row(u=axes1[:, 2], pitch=pitch, angle_from=axes1[:, :2].T, angle_of=axes2[:, 0],
-               kind="screw")
+def screw(axes1: Array, axes2: Array, pitch: float) -> ConstraintEquation:
+    """Return the equation slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
+    return ConstraintEquation(u=axes1[:, 2], pitch=pitch, angle_from=axes1[:, :2].T,
+                              angle_of=axes2[:, 0], kind="screw")

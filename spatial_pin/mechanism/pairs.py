@@ -7,7 +7,7 @@ To add a pair, add one entry to `PAIRS`:
    independent wherever they hold.
 3. `joint`: a function (axis, axis2, lead) to a Pinocchio joint model, None where the pair only
    closes loops, with `coordinates` (suffix, unit) in the order of its velocity vector.
-4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product rows have
+4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product equations have
    mirror roots, and assembly refuses them.
 """
 
@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.equations import Row, distance, dot, point, screw
+from spatial_pin.mechanism.equations import ConstraintEquation, distance, dot, point, screw
 from spatial_pin.numerics.linalg import EPS, Array
 
 X, Y, Z = np.eye(3)
@@ -49,7 +49,7 @@ class Pair:
     """One entry of `PAIRS`; see the module's docstring."""
 
     freedom: int
-    rows: Callable[[PairGeometry], tuple[Row, ...]] | None
+    rows: Callable[[PairGeometry], tuple[ConstraintEquation, ...]] | None
     joint: Callable[[Array, Array, float], pin.JointModel] | None = None
     coordinates: tuple[tuple[str, str], ...] = ()
     aligned: str = ""
@@ -145,42 +145,42 @@ def _universal_joint(axis: Array, axis2: Array, _: float) -> pin.JointModel:
     return pin.JointModelUniversal(axis, axis2)
 
 
-def _coincident(g: PairGeometry) -> tuple[Row, ...]:
+def _coincident(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     return tuple(point(u) for u in g.axes1.T)
 
 
-def _on_line(g: PairGeometry) -> tuple[Row, ...]:
+def _on_line(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     return point(g.axes1[:, 0]), point(g.axes1[:, 1])
 
 
-def _on_plane(g: PairGeometry) -> tuple[Row, ...]:
+def _on_plane(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     return (point(g.axes1[:, 2]),)
 
 
-def _parallel(g: PairGeometry) -> tuple[Row, ...]:
+def _parallel(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     z2 = g.axes2[:, 2]
     return dot(g.axes1[:, 0], z2), dot(g.axes1[:, 1], z2)
 
 
-def _same_orientation(g: PairGeometry) -> tuple[Row, ...]:
+def _same_orientation(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     (x1, y1, z1), (x2, y2, z2) = g.axes1.T, g.axes2.T
     return dot(x1, y2), dot(y1, z2), dot(z1, x2)
 
 
-def _perpendicular(g: PairGeometry) -> tuple[Row, ...]:
+def _perpendicular(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     return (dot(g.axes1[:, 2], g.axes2[:, 2]),)
 
 
-def _distance(g: PairGeometry) -> tuple[Row, ...]:
+def _distance(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     return (distance(g.length),)
 
 
-def _screw(g: PairGeometry) -> tuple[Row, ...]:
+def _screw(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
     return (screw(g.axes1, g.axes2, g.lead / (2.0 * np.pi)),)
 
 
-def _stack(*parts: Callable[[PairGeometry], tuple[Row, ...]]
-           ) -> Callable[[PairGeometry], tuple[Row, ...]]:
+def _stack(*parts: Callable[[PairGeometry], tuple[ConstraintEquation, ...]]
+           ) -> Callable[[PairGeometry], tuple[ConstraintEquation, ...]]:
     return lambda g: tuple(row for part in parts for row in part(g))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from spatial_pin.lazy import cached_property
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 
 
@@ -70,7 +70,7 @@ class Closure:
         return PAIRS[self.type]
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ConstraintEquation, ...]:
         """Its scalar equations on the relative placement (none for a coupling)."""
         if self.geometry is None or self.pair.rows is None:
             return ()

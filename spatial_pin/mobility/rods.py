@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from spatial_pin.constraints.closure_equations import SHORT
 from spatial_pin.mechanism.coordinates import with_values
-from spatial_pin.mechanism.equations import Row, dot
+from spatial_pin.mechanism.equations import ConstraintEquation, dot
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PairGeometry
 from spatial_pin.mechanism.parts import Closure
@@ -192,7 +192,7 @@ class Aligned(Closure):
     """
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ConstraintEquation, ...]:
         """Its scalar equations, and cosine one for each pair of axes."""
         assert self.geometry is not None
         axes = ["xyz".index(axis) for axis in self.pair.aligned]

@@ -14,7 +14,7 @@ from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
-from spatial_pin.constraints.workspaces import lent
+from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -142,7 +142,7 @@ def _system(
         return SquareSystem(Evaluation(constraints_of(mechanism)), driven, still=still)
 
     key = "system", tuple((c.v, isinstance(c, VelocityEntry)) for c in driven), still
-    with lent(mechanism, key, made) as system:
+    with acquired(mechanism, key, made) as system:
         system.evaluation.turns[:] = state.angles
         try:
             system.move(state.q)

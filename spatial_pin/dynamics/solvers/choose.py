@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from spatial_pin.constraints.trees import is_large
-from spatial_pin.constraints.workspaces import lent
+from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.sparse import SparseEquations
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -22,6 +22,6 @@ def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
 
     They have forgotten what was chosen at other configurations.
     """
-    with lent(mechanism, "equations", lambda: _made_for(mechanism)) as equations:
+    with acquired(mechanism, "equations", lambda: _made_for(mechanism)) as equations:
         equations.forget()
         yield equations

@@ -27,7 +27,7 @@ DOUBTFUL = 1e-10  # estimated error above which rows are chosen anew, then coord
 HOLDS = 1e-9  # what an equation left out may lack, by the size of its terms
 
 
-def own_units(inertias: Array) -> Array:
+def jacobi_scaling(inertias: Array) -> Array:
     """Return the velocity of every freedom at which its own inertia is one.
 
     The heaviest one's for freedoms that have none.
@@ -64,7 +64,7 @@ class SaddlePoint:
         nv, n = len(scale), len(scale) + len(rows)
         self.rows, self.pivot = rows, 0.0
         self._some_left_out = len(rows) < len(scaled)
-        unit = own_units(mass.diagonal() * scale * scale)
+        unit = jacobi_scaling(mass.diagonal() * scale * scale)
         self._size = np.abs(scaled[rows] * unit).max(axis=1, initial=1e-300)
         self._weight = unit / self._size[:, None]
         self._scale, self._unit, self._own = scale, scale * unit, unit

@@ -20,7 +20,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.subtrees import PiecewiseRows
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.solvers.equations import Equations
-from spatial_pin.dynamics.solvers.kkt import HOLDS, own_units, round_off
+from spatial_pin.dynamics.solvers.kkt import HOLDS, jacobi_scaling, round_off
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import RANK_TOLERANCE, Array, Decomposition, independent_rows
@@ -171,7 +171,7 @@ class SparseEquations(Equations):
         mass = rows.mass(state.q)
         own = np.zeros(len(self.scale))
         own[i[self._diagonal]] = mass[self._diagonal]
-        unit = own_units(own * self.scale**2)
+        unit = jacobi_scaling(own * self.scale**2)
         d = unit * self.scale
         mass *= d[i]
         mass *= d[j]

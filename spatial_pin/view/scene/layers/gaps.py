@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.mechanism.equations import Row
+from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -60,7 +60,7 @@ def _coupling_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
     return Gap(closure, error * mechanism.characteristic_length, 0 * error, none)
 
 
-def _length(stage: Stage, closure: Closure, row: Row) -> Array | float:
+def _length(stage: Stage, closure: Closure, row: ConstraintEquation) -> Array | float:
     """Return how long a distance is to be, (N,) [m] where other frames tell."""
     if not closure.between:
         return row.offset
