@@ -53,7 +53,44 @@ class EquationLabel(NamedTuple):
     equation: int
 
 
-Term = tuple[float, int, Array, float]  # factor * (R_joint local + flag p_joint)
+class Term(NamedTuple):
+    """A part of a vector: factor * (R_joint local + flag p_joint).
+
+    Attributes:
+        factor: number before it.
+        joint: whose placement it is.
+        local: (3,) in the joint's axes.
+        flag: 1 for a point, 0 for a direction.
+        frame: of the model, that the point is the origin of or the direction is fixed in; of an
+            idle rotation's axis, which runs through two points, -1 less the axis' number.
+    """
+
+    factor: float
+    joint: int
+    local: Array
+    flag: float
+    frame: int
+
+
+class _Fixed(NamedTuple):
+    """A frame as it is fixed in the body of a joint."""
+
+    frame: int
+    joint: int
+    placement: pin.SE3
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, name: str) -> _Fixed:
+        """Return the frame, link or joint of a name."""
+        return cls(mechanism.frame_id(name), *mechanism.frame_on_joint(name))
+
+    def origin(self, factor: float) -> Term:
+        """Return its origin."""
+        return Term(factor, self.joint, self.placement.translation, 1.0, self.frame)
+
+    def direction(self, axis: Array, factor: float = 1.0) -> Term:
+        """Return a direction (3,) in its axes."""
+        return Term(factor, self.joint, self.placement.rotation @ axis, 0.0, self.frame)
 
 
 class _Vectors:
@@ -70,10 +107,10 @@ class _Vectors:
         """Return the entries of the rows, without zeros."""
         cells: dict[tuple[int, int], float] = {}
         for row, terms in enumerate(self.terms):
-            for factor, joint, local, flag in terms:
-                for k, x in enumerate((*local, flag)):
-                    at = row, 4 * joint + k
-                    cells[at] = cells.get(at, 0.0) + factor * x
+            for term in terms:
+                for k, x in enumerate((*term.local, term.flag)):
+                    at = row, 4 * term.joint + k
+                    cells[at] = cells.get(at, 0.0) + term.factor * x
         found = [(*at, x) for at, x in cells.items() if x]
         rows, columns, values = zip(*found, strict=True) if found else ((), (), ())
         return _Entries(np.array(rows, np.intp), np.array(columns, np.intp),
@@ -170,19 +207,18 @@ class Constraints:
         self.n_angles += kind.angle is not None
         return Equation(kind, (*first, *parts.products), parts.coordinates, parts.numbers, angle)
 
-    def _frames(self, closure: Closure) -> tuple[tuple[int, Any], tuple[int, Any]]:
-        first, second = (self.mechanism.frame_on_joint(f) for f in closure.frames)
+    def _frames(self, names: Sequence[str]) -> tuple[_Fixed, _Fixed]:
+        first, second = (_Fixed.of(self.mechanism, name) for name in names)
         return first, second
 
     def _add_distance(self, frames: tuple[str, ...], unit: float, constant: float) -> None:
         """Add the row d . d / 2 unit - constant of the vector d between two frames."""
-        (i1, m1), (i2, m2) = (self.mechanism.frame_on_joint(f) for f in frames)
-        p1, p2 = m1.translation, m2.translation
+        one, two = self._frames(frames)
         half = self.scale / (2.0 * unit)
-        self._a.add((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
-        self._b.add((half, i2, p2, 1.0), (-half, i1, p1, 1.0))
-        self._x.add((2.0, i2, p2, 1.0))
-        self._finish(constant, 2.0, self.support(i2) - self.support(i1))
+        self._a.add(two.origin(1.0), one.origin(-1.0))
+        self._b.add(two.origin(half), one.origin(-half))
+        self._x.add(two.origin(2.0))
+        self._finish(constant, 2.0, self.support(two.joint) - self.support(one.joint))
 
     def add_length(self, closure: Closure) -> int:
         """Add the product of the distance between the closure's other two frames."""
@@ -194,32 +230,27 @@ class Constraints:
             unit = unit_length(self.mechanism, closure) if closure.between else row.offset
             self._add_distance(closure.frames, unit, 0.5 * row.offset * self.scale)
             return
-        (i1, m1), (i2, m2) = self._frames(closure)
-        p1, p2 = m1.translation, m2.translation
-        sign = self.support(i2) - self.support(i1)
+        one, two = self._frames(closure.frames)
         if row.w is None:  # point or screw: u . d
-            self._a.add((1.0, i2, p2, 1.0), (-1.0, i1, p1, 1.0))
-            self._b.add((self.scale, i1, m1.rotation @ row.u, 0.0))
-            self._x.add((1.0, i2, p2, 1.0))
-            self._finish(0.0, 1.0, sign)
+            self._a.add(two.origin(1.0), one.origin(-1.0))
+            self._b.add(one.direction(row.u, self.scale))
+            self._x.add(two.origin(1.0))
+            self._finish(0.0, 1.0, self.support(two.joint) - self.support(one.joint))
         else:
-            self._add_dot(i1, m1.rotation @ row.u, i2, m2.rotation @ row.w, row.offset, sign)
+            self._add_dot(one, row.u, two, row.w, row.offset)
 
-    def _add_dot(
-        self, i1: int, u: Array, i2: int, w: Array, cosine: float, sign: Array
-    ) -> None:
-        self._a.add((1.0, i2, w, 0.0))
-        self._b.add((1.0, i1, u, 0.0))
-        self._x.add((1.0, i2, w, 0.0))
-        self._finish(cosine, 0.0, sign)
+    def _add_dot(self, one: _Fixed, u: Array, two: _Fixed, w: Array, cosine: float) -> None:
+        self._a.add(two.direction(w))
+        self._b.add(one.direction(u))
+        self._x.add(two.direction(w))
+        self._finish(cosine, 0.0, self.support(two.joint) - self.support(one.joint))
 
     def add_direction(self, closure: Closure, row: ConstraintEquation) -> tuple[int, int]:
         """Add the products sine and cosine of the angle of a row; return their numbers."""
-        (i1, m1), (i2, m2) = self._frames(closure)
-        sign = self.support(i2) - self.support(i1)
+        one, two = self._frames(closure.frames)
         assert row.angle_from is not None and row.angle_of is not None
         for u in row.angle_from[::-1]:  # y gives the sine, x the cosine
-            self._add_dot(i1, m1.rotation @ u, i2, m2.rotation @ row.angle_of, 0.0, sign)
+            self._add_dot(one, u, two, row.angle_of, 0.0)
         return len(self._constants) - 2, len(self._constants) - 1
 
     def _add_passive(self, body: str, axis: tuple[str, str]) -> Array:
@@ -229,7 +260,7 @@ class Constraints:
         direction = (b - a) / np.linalg.norm(b - a)
         self.spins.append((joint, direction))
         self._a.add()
-        self._b.add((1.0, joint, direction, 0.0))
+        self._b.add(Term(1.0, joint, direction, 0.0, -len(self.spins)))
         self._x.add()
         self._finish(0.0, 0.0, self.support(joint))
         bias = np.zeros(6 * self.mechanism.model.njoints)
@@ -632,12 +663,12 @@ class Evaluation:
         for closure in self.mechanism.closures:
             if closure.type == COUPLING or not closure.pair.aligned:
                 continue
-            (i1, m1), (i2, m2) = self.constraints._frames(closure)
+            one, two = self.constraints._frames(closure.frames)
             oM = self.data.oMi
             geometry = closure.geometry
             assert geometry is not None
-            axes1 = oM[i1].rotation @ m1.rotation @ geometry.axes1
-            axes2 = oM[i2].rotation @ m2.rotation @ geometry.axes2
+            axes1 = oM[one.joint].rotation @ one.placement.rotation @ geometry.axes1
+            axes2 = oM[two.joint].rotation @ two.placement.rotation @ geometry.axes2
             cosines = np.vecdot(axes1.T, axes2.T)[2 if closure.pair.aligned == "z" else 0 :]
             if np.any(cosines < 0.5):
                 found[closure.name] = bool(np.all(np.abs(cosines) > 0.5))

@@ -24,6 +24,25 @@ AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio'
 Ints = NDArray[np.int64]
 
 
+class Parts(NamedTuple):
+    """Numbers of a kernel: of its n joints, and of the vectors fixed in their bodies.
+
+    Attributes:
+        rotation: (n, 3, 3) of the placement in the parent, by columns; translation: (n, 3).
+        mass: (n,); com: (n, 3); inertia: (n, 3, 3) about the centre of mass.
+        gravity: (3,).
+        local: (n_vectors, 3) in the axes of the joint that carries the vector.
+    """
+
+    rotation: Array
+    translation: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    gravity: Array
+    local: Array
+
+
 class Packed(NamedTuple):
     """What a kernel is made of.
 
@@ -33,12 +52,24 @@ class Packed(NamedTuple):
         frames: (n, 3, 3) rotations from the axes of the split model's joints to the kernel's:
             Pinocchio's joint rotation is the kernel's times the transpose.
         carriers: (njoints,) joint of the kernel that carries the body of each joint of the model.
+        fixed_in: (n_vectors,) what each vector is fixed in: `frame` of its `Term`.
     """
 
     ints: Ints
     reals: Array
     frames: Array
     carriers: NDArray[np.intp]
+    fixed_in: Ints
+
+    def parts(self) -> Parts:
+        """Return views of the numbers, one kind after the other."""
+        (n, _, nv, vectors, products, *_), ends = self.ints[:6].tolist(), []
+        for count in (9 * n, 3 * n, n, n, 3 * n, 9 * n, 3, nv, 3 * vectors):
+            ends.append(count + (ends[-1] if ends else 0))
+        rotation, translation, _, mass, com, inertia, gravity, _, local, rest = np.split(
+            self.reals, ends)
+        return Parts(rotation.reshape(n, 3, 3), translation.reshape(n, 3), mass,
+                     com.reshape(n, 3), inertia.reshape(n, 3, 3), gravity, local.reshape(-1, 3))
 
 
 def packed(mechanism: Mechanism, idle: bool = True) -> Packed:
@@ -77,21 +108,20 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
                 products.a_factor, products.b_factor, products.x_factor, constraints.constants,
                 constraints.factors, products.sign, reals),
-        tree.frames, carriers)
+        tree.frames, carriers, np.array(vectors.fixed_in, np.int64))
 
 
 def with_masses(found: Packed, model: pin.Model) -> Packed:
     """Return arrays with the masses and the gravity that a model has now."""
-    n, reals = len(found.frames), found.reals.copy()
-    mass, com = reals[13 * n : 14 * n], reals[14 * n : 17 * n].reshape(n, 3)
-    inertia, gravity = reals[17 * n : 26 * n].reshape(n, 3, 3), reals[26 * n : 26 * n + 3]
+    found = found._replace(reals=found.reals.copy())
+    _, _, mass, com, inertia, gravity, _ = found.parts()
     for joint, body in enumerate(model.inertias):
         if joint:
             i = found.carriers[joint]
             own = found.frames[i]
             mass[i], com[i], inertia[i] = body.mass, own.T @ body.lever, own.T @ body.inertia @ own
     gravity[:] = model.gravity.linear
-    return found._replace(reals=reals)
+    return found
 
 
 def _joined(kind: type, *parts: Any) -> Any:
@@ -157,21 +187,23 @@ def turned_to_z(axis: Array) -> Array:
 
 
 class _VectorTable:
-    """Vectors fixed in bodies, each once."""
+    """Vectors fixed in bodies, those of a frame once: at other dimensions frames move apart."""
 
     def __init__(self, frames: Array, carriers: NDArray[np.intp]) -> None:
         self._frames, self._carriers = frames, carriers
         self._index: dict[tuple[int, bytes, float], int] = {}
+        self.fixed_in: list[int] = []
         self.body: list[int] = []
         self.flag: list[int] = []
         self.local: list[Array] = []
 
     def of(self, term: Term) -> tuple[int, float]:
         """Return the number of the vector of a term, and the term's factor."""
-        factor, joint, local, flag = term
-        key = joint, np.asarray(local, float).tobytes(), flag
+        factor, joint, local, flag, frame = term
+        key = frame, np.asarray(local, float).tobytes(), flag
         if key not in self._index:
             self._index[key] = len(self.body)
+            self.fixed_in.append(frame)
             body = int(self._carriers[joint])
             self.body.append(body)
             self.flag.append(int(flag))
