@@ -63,10 +63,9 @@ class Packed(NamedTuple):
 
     def parts(self) -> Parts:
         """Return views of the numbers, one kind after the other."""
-        (n, _, nv, vectors, products, *_), ends = self.ints[:6].tolist(), []
-        for count in (9 * n, 3 * n, n, n, 3 * n, 9 * n, 3, nv, 3 * vectors):
-            ends.append(count + (ends[-1] if ends else 0))
-        rotation, translation, _, mass, com, inertia, gravity, _, local, rest = np.split(
+        n, _, nv, vectors = self.ints[:4].tolist()
+        ends = np.cumsum([9 * n, 3 * n, n, n, 3 * n, 9 * n, 3, nv, 3 * vectors])
+        rotation, translation, _, mass, com, inertia, gravity, _, local, _ = np.split(
             self.reals, ends)
         return Parts(rotation.reshape(n, 3, 3), translation.reshape(n, 3), mass,
                      com.reshape(n, 3), inertia.reshape(n, 3, 3), gravity, local.reshape(-1, 3))
