@@ -34,12 +34,14 @@
                             round-off grows by 20 r^5 */
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
                             that way, (0.03)^6 / 720 is round-off */
-#define BETWEEN_FIRST 0.05 /* first way between points that samples are interpolated between */
+#define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
+                            fourth root of the error allowed, which grows with its fourth power */
 #define BETWEEN_LONGEST 0.5 /* and the longest */
-#define SAFE 0.2         /* part of an error that is allowed where it is only estimated */
+#define BETWEEN_NEARER 0.25 /* part of the way to where the determinant vanishes that it may be: it
+                            grows there like a root, whose sixth derivative so grows fivefold */
+#define SAFE 0.7         /* part of the way at which errors, of fourth order, are a quarter of those
+                            allowed: there they may grow from one step to the next */
 #define STRAIGHT 1e-2    /* second derivative by the way below which a path is straight */
-#define TELLING 0.4      /* step by the distance of the points it is predicted from, from which on
-                            its error tells that between points */
 #define HALVINGS 8       /* of a step, before the caller is asked */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
@@ -61,6 +63,7 @@ struct Path {
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
     Real between_way; /* the joints' way between points that samples are interpolated between */
+    int is_between; /* whether the last step is as short, as far as its error is known */
     Real missed;    /* of q, by the last step's prediction: Hermite's error between its points */
     Real open;      /* residual of equations left out that no other choice makes smaller */
     Real *memory;
@@ -438,9 +441,31 @@ static void take(Path *path)
     path->stale = 0;
 }
 
+/* Learn the way between points from what prediction missed. With r the step by the distance of the
+ * points it was predicted from, that is 64 (1 + 1/r)^3 times what Hermite's polynomials miss in the
+ * middle of the step: both are products of cubed distances from two points, times the sixth
+ * derivative. Second derivatives miss 24 / way² times that. */
+static void note_missed(Path *path, Real way, Real ratio)
+{
+    const Real growth = 64.0 * pow(1.0 + 1.0 / ratio, 3.0);
+    const Kernel *k = path->k;
+    Real bend = 0.0, pace = 0.0; /* second derivative by the way: that is what errors are parts of */
+    for (Int v = 0; v < k->nv; v++) {
+        bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
+        pace += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
+    }
+    bend = fmax(sqrt(bend) / pace, STRAIGHT);
+    const Real error = 24.0 * path->missed / (growth * way * way);
+    const Real part = path->accuracy.between * bend / fmax(error, 1e-30);
+    path->is_between = part >= 1.0;
+    path->between_way = fmin(way * fmin(fmax(SAFE * pow(part, 0.25), 0.25), 4.0), BETWEEN_LONGEST);
+}
+
 static int step(Path *path, Real target)
 {
     Kernel *k = path->k;
+    const Real h = target - path->here->s, way = point_way(k, path->here, h);
+    const Real ratio = path->has_before ? h / (path->here->s - path->before->s) : 0.0;
     const int code = try_step(path, target);
     if (code != DONE) {
         if (memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0)
@@ -449,6 +474,9 @@ static int step(Path *path, Real target)
         return code;
     }
     take(path);
+    path->is_between = 1;
+    if (path->accuracy.between > 0.0 && ratio > 0.0)
+        note_missed(path, way, ratio);
     return DONE;
 }
 
@@ -550,7 +578,7 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = IDLE_FIRST;
-    path->between_way = BETWEEN_FIRST;
+    path->between_way = BETWEEN_FIRST * sqrt(sqrt(path->accuracy.between));
     path->open = OPENED * here->error;
     return code == DONE && is_chosen ? is_regular(path) : code;
 }
@@ -572,7 +600,8 @@ static void put_row(const Path *path, const PathRows *rows, Int i)
 static Int last_within(const Path *path, const Real *values, Int i, Int n)
 {
     const Real s = path->here->s, sense = values[i] - s;
-    const Real most = fmin(longest_step(path), step_of(path, path->between_way));
+    const Real longest = fmin(longest_step(path), step_of(path, path->between_way));
+    const Real most = fmin(longest, BETWEEN_NEARER * room_ahead(path, sense));
     Int last = i;
     while (last + 1 < n && (values[last + 1] - values[last]) * sense > 0.0 &&
            fabs(values[last + 1] - s) <= most)
@@ -580,24 +609,7 @@ static Int last_within(const Path *path, const Real *values, Int i, Int n)
     return last;
 }
 
-/* Learn the way between points from what prediction missed, r^3 (1 + r)^3 times what Hermite's
- * polynomials miss between: second derivatives miss 24 / way² times that. */
-static void note_missed(Path *path, Real way, Real ratio)
-{
-    const Real growth = 64.0 * pow(ratio * (1.0 + ratio), 3.0);
-    const Kernel *k = path->k;
-    Real bend = 0.0, pace = 0.0; /* second derivative by the way: that is what errors are parts of */
-    for (Int v = 0; v < k->nv; v++) {
-        bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
-        pace += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
-    }
-    bend = fmax(sqrt(bend) / pace, STRAIGHT);
-    const Real error = 24.0 * path->missed / (growth * way * way);
-    const Real part = SAFE * path->accuracy.between * bend / fmax(error, 1e-30);
-    path->between_way = fmin(way * fmin(fmax(0.7 * pow(part, 0.25), 0.5), 2.0), BETWEEN_LONGEST);
-}
-
-/* Write row i, at a value between the last two points; DONE if its loops are closed. */
+/* Write row i, at a value between a point and the present one; DONE if its loops are closed. */
 static int put_between(Path *path, const Point *from, Real value, const PathRows *rows, Int i)
 {
     Kernel *k = path->k;
@@ -620,18 +632,15 @@ static int put_between(Path *path, const Point *from, Real value, const PathRows
  * many rows are done: none if the step fails, fewer than asked for if one of them is open. */
 static Int follow_between(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
 {
-    const Real h = values[last] - path->here->s, way = point_way(path->k, path->here, h);
-    const Real ratio = path->has_before ? h / (path->here->s - path->before->s) : 0.0;
+    const Point *from = path->here; /* it stays what it is until the next step is tried */
     if (step(path, values[last]) != DONE) {
         path->between_way *= 0.5;
         return 0;
     }
-    if (ratio > TELLING)
-        note_missed(path, way, ratio);
-    if (path->between_way < 0.5 * way)
+    if (!path->is_between)
         return 0;
     for (Int row = i; row < last; row++)
-        if (put_between(path, path->before, values[row], rows, row) != DONE)
+        if (put_between(path, from, values[row], rows, row) != DONE)
             return row - i;
     put_row(path, rows, last);
     return last + 1 - i;
