@@ -6,20 +6,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.assemble import ACCEPTED
 from spatial_pin.assembly.close import close
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.numerics.linalg import Array, decompose, null_space
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-# A closed singular configuration is known to the square root of round-off only; what is nearer to
-# one than this counts as singular.
-SINGULAR = 1e-6
 # lengths of finite trial motions [rad, characteristic lengths], the shorter where links turn back;
 # still shorter ones would take a linkage that is shaky to third order for one that moves
 PROBES = (0.05, 0.005)
-SMALL_PROBE = 0.005  # the same at a configuration that was reached by the longest
-MOVED = 0.3  # part of it that must be left after closing to count as motion
-TRIALS = 6  # trial motions for each instantaneous freedom
+# trial motions for each instantaneous freedom: where half of all directions lead back, all six do
+# in one of 64 cases, and then the shorter ones are tried
+TRIALS = 6
 
 
 def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
@@ -51,7 +48,7 @@ def finite_dimension(
 
 def finite_motions(
     evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
-    probe: float = SMALL_PROBE,
+    probe: float = PROBES[1],
 ) -> Array:
     """Return orthonormal scaled velocities (d, nv) that span what is left of trial motions.
 
@@ -67,11 +64,11 @@ def finite_motions(
     left = [np.zeros(len(scale))]
     for tangent in tangents:
         start = pin.integrate(evaluation.model, q, scale * probe * tangent)
-        found, error = close(evaluation, start, free, 1e-14)
-        if error <= ACCEPTED:
+        found, error = close(evaluation, start, free, TOLERANCES.round_off)
+        if error <= TOLERANCES.closed:
             left.append(pin.difference(evaluation.model, q, found) / (scale * probe))
     svd = decompose(np.array(left))
-    return svd.vt[: np.count_nonzero(svd.s > MOVED)]
+    return svd.vt[: np.count_nonzero(svd.s > TOLERANCES.moved)]
 
 
 def _trial_motions(
@@ -86,12 +83,12 @@ def _trial_motions(
         direction = rng.normal(size=len(tangents)) @ tangents
         step = probe * direction / np.linalg.norm(direction)
         start = pin.integrate(evaluation.model, q, scale * step)
-        found, error = close(evaluation, start, free, 1e-14)
+        found, error = close(evaluation, start, free, TOLERANCES.round_off)
         moved = pin.difference(evaluation.model, q, found) / scale
-        if error > ACCEPTED or np.linalg.norm(moved) < MOVED * probe:
+        if error > TOLERANCES.closed or np.linalg.norm(moved) < TOLERANCES.moved * probe:
             continue
-        there = null_space(evaluation.jacobian[:n], SINGULAR)
-        small = probe * SMALL_PROBE / PROBES[0]
+        there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
+        small = probe * PROBES[1] / PROBES[0]
         best = max(best, len(finite_motions(evaluation, found, there, probe=small)))
         if best == len(tangents):
             break

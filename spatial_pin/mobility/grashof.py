@@ -14,8 +14,7 @@ from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-GRASHOF_TOLERANCE = 1e-9  # of the perimeter
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class Grashof(NamedTuple):
@@ -54,7 +53,7 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
     fixed, first, coupler, last = (float(lengths[k]) for k in order)
     ranked = sorted((fixed, first, coupler, last))
     excess = ranked[0] + ranked[3] - ranked[1] - ranked[2]
-    if abs(excess) < GRASHOF_TOLERANCE * sum(ranked):
+    if abs(excess) < TOLERANCES.nothing * sum(ranked):
         kind = "change point"
     elif excess > 0.0:
         kind = "triple rocker"
@@ -89,7 +88,7 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
     pin.computeJointJacobians(model, state.data, state.q)
     columns = joint_jacobian(state.data, model.nv)
     axes = [columns[3:, model.idx_vs[i]] for i in (*first, *second)]
-    if any(np.linalg.norm(np.cross(axes[0], axis)) > 1e-9 for axis in axes):
+    if any(np.linalg.norm(np.cross(axes[0], axis)) > TOLERANCES.nothing for axis in axes):
         raise wrong
     centres -= np.outer(centres @ axes[0], axes[0])
     bodies = [*first, *reversed(second)]

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.assemble import ACCEPTED
 from spatial_pin.assembly.close import close, scaled_row
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.passive_freedoms import (
@@ -20,13 +19,16 @@ from spatial_pin.assembly.passive_freedoms import (
 )
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.mobility.finite_motions import MOVED, SINGULAR
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE
 from spatial_pin.numerics.linalg import Array, decompose, null_space
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-FAR = 0.3  # rad, characteristic lengths, that a body idles on without opening a loop
-SIDE = 1e-9  # component of a direction that is round-off
-IDLE = 1e-7  # speed by that of the fastest that is none: passive freedoms are known to 1e-8
+# How far a body idles on without opening a loop [rad, characteristic lengths]: a freedom of first
+# order only opens one by the square, 0.1, which no tolerance overlooks.
+IDLE_WAY = 0.3
+# A speed, relative to the fastest, that is none: passive freedoms are known to a tenth of it, the
+# root of round-off.
+IDLE = 1e-7
 
 
 class PassiveFreedom(NamedTuple):
@@ -61,7 +63,8 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]
     drive += list(np.eye(len(scale))[list(still_entries(mechanism, driven))])
-    tangents = null_space(np.vstack([evaluation.jacobian[:n], *drive]), SINGULAR) * scale
+    tangents = scale * null_space(np.vstack([evaluation.jacobian[:n], *drive]),
+                                  TOLERANCES.half_precision)
     if not len(tangents):
         return []
     return [(joint, velocities) for joint, velocities in passive_freedoms(evaluation, tangents)
@@ -120,7 +123,7 @@ def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
     twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
         v * evaluation.constraints.support(i))
     pace = float(np.linalg.norm(size * twist))
-    there = pin.integrate(evaluation.model, q, v * (FAR / pace))
+    there = pin.integrate(evaluation.model, q, v * (IDLE_WAY / pace))
     if not chain_links(mechanism).isdisjoint(moved_bodies(evaluation, v[None])):
         return _turns_on(evaluation, there, v, i, twist)
     evaluation.update(there)
@@ -142,13 +145,13 @@ def _turns_on(evaluation: Evaluation, q: Array, v: Array, body: int, twist: Arra
     free = np.zeros(model.nv, dtype=bool)
     free[[c.v for c in mechanism.coordinate_table.values()
           if c.joint in hinges and c not in driven]] = True
-    error = close(evaluation, q, free, 1e-14)[1]
+    error = close(evaluation, q, free, TOLERANCES.round_off)[1]
     screw = pin.log6(data.oMi[body] * before.inverse()).vector
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     along, way = size * twist / np.linalg.norm(size * twist), size * screw
     off = way - along * (along @ way)
     shifted = np.abs(evaluation.placements[rest] - places).max(initial=0.0)
-    return bool(error <= ACCEPTED and along @ way > MOVED * FAR
+    return bool(error <= TOLERANCES.closed and along @ way > TOLERANCES.moved * IDLE_WAY
                 and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 
 
@@ -160,7 +163,7 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     link = next(f.name for f in model.frames
                 if f.type == pin.FrameType.BODY and f.parentJoint == i)
     spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length
-    if spin < 1e-6 * float(np.linalg.norm(twist[:3])):
+    if spin < TOLERANCES.half_precision * float(np.linalg.norm(twist[:3])):
         axis = _of_one_sense(twist[:3] / np.linalg.norm(twist[:3]))
         return PassiveFreedom(link, "slide", axis, evaluation.data.oMi[i].translation.copy(),
                               f"{link} slides along {_direction(axis)} in joint {joint}")
@@ -169,7 +172,7 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     advance = abs(float(axis @ twist[:3])) / (omega * mechanism.characteristic_length)
     point = np.cross(twist[3:], twist[:3]) / omega**2
     through = _pairs_on_axis(evaluation, i, axis, point)
-    kind = "spin" if advance < 1e-6 else "screw"
+    kind = "spin" if advance < TOLERANCES.half_precision else "screw"
     text = f"{link} {'spins' if kind == 'spin' else 'turns and advances'} about {_direction(axis)}"
     if through:
         text += f" through {' and '.join(through)}"
@@ -178,7 +181,7 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
 
 def _of_one_sense(axis: Array) -> Array:
     """Return an axis (3,) or its opposite, which mean the same: round-off has no say in it."""
-    return -axis if axis[np.abs(axis) > SIDE][0] > 0.0 else axis
+    return -axis if axis[np.abs(axis) > TOLERANCES.nothing][0] > 0.0 else axis
 
 
 def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array) -> list[str]:
@@ -191,7 +194,7 @@ def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array)
         for frame in (*closure.frames, *closure.between):
             if groups[mechanism.frame_on_joint(frame)[0]] == groups[body]:
                 centres[closure.name] = evaluation.frame(mechanism.frame_id(frame)).translation
-    limit = 1e-6 * mechanism.characteristic_length
+    limit = TOLERANCES.half_precision * mechanism.characteristic_length
     return [name for name, x in centres.items()
             if np.linalg.norm(np.cross(x - point, axis)) < limit]
 

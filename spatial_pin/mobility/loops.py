@@ -13,6 +13,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, null_space, rank, row_space
 
+# A singular value of twists that counts as zero: axes placed by files of nine digits and more are
+# one axis; those of six digits are what `gap` allows for, where there is any.
 ALGEBRA_TOLERANCE = 1e-8
 
 

@@ -16,13 +16,13 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.mobility.finite_motions import SINGULAR, finite_dimension, finite_freedom
+from spatial_pin.mobility.finite_motions import finite_dimension, finite_freedom
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
 from spatial_pin.numerics.linalg import Array, independent_rows, null_space, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SHUT = 1e-9  # closure error with which a configuration is closed
-MAX_NAMES = 8
+MAX_NAMES = 8  # of redundant equations in a report: they fill one line
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     if isinstance(state, State):
         evaluation.turns[:] = state.angles
     evaluation.update(x)
-    if evaluation.closure_error > SHUT:
+    if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
@@ -140,17 +140,19 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
     every, rounding = _with_all_rows(evaluation), rounding_of(mechanism)
     n, labels = every.constraints.n_rows, every.constraints.labels
-    independent = independent_rows(every.jacobian[:n], max(SINGULAR, rounding)).tolist()
+    independent = independent_rows(every.jacobian[:n],
+                                   max(TOLERANCES.half_precision, rounding)).tolist()
     redundant = tuple(f"{labels[i].closure}[{labels[i].equation}]"
                       for i in range(n) if i not in set(independent))
-    r = rank(jacobian, SINGULAR)
+    r = rank(jacobian, TOLERANCES.half_precision)
     nv = mechanism.model.nv
     closures = [c for c in every.mechanism.closures if c.type != COUPLING]
     loops = tuple(loop_of(every, c, max(ALGEBRA_TOLERANCE, rounding)) for c in closures)
     couplings = len(every.constraints.couplings)
     freedoms = nv + sum(6 - c.n_rows for c in closures)
     full = r == len(jacobian)
-    dof = nv - r if full else finite_freedom(evaluation, x, null_space(jacobian, SINGULAR))
+    dof = nv - r if full else finite_freedom(
+        evaluation, x, null_space(jacobian, TOLERANCES.half_precision))
     passive = [(joint, v) for joint, velocities in idle_freedoms(evaluation, x)
                for v in velocities]
     if dof < nv - r:  # leave out what is instantaneous only

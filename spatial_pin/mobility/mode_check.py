@@ -16,7 +16,7 @@ from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import SINGULAR, finite_motions
+from spatial_pin.mobility.finite_motions import finite_motions
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.mode_marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
@@ -29,12 +29,18 @@ from spatial_pin.numerics.linalg import (
     null_space,
     rank,
 )
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SAME = 1e-5  # largest difference of two placements of one mode [characteristic lengths, 1]
-CLOSED = 1e-10
-MOVING = 1e-3  # part of the fastest joint's speed that is worth a name
-HOLDS = 0.1  # part of a motion that a coordinate must tell to hold it
-TRIES = 20  # starts for rods whose other end cannot be reached from the guess
+# Largest difference of two placements of one mode [characteristic lengths, 1]. At a singular mode
+# it is the square root of the residual: loops count as closed at its square, 1e-10.
+SAME = 1e-5
+MOVING = 1e-3  # part of the fastest joint's speed that is worth a name: three digits of a report
+# Part of a motion that coordinates must change by to hold it: a tenth leaves its place known to one
+# digit less than theirs.
+HOLDS = 0.1
+# Starts for rods whose other end cannot be reached from the guess: one in two reaches it, and all
+# of so many fail in one of a million cases.
+TRIES = 20
 
 
 class Kind(NamedTuple):
@@ -89,7 +95,7 @@ class Check:
     def close(self, q: Array, iterations: int = 60) -> Array | None:
         """Return q closed, values held; None if that fails or gives a mirror image."""
         q, error = close(self.evaluation, q, self.free, self.tolerance, iterations)
-        return q if error <= CLOSED and not self.evaluation.mirrored() else None
+        return q if error <= SAME * SAME and not self.evaluation.mirrored() else None
 
     def holds(self, q: Array) -> bool:
         """Whether the equations that the mechanism is without hold at q to the gap allowed."""
@@ -100,7 +106,7 @@ class Check:
         evaluation, n = self.evaluation, self.evaluation.constraints.n_rows
         idle = idle_freedoms(evaluation, q, self.fixed)
         evaluation.update(q)
-        inner = null_space(evaluation.jacobian[:n, self.free], SINGULAR)
+        inner = null_space(evaluation.jacobian[:n, self.free], TOLERANCES.half_precision)
         tangents = np.zeros((len(inner), len(self.free)))
         tangents[:, self.free] = inner
         kind = Kind(len(tangents), idle, tangents)

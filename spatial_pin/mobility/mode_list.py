@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from spatial_pin.assembly.state import State
 
-CONFIDENT = 3.0  # a mode that one start in n / 3 ends at is missed by n starts in 1 of 20 cases
+CONFIDENT = 3.0  # a mode that 3 of n starts should end at is missed in exp(-3) of cases, 5 %
 
 
 class Continuum(NamedTuple):

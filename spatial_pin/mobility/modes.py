@@ -33,28 +33,38 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import MOVED, SINGULAR, SMALL_PROBE
+from spatial_pin.mobility.finite_motions import PROBES
 from spatial_pin.mobility.mode_check import SAME, Check, Kind
 from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, missing_by
 from spatial_pin.mobility.mode_marks import Mark, rows_of
 from spatial_pin.mobility.rods import Core, Rod, core_of, rods_of
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
 
-TIMES = 20  # starts that the rarest mode must have had before no more are sought
-BLURRED = 1e-3  # a singular mode is known to a root of round-off only, down to the fourth
-BEYOND = 0.25  # part of the range of closed slides that starts go beyond it
-SLIDES = 1.5  # starts slide by up to so many characteristic lengths either way
+# Starts that the rarest mode must have had before no more are sought: one that has half its share
+# of starts is then missed in exp(-10) of cases, 5e-5.
+TIMES = 20
+# Singular modes are the same up to this: where four of them meet they are known to the fourth root
+# of round-off, 1e-4; ten times that.
+SINGULAR_SAME = 1e-3
+BEYOND = 0.25  # part of the range of closed slides that starts go beyond it: modes not yet found
+# Starts slide by up to so many characteristic lengths either way: links reach one, and the ground
+# stands no farther than half of another from where its frame is drawn.
+SLIDES = 1.5
+# Steps of a start: three times what `close` takes, as starts are random; more find no more modes of
+# the general 6R and of the Gough platform with forty.
 ITERATIONS = 120
-TOLERANCE = 1e-12  # length of the residual of a start that has closed
-FEWEST, MOST = 64, 512  # starts closed together
-LARGEST = 1 << 21  # numbers in their Jacobians
-LOOKED_AT = 20  # closed configurations looked at for a regular one
-READINGS = 8  # starts from which the readings of a rod are sought
-MOST_MODES = 1000  # after which no more are sought: that many are told by `missing`
-ENDLESS = 10**8  # starts: days
-MOST_REJECTED = 64  # mirror images that are known again
+FEWEST, MOST = 64, 512  # starts closed together: few as the first may tell all, later ones many
+LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB
+LOOKED_AT = 20  # closed configurations looked at for a regular one: if all are singular, it is so
+# Starts from which the readings of a rod are sought: there are two as a rule, and both are missed
+# by so many in one of a hundred cases.
+READINGS = 8
+MOST_MODES = 1000  # after which no more are sought: more are a continuum cut by its tolerance
+ENDLESS = 10**8  # starts: days, at a thousand a second
+MOST_REJECTED = 64  # mirror images that are known again: each is compared with every start
 
 
 @checked
@@ -182,7 +192,7 @@ class _Mode:
     @property
     def reach(self) -> float:
         """How far from its signature a configuration is still this mode."""
-        return BLURRED if self.kind.is_singular else SAME
+        return SINGULAR_SAME if self.kind.is_singular else SAME
 
 
 class _Search:
@@ -220,7 +230,7 @@ class _Search:
         self.starts = self.closed = self.newest = 0
         self.marks: dict[int, Mark] | None = None
         self.rows: Array = np.empty((0, 0))
-        self.usual = 0
+        self.generic_nullity = 0
 
     def look_at_guess(self) -> None:
         """Refuse a mechanism that can move in its guess.
@@ -265,7 +275,7 @@ class _Search:
 
     def _descended(self, q: Array) -> tuple[Array, Array]:
         """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
-        found, error = self.closer.descend(q.T, self.free, TOLERANCE, ITERATIONS)
+        found, error = self.closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
         return found.T, error
 
     def _slides_near(self, rng: np.random.Generator, m: int) -> Array:
@@ -350,17 +360,17 @@ class _Search:
         jacobian = self._jacobian(q)
         if not jacobian.size:
             return np.ones(q.shape[1], dtype=bool)
-        vectors, ranks = null_vectors(jacobian, SINGULAR)
+        vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
         width = jacobian.shape[2]
         step = np.zeros((len(scale), q.shape[1]))
         step[self.free] = vectors.T
-        step *= SMALL_PROBE / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+        step *= PROBES[1] / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
         pushed = self.batch.tree.displace(q, scale * step)
         found, error = self._descended(pushed)
         left = _apart(self._signatures(found), signatures)
         asked = _apart(self._signatures(pushed), signatures)
-        moving: NDArray[np.bool_] = ((width - ranks > self.usual) & (error <= SAME * SAME)
-                                     & (left > MOVED * asked))
+        moving: NDArray[np.bool_] = ((width - ranks > self.generic_nullity) & (error <= SAME * SAME)
+                                     & (left > TOLERANCES.moved * asked))
         return moving
 
     # ------------------------------------------------------------ what tells modes apart
@@ -376,7 +386,8 @@ class _Search:
             if self.marks is None or not kind.is_singular:
                 self.marks = self.check.marks(whole, kind.idle, self.all_copies)
                 jacobian = self._jacobian(x[:, None])[0]
-                self.usual = len(null_space(jacobian, SINGULAR)) - kind.nullity + kind.passive
+                nullity = len(null_space(jacobian, TOLERANCES.half_precision))
+                self.generic_nullity = nullity - kind.nullity + kind.passive
             looked_at += 1
             if not kind.is_singular or looked_at == LOOKED_AT:
                 break

@@ -22,10 +22,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PairGeometry
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 POINTS = ("spherical", "universal", "distance")  # pairs that hold a link at a point
 SLIDES = ("prismatic", "cylindrical")  # pairs that join two links of one rod along its line
-ON_LINE = 1e-9  # distance from the line [characteristic lengths], or its angle [rad]
 
 
 class Line(NamedTuple):
@@ -75,7 +75,7 @@ def rods_of(mechanism: Mechanism) -> list[Rod]:
     rods: list[Rod] = []
     for body in range(1, mechanism.model.njoints):
         if not any(body in rod.lines for rod in rods):
-            rod = _rod(ends, body, ON_LINE * mechanism.characteristic_length)
+            rod = _rod(ends, body, TOLERANCES.nothing * mechanism.characteristic_length)
             if rod is not None:
                 rods.append(rod)
     return rods
@@ -171,7 +171,7 @@ def _lines(outer: list[End], inner: list[End], limit: float) -> dict[int, Line] 
             continue
         line, over = lines[end.own], end.there * end.at.inverse()
         there = Line(over.act(line.point), over.rotation @ line.direction)
-        if (np.linalg.norm(np.cross(end.at.rotation[:, 2], line.direction)) > ON_LINE
+        if (np.linalg.norm(np.cross(end.at.rotation[:, 2], line.direction)) > TOLERANCES.nothing
                 or (end.kind == "cylindrical" and _off(line, end.at.translation) > limit)
                 or _off(lines.setdefault(end.other, there), there.point) > limit):
             return None

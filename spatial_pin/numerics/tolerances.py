@@ -39,12 +39,13 @@ class Tolerances:
             geometric middle of the 1e-15 of redundant equations and the 1e-5 of `near_singular`.
         nothing: a rate, length or angle, relative to the largest of its kind, that is none: in the
             middle of `tight`, which round-off does not reach where all is regular, and of
-            `different`, of which each is something.
+            `half_precision`, of which each is something.
         singular: the smallest pivot, relative to the largest, of a configuration that has rates:
             eps/s² is 2 % there, and their first digit is lost at half as much.
-        different: a difference of configurations that are two. The same one reached by two ways
-            differs by up to 1e-8 at the loosest tolerance and at singular configurations, the
-            square root of round-off; a hundred times that.
+        half_precision: what is known to half of the digits. A singular configuration is known to
+            the square root of round-off, 1.5e-8, and so are singular values there; two ways to one
+            configuration differ by as much, or by the loosest tolerance, 1e-8. A hundred times
+            that: configurations farther apart are two, singular values above it are not zero.
         near_singular: the pivot below which a path has the better parameter in its arc length:
             the driver's rates have lost ten of sixteen digits, 2e-6.
         regular: the pivot above which nothing is looked at again: rates have eight digits, 2e-8.
@@ -74,7 +75,7 @@ class Tolerances:
     rank: float = 1e-10
     nothing: float = 1e-9
     singular: float = 1e-7
-    different: float = 1e-6
+    half_precision: float = 1e-6
     near_singular: float = 1e-5
     regular: float = 1e-4
     well_conditioned: float = 1e-3
