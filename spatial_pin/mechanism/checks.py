@@ -13,8 +13,9 @@ from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-ROUNDED = 1e-6  # of mass times length squared: inertias are written with six digits or more
+ROUNDED = 1e-6  # of mass times length squared: exporters write inertias with six digits or more
 
 
 def check_mechanism(mechanism: Mechanism, where: str) -> None:
@@ -111,7 +112,7 @@ def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
     if body == 0:
         raise MechanismFileError(f"{where}.body: {passive.body!r} is fixed to the ground")
     points = [point_on_body(mechanism, body, name, f"{where}.axis: ") for name in passive.axis]
-    if np.linalg.norm(points[1] - points[0]) < 1e-12 * mechanism.characteristic_length:
+    if np.linalg.norm(points[1] - points[0]) < TOLERANCES.tight * mechanism.characteristic_length:
         raise MechanismFileError(
             f"{where}.axis: {passive.axis[0]!r} and {passive.axis[1]!r} are the same point"
         )

@@ -21,6 +21,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 def needed(mechanism: object) -> None:
@@ -232,7 +233,7 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
     for i in range(1, len(phi)):
         angle = float(np.linalg.norm(phi[i]))
         before = phi[i - 1]
-        if angle > 1e-12:
+        if angle > TOLERANCES.tight:
             axis = phi[i] / angle
             phi[i] += 2.0 * np.pi * np.round((axis @ before - angle) / (2.0 * np.pi)) * axis
         elif before.any():  # a whole number of turns: the axis is that of the row before
@@ -249,7 +250,7 @@ def rotation_vector_rates(phi: Array, omega: Array, alpha: Array) -> tuple[Array
     skew = np.cross(eye[None], phi[:, None])  # skew @ x = phi × x
     jacobian = eye - b[:, None, None] * skew + c[:, None, None] * (skew @ skew)
     # at whole turns the vector only tells the spin about its axis: least norm
-    inverse = pseudo_inverses(jacobian, 1e-10)
+    inverse = pseudo_inverses(jacobian, TOLERANCES.rank)
     rate = (inverse @ omega[..., None])[..., 0]
     dt = 2.0 * np.sum(phi * rate, axis=1)
     u = np.cross(phi, rate)

@@ -15,11 +15,14 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SAFE = 1e-3  # kg, of the lightest body, above which nothing is lost
-LARGE = 1e100  # kg, of the heaviest, below which no product of two is too large
-LEFT = 1e-12  # of the largest entry of pseudo-inertias: what sums and differences lose
-WIDEST = 600  # powers of two between masses that numbers have room for, with squares of lengths
+# Mass [kg] of the lightest body above which units need no change: far above 2.2e-16 kg, with room
+# for sums that nearly cancel.
+UNSCALED = 1e-3
+# Powers of two between masses that numbers have room for: of the 1022 below one, the squares of the
+# lengths of bodies take the rest.
+WIDEST = 600
 
 
 def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
@@ -57,7 +60,7 @@ def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia |
     length = math.sqrt(second.max() / masses.max()) if heavy else 1.0  # of the bodies, about
     scale = np.array([1.0 / length] * 3 + [1.0])
     matrices *= scale[:, None] * scale
-    left, least = matrices[0] - matrices[1:].sum(axis=0), LEFT * np.abs(matrices).max()
+    left, least = matrices[0] - matrices[1:].sum(axis=0), TOLERANCES.tight * np.abs(matrices).max()
     if np.abs(left).max() <= least:
         return pin.Inertia.Zero()
     mass, first, rest = left[3, 3], left[:3, 3], left[:3, :3]
@@ -106,7 +109,7 @@ class MassMatrix:
     def __init__(self, model: pin.Model) -> None:
         self.model, self.unit = model, 1.0
         masses = [x.mass for x in model.inertias if x.mass > 0.0]
-        if masses and (min(masses) < SAFE or max(masses) > LARGE):
+        if masses and (min(masses) < UNSCALED or max(masses) > TOLERANCES.largest):
             self.unit = _unit(masses)
             self.model = model.copy()
             for i, inertia in enumerate(model.inertias):

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 UNSTATED = float(np.finfo(float).max)  # size of a limit where there is none
-SLACK = 1e-11  # beyond a limit that is not called so [rad, characteristic lengths]
+SLACK = TOLERANCES.closed  # beyond a limit that is not called so: coordinates are known to it
 
 
 class JointLimit(NamedTuple):

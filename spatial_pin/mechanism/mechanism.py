@@ -26,8 +26,9 @@ from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Equations, Passive, Spring
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SMALLEST = 1e-100  # m
+SMALLEST = 1.0 / TOLERANCES.largest  # m
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ import pinocchio as pin
 
 from spatial_pin.mechanism.equations import ConstraintEquation, distance, dot, point, screw
 from spatial_pin.numerics.linalg import EPS, Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 X, Y, Z = np.eye(3)
 
@@ -74,7 +75,7 @@ def unit(axis: Array) -> Array:
 
 def axes_from_z(axis: Array) -> Array:
     """Return the rotation (3, 3) that takes z to the unit vector `axis` by the shortest way."""
-    if axis[2] <= -1.0 + 1e-15:
+    if axis[2] <= -1.0 + TOLERANCES.last_digit:
         return np.diag([1.0, -1.0, -1.0])
     axes: Array = pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
     axes[:, 2] = axis  # as it was given, so that what is written is what was read

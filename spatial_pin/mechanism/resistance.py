@@ -18,7 +18,9 @@ from spatial_pin.checks import positive_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-SLIP_SPEED = 1e-3  # rad/s, characteristic lengths per second: slow beside a machine's motion
+# Speed at which friction has its full size [rad/s, characteristic lengths per second]: a thousandth
+# of a slow machine's, and no less, as a step function of the speed no integrator can follow.
+SLIP_SPEED = 1e-3
 
 SlipSpeed = float | Mapping[str, float]
 

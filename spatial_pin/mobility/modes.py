@@ -53,8 +53,8 @@ BEYOND = 0.25  # part of the range of closed slides that starts go beyond it: mo
 # Starts slide by up to so many characteristic lengths either way: links reach one, and the ground
 # stands no farther than half of another from where its frame is drawn.
 SLIDES = 1.5
-# Steps of a start: three times what `close` takes, as starts are random; more find no more modes of
-# the general 6R and of the Gough platform with forty.
+# Steps of a start. Of random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of the
+# Gough platform with forty modes 98.5 %, 99.75 % and as many.
 ITERATIONS = 120
 FEWEST, MOST = 64, 512  # starts closed together: few as the first may tell all, later ones many
 LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB

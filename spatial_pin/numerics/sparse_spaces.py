@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array, weighty_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-UNSURE = 1e-10  # smallest over largest pivot below which rows are no sure choice
-FOLLOWS = 1e-9  # what the freedoms may leave of an equation that depends on others, by its terms
 # Random members that stand for all self-stresses. One would do but for a chance of 1e-8 that a
 # reaction it reaches is below what counts as none.
 MEMBERS = 3
@@ -51,12 +50,12 @@ class SparseSpaces:
     @cached_property
     def is_sure(self) -> bool:
         """Whether the chosen rows are independent, and the others follow from them."""
-        if not self._allowed.pivot > UNSURE:
+        if not self._allowed.pivot > TOLERANCES.rank:
             return False
         motion = np.random.default_rng(3).standard_normal((1, self.jacobian.shape[1]))
         motion = self._nearest(motion)[0]
         left, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
-        return bool(np.all(left <= FOLLOWS * terms.max(initial=1.0)))
+        return bool(np.all(left <= TOLERANCES.nothing * terms.max(initial=1.0)))
 
     @cached_property
     def _allowed(self) -> _Projection:

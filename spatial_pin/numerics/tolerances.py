@@ -26,12 +26,15 @@ class Tolerances:
     """What counts as round-off, as zero, as closed, as singular, as small.
 
     Attributes:
+        last_digit: what a few operations on numbers of order one leave, 4.5 epsilon: such as one
+            product of placements, or one number read from decimals of all digits.
         round_off: a residual or correction that cannot be made smaller, 45 epsilon: three times
             the largest closure error of all sweeps measured.
         zero: a singular value, pivot or entry that is zero in matrices of order one, 450 epsilon:
             what sums of some hundred terms leave, a hundred times what was measured.
-        tight: the residual to which loops with redundant equations are closed before it is asked
-            which are redundant: a hundredth of that to which equations count as satisfied.
+        tight: a difference of two numbers that are the same but for how each was computed, from
+            placements composed of some hundred others, 4500 epsilon. And the residual to which
+            loops with redundant equations are closed before it is asked which are redundant.
         closed: the closure error up to which loops count as closed where round-off is magnified:
             a thousand times `round_off`, which pivots down to 1e-3 leave; single precision, the
             finest that opens a loop in earnest, leaves 2e-7.
@@ -68,6 +71,7 @@ class Tolerances:
         largest: the largest number that is worked with: its square and third power are numbers.
     """
 
+    last_digit: float = 1e-15
     round_off: float = 1e-14
     zero: float = 1e-13
     tight: float = 1e-12

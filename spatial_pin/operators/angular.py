@@ -13,9 +13,8 @@ import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.operators.rotation import checked_rotation
-
-SKEW_TOLERANCE = 1e-9  # greatest symmetric part accepted, as a fraction of 1 + the largest entry
 
 
 @checked
@@ -66,6 +65,6 @@ def body_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> Arr
 
 def _vector(skew: Array) -> Array:
     symmetric = float(np.abs(skew + skew.T).max()) / 2.0
-    if symmetric > SKEW_TOLERANCE * (1.0 + float(np.abs(skew).max())):
+    if symmetric > TOLERANCES.nothing * (1.0 + float(np.abs(skew).max())):
         raise ValueError(f"symmetric part {symmetric:.3g}: not the derivative of a rotation")
     return pin.unSkew(0.5 * (skew - skew.T))

@@ -14,9 +14,9 @@ import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, finite_points
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-RIGID_TOLERANCE = 1e-9  # greatest misfit of a rigid motion, as a fraction of the figure's size
-SMALLEST_ANGLE = 1e-15  # rotations below this are round-off of a product of operators [rad]
+SMALLEST_ANGLE = TOLERANCES.last_digit  # [rad]: less is round-off of a product of operators
 
 
 @checked
@@ -30,7 +30,7 @@ def complex_rotation(angle: float) -> complex:
 
 @checked
 def complex_rotation_between(
-    before: complex, after: complex, tolerance: float = RIGID_TOLERANCE
+    before: complex, after: complex, tolerance: float = TOLERANCES.nothing
 ) -> complex:
     """Return the unit number that turns `before` into `after` about the origin.
 
@@ -124,7 +124,7 @@ def displaced_planar(displacement: Any, points: Any) -> Array:
 
 @checked
 def planar_motion_from_points(
-    before: Any, after: Any, tolerance: float = RIGID_TOLERANCE
+    before: Any, after: Any, tolerance: float = TOLERANCES.nothing
 ) -> Array:
     """Return the 3x3 rigid displacement that takes points to their images.
 
@@ -173,7 +173,7 @@ def checked_displacement(displacement: Any) -> Array:
     d = finite_array(displacement, (3, 3), "displacement")
     (a, b), (c, e) = d[:2, :2]
     off = max(abs(a - e), abs(b + c), abs(math.hypot(a, c) - 1.0), *np.abs(d[2] - [0, 0, 1]))
-    if off > RIGID_TOLERANCE:
+    if off > TOLERANCES.nothing:
         raise ValueError(f"displacement is off a rigid motion of the plane by {off:.3g}")
     return d
 

@@ -11,10 +11,9 @@ import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, rows_of, unit_vector
 from spatial_pin.numerics.linalg import Array, aligned
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-ROTATION_TOLERANCE = 1e-9  # greatest entry of R^T R - I accepted
 HALF_TURN_TOLERANCE = 2.0 * np.finfo(np.float64).eps  # cos(angle/2) of a half turn, round-off
-SIGN_TOLERANCE = 1e-9  # components below this do not decide the sign of a half turn's axis
 
 UNIT_AXES = dict(zip("xyz", np.eye(3), strict=True))
 
@@ -153,14 +152,14 @@ def checked_rotation(rotation: Any) -> Array:
     """
     r = finite_array(rotation, (3, 3), "rotation")
     off = float(np.abs(r.T @ r - np.eye(3)).max())
-    if off > ROTATION_TOLERANCE or np.linalg.det(r) < 0.0:
+    if off > TOLERANCES.nothing or np.linalg.det(r) < 0.0:
         raise ValueError(f"rotation is off orthonormal and right-handed by {off:.3g}; "
                          "nearest_rotation finds the rotation that a rounded matrix stands for")
     return r
 
 
 def _with_first_positive(axis: Array) -> Array:
-    first = axis[np.argmax(np.abs(axis) > SIGN_TOLERANCE)]
+    first = axis[np.argmax(np.abs(axis) > TOLERANCES.nothing)]
     return axis if first > 0.0 else -axis
 
 

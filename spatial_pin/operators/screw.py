@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.checks import checked, finite_array, finite_number, finite_points
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.operators.rotation import (
     axis_angle_from_rotation,
     axis_vector,
@@ -20,8 +21,7 @@ from spatial_pin.operators.rotation import (
     rotation_matrix,
 )
 
-SMALLEST_ANGLE = 1e-15  # rotations below this are round-off of a product of placements [rad]
-PARALLEL_TOLERANCE = 1e-12  # least component of an axis across a plane that it crosses
+SMALLEST_ANGLE = TOLERANCES.last_digit  # [rad]: less is round-off of a product of placements
 PLANES = {"yz": 0, "xz": 1, "xy": 2}  # coordinate plane: the coordinate that is zero in it
 
 
@@ -67,7 +67,7 @@ class ScrewDisplacement(NamedTuple):
         if plane not in PLANES:
             raise ValueError(f"no plane {plane!r}; there are {', '.join(PLANES)}")
         i = PLANES[plane]
-        if abs(self.direction[i]) <= PARALLEL_TOLERANCE:
+        if abs(self.direction[i]) <= TOLERANCES.tight:
             return None
         crossing = self.point - self.point[i] / self.direction[i] * self.direction
         crossing[i] = 0.0

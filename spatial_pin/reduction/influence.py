@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.assemble import ACCEPTED
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
@@ -28,12 +27,16 @@ from spatial_pin.mobility.loops import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
 from spatial_pin.numerics.linalg import Array, null_space, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-GENERIC = 4  # closed configurations that ranks are taken at
-STEPS = (0.3, 0.1, 0.03)  # how far they lie from the reference [rad, characteristic lengths]
-RANK = 1e-7  # of orthonormal motions
-ALL_SUBSETS = 8  # closures up to which every set of them is tried
-PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out together
+# Closed configurations that ranks are taken at: one at random has the generic rank but by chance;
+# a mechanism may stand so that chance helps, and four times it does not.
+CONFIGURATIONS = 4
+# How far they lie from the reference [rad, characteristic lengths]: the first of these that closes;
+# at a third of a radian no special place is near, at a tenth of that few loops cannot close.
+STEPS = (0.3, 0.1, 0.03)
+ALL_SUBSETS = 8  # closures up to which every set of them is tried: 256 sets
+PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out together: 120 pairs
 
 
 class Asked(NamedTuple):
@@ -150,18 +153,18 @@ class Influence:
         rng = np.random.default_rng(7)
         found = 0
         for size in STEPS:
-            for _ in range(GENERIC if len(tangents) else 0):
+            for _ in range(CONFIGURATIONS if len(tangents) else 0):
                 step = np.zeros(model.nv)
                 direction = rng.normal(size=len(tangents)) @ tangents
                 step[self.free] = size * direction / np.linalg.norm(direction)
                 q, error = close(evaluation, pin.integrate(model, state.q, scale * step),
-                                 self.free, 1e-14)
+                                 self.free, TOLERANCES.round_off)
                 moved = np.linalg.norm(pin.difference(model, state.q, q) / scale)
-                if error <= ACCEPTED and 0.3 * size < moved < 3.0 * size \
+                if error <= TOLERANCES.closed and 0.3 * size < moved < 3.0 * size \
                         and not evaluation.mirrored():
                     found += 1
                     yield q
-            if found >= GENERIC:
+            if found >= CONFIGURATIONS:
                 return
         if not found:
             yield state.q
@@ -193,7 +196,8 @@ class Influence:
         columns = sorted(v for i in kept.moving for v in self.columns[i])
         rows = [r for k in kept.closures for r in self._rows[k]]
         return all(
-            rank(motions[:, columns], RANK) == len(columns) - rank(jacobian[rows][:, columns])
+            rank(motions[:, columns], TOLERANCES.singular)
+            == len(columns) - rank(jacobian[rows][:, columns])
             for motions, jacobian in zip(self._motions, self._jacobians, strict=True))
 
     def least(self) -> Kept:

@@ -17,8 +17,9 @@ import pinocchio as pin
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.influence import Influence
-from spatial_pin.reduction.links import SAME, Bodies, Pin, Place, Relation, Surroundings, relation
+from spatial_pin.reduction.links import Bodies, Pin, Place, Relation, Surroundings, relation
 
 
 class Model(Protocol):
@@ -114,12 +115,12 @@ def _relation(
         if any(not _is_alike(same[0], other, around.length) for other in same):
             return None
         lengths = [r.length for r in same]
-        if max(lengths) - min(lengths) <= SAME * around.length:
+        if max(lengths) - min(lengths) <= TOLERANCES.tight * around.length:
             made.append(same[0])
             continue
         between = [_ends(a, bodies, r, placement) for r, placement in zip(same, moved, strict=True)]
         for places in between:
-            if any(np.abs(p.origin - o.origin).max() > SAME * around.length
+            if any(np.abs(p.origin - o.origin).max() > TOLERANCES.tight * around.length
                    for p, o in zip(places, between[0], strict=True)):
                 return None
         made.append(same[0]._replace(between=between[0]))
@@ -129,8 +130,9 @@ def _relation(
 def _is_alike(one: Relation, other: Relation, length: float) -> bool:
     """Whether two relations differ in nothing but their lengths."""
     return one.type == other.type and all(
-        p.body == o.body and np.abs(p.origin - o.origin).max() <= SAME * length
-        and np.abs(p.z - o.z).max() <= SAME for p, o in zip(one.places, other.places, strict=True))
+        p.body == o.body and np.abs(p.origin - o.origin).max() <= TOLERANCES.tight * length
+        and np.abs(p.z - o.z).max() <= TOLERANCES.tight
+        for p, o in zip(one.places, other.places, strict=True))
 
 
 def _ends(

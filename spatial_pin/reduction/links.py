@@ -35,10 +35,11 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, least_squares
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SAME = 1e-12  # difference of lengths relative to the characteristic length, or of directions
-CONSTANT = 1e-11  # the same of what random configurations show not to change
-FLAT = 0.25  # least sine of the angle of two axes whose points' distance stands for it
+# Least sine of the angle of two axes whose points' distance stands for it: the equation of the
+# distance is as well conditioned as the sine, and a quarter loses no digit.
+FLAT_ANGLE = 0.25
 
 
 class Pin(NamedTuple):
@@ -124,10 +125,10 @@ class Surroundings:
         for place in self._placements:
             m1, m2 = place[first.body], place[second.body]
             n = m1.rotation @ normal1
-            if np.abs(n - m2.rotation @ normal2).max() > CONSTANT:
+            if np.abs(n - m2.rotation @ normal2).max() > TOLERANCES.closed:
                 return False
             offsets.append(n @ (m2.act(second.centre) - m1.act(first.centre)))
-        return float(np.ptp(offsets)) <= CONSTANT * self.length
+        return float(np.ptp(offsets)) <= TOLERANCES.closed * self.length
 
     def placements(self, first: int, second: int) -> list[pin.SE3]:
         """Return where the body of a joint is, as seen from another one's."""
@@ -136,7 +137,7 @@ class Surroundings:
     def keep_point(self, first: int, point1: Array, second: int, point2: Array) -> bool:
         """Whether two points of two bodies always coincide."""
         return all(np.abs(place[first].act(point1) - place[second].act(point2)).max()
-                   <= SAME * self.length for place in self._placements)
+                   <= TOLERANCES.tight * self.length for place in self._placements)
 
 
 class Bodies:
@@ -191,7 +192,7 @@ class Bodies:
 
 def _balls(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     length = float(np.linalg.norm(b.own_centre - a.own_centre))
-    if length <= SAME * around.length:
+    if length <= TOLERANCES.tight * around.length:
         return None
     return [Relation("distance", (Place(a.body, a.centre), Place(b.body, b.centre)), length,
                      (a.own_centre, b.own_centre))]
@@ -203,7 +204,7 @@ def _ball_revolute(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | Non
     centre = Place(b.body, b.centre + along * b.axis, b.axis)
     point = Place(a.body, a.centre)
     radius = float(np.linalg.norm(d - along * b.own_axis))
-    if radius <= SAME * around.length:
+    if radius <= TOLERANCES.tight * around.length:
         return [Relation("spherical", (centre, point))]
     return [Relation("point_on_plane", (centre, point)),
             Relation("distance", (centre, point), radius,
@@ -217,7 +218,7 @@ def _ball_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | No
 
 def _ball_cylindrical(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     away = np.cross(a.own_centre - b.own_centre, b.own_axis)
-    if np.linalg.norm(away) > SAME * around.length:
+    if np.linalg.norm(away) > TOLERANCES.tight * around.length:
         return None
     return [Relation("point_on_line", (Place(b.body, b.centre, b.axis), Place(a.body, a.centre)))]
 
@@ -230,7 +231,7 @@ def _ball_planar(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
 
 def _revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     cosine = float(a.own_axis @ b.own_axis)
-    if np.linalg.norm(np.cross(a.own_axis, b.own_axis)) <= SAME:
+    if np.linalg.norm(np.cross(a.own_axis, b.own_axis)) <= TOLERANCES.tight:
         return _parallel_revolutes(a, b, np.sign(cosine), around)
     return _meeting_revolutes(a, b, around)
 
@@ -243,7 +244,7 @@ def _parallel_revolutes(
     d = b.own_centre - a.own_centre
     along = float(d @ b.own_axis)
     length = float(np.linalg.norm(d - along * b.own_axis))
-    if length <= SAME * around.length:
+    if length <= TOLERANCES.tight * around.length:
         return None
     other = Place(b.body, b.centre - along * b.axis)
     return [Relation("distance", (Place(a.body, a.centre), other), length,
@@ -253,13 +254,13 @@ def _parallel_revolutes(
 def _meeting_revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     u, w, d = a.own_axis, b.own_axis, b.own_centre - a.own_centre
     s, t = least_squares(np.column_stack([u, -w]), d)
-    if np.linalg.norm(s * u - t * w - d) > SAME * around.length:
+    if np.linalg.norm(s * u - t * w - d) > TOLERANCES.tight * around.length:
         return None
     meeting = a.centre + s * a.axis, b.centre + t * b.axis
-    if abs(u @ w) <= SAME:
+    if abs(u @ w) <= TOLERANCES.tight:
         return [Relation("universal", (Place(a.body, meeting[0], a.axis),
                                        Place(b.body, meeting[1], b.axis)))]
-    if np.linalg.norm(np.cross(u, w)) < FLAT or not around.keep_point(
+    if np.linalg.norm(np.cross(u, w)) < FLAT_ANGLE or not around.keep_point(
             a.body, meeting[0], b.body, meeting[1]):
         return None
     reach = 0.5 * around.length
@@ -270,7 +271,7 @@ def _meeting_revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] |
 
 
 def _revolute_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    if abs(a.own_axis @ b.own_axis) > SAME:
+    if abs(a.own_axis @ b.own_axis) > TOLERANCES.tight:
         return None
     normal = b.turn @ a.own_axis
     if not around.keep_plane(a, b, a.axis, normal):
@@ -282,7 +283,7 @@ def _revolute_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] 
 
 def _prismatics(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     normal = np.cross(a.own_axis, b.own_axis)
-    if np.linalg.norm(normal) < SAME:
+    if np.linalg.norm(normal) < TOLERANCES.tight:
         return None
     normal /= np.linalg.norm(normal)
     normals = a.turn @ normal, b.turn @ normal
@@ -329,7 +330,7 @@ def reach(a: Pin, b: Pin) -> str:
     for joint, ball in ((a, b), (b, a)):
         d = ball.own_centre - joint.own_centre
         if (joint.kind, ball.kind) == ("universal", "spherical") and abs(
-                joint.own_axis @ d) > SAME * np.linalg.norm(d):
+                joint.own_axis @ d) > TOLERANCES.tight * np.linalg.norm(d):
             return "; where its universal joint cannot point, the full mechanism stops"
     return ""
 

@@ -17,14 +17,15 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.files import Tree, relation_table
 from spatial_pin.reduction.influence import Asked, Influence, Kept
 from spatial_pin.reduction.legs import leg_of
 from spatial_pin.reduction.links import Bodies, Pin, Place, Relation, Surroundings, reach, relation
 
+# Random configurations of the open tree at which derivatives are looked at: one that vanishes by
+# chance at one of them does not at four.
 OPEN_CONFIGURATIONS = 4
-ZERO = 1e-12  # derivative of a row that is none
-SLENDER = 1e-9  # distance of a centre of mass from the line between two pairs [of its length]
 
 Omitted = tuple[str, str, str]
 
@@ -191,7 +192,7 @@ class Model:
             f"{body.mass:.6g} kg lumped at the centres of its two pairs; inertia across the rod "
             f"becomes {lumped:.4g} instead of {across:.4g} kg·m², about it 0 instead of {spin:.4g}"
             + f"; the centre of mass moves {aside:.3g} m, square to the line between them" * (
-                aside > SLENDER * length)))
+                aside > TOLERANCES.nothing * length)))
         return True
 
     def _link(self, i: int) -> str:
@@ -236,7 +237,7 @@ class Model:
         if turn is not None:
             self.tables[closure.name] = {"turn": turn}
             slopes = _slopes(self.mechanism(frozenset()))[closure.name]
-        needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > ZERO).tolist())
+        needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > TOLERANCES.tight).tolist())
         if len(needed) == len(slopes):
             self.tables.pop(closure.name, None)
             return
@@ -385,9 +386,9 @@ def _random(mechanism: Mechanism) -> Iterator[Array]:
 def _turned(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:
     """Return the turn of a closure's axes that brings one into the normal of its loop's plane."""
     count = {"prismatic": 2, "cylindrical": 2, "weld": 3, "spherical": 3}.get(closure.type)
-    if count is None or np.abs(slopes[:count]).max(axis=1).min() <= ZERO:
+    if count is None or np.abs(slopes[:count]).max(axis=1).min() <= TOLERANCES.tight:
         return None
-    normals = null_space(slopes[:count].T, 1e-11)
+    normals = null_space(slopes[:count].T, TOLERANCES.closed)
     if len(normals) != 1:
         return None
     n = np.zeros(3)

@@ -20,14 +20,14 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array, null_space, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.differences import Verification
 from spatial_pin.reduction.influence import Asked, Influence, asked_of
 from spatial_pin.reduction.model import Model
 from spatial_pin.reduction.report import Omission, omissions
 from spatial_pin.reduction.states import carried_over
 
-STARTS = 256  # assembled configurations that are remembered
-OPEN = 1e-9  # closure error of the reduced model where the full one is closed
+STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundred coordinates
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +106,7 @@ class Reduced(Mechanism):
         except SpatialPinError:  # a loop that is left out cannot close there
             return None
         found = carried_over(self, there)
-        return found.q if found.closure_error <= OPEN else None
+        return found.q if found.closure_error <= TOLERANCES.nothing else None
 
     @checked
     def state(self, full: State) -> State:
@@ -118,7 +118,7 @@ class Reduced(Mechanism):
         """
         full = of_mechanism(self.full, full)
         found = carried_over(self, full)
-        if found.closure_error > max(OPEN, 10.0 * full.closure_error):
+        if found.closure_error > max(TOLERANCES.nothing, 10.0 * full.closure_error):
             raise SpatialPinError(
                 f"mechanism {self.name!r}: the loops are open by {found.closure_error:.1e} in "
                 "that state: what was welded, or the branch, is another there")
@@ -323,8 +323,8 @@ def _agrees(made: Mechanism, influence: Influence) -> bool:
         evaluation.turns[:] = own.angles
         evaluation.update(own.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_rows]
-        if evaluation.closure_error > OPEN or evaluation.mirrored() \
-                or len(null_space(rows, 1e-8)) != rank(motions[:, at], 1e-7):
+        if evaluation.closure_error > TOLERANCES.nothing or evaluation.mirrored() \
+                or len(null_space(rows, 1e-8)) != rank(motions[:, at], TOLERANCES.singular):
             return False
     return True
 

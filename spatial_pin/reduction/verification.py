@@ -21,10 +21,12 @@ from spatial_pin.reduction.differences import Difference, Verification
 from spatial_pin.reduction.influence import Asked, asked_of
 from spatial_pin.reduction.reduce import Reduced
 
-VALUES = 361  # driver values by default
-MARGIN = 0.05  # part of a driver's range that is left out at a limit
-ROOM = 0.5  # largest range of a slide either way, relative to the characteristic length
-ROWS = 5  # at which forward dynamics is compared
+VALUES = 361  # driver values by default: a degree apart over a turn
+LIMIT_MARGIN = 0.05  # part of a driver's range that is left out at a limit, where rates have no end
+LONGEST_SLIDE = 0.5  # largest range of a slide either way, relative to the characteristic length
+# Samples at which forward dynamics is compared: a part that is missing tells at any of them, and
+# each is two calls, where the sweep has its samples in one.
+DYNAMIC_SAMPLES = 5
 EVENTS = ("limit", "singular", "branch point", "lost")
 
 
@@ -84,12 +86,12 @@ def _default_values(
     coordinate = full.driven_coordinate(driver)
     state = assembled(full, dict(reduced.welds) | dict(hold), guess)
     at = state.coordinate(coordinate.name).value
-    room = 2.0 * np.pi if coordinate.unit == "rad" else ROOM * full.characteristic_length
+    room = 2.0 * np.pi if coordinate.unit == "rad" else LONGEST_SLIDE * full.characteristic_length
     hold = _held(full, full, reduced, driver, hold, np.array([at]), guess)
     ends = [_end(full, driver, state, hold, at, sense * room) for sense in (1.0, -1.0)]
     if ends[0] == at + room:
         return np.linspace(at, at + room, VALUES)
-    margin = MARGIN * (ends[0] - ends[1])
+    margin = LIMIT_MARGIN * (ends[0] - ends[1])
     return np.linspace(ends[1] + margin, ends[0] - margin, VALUES)
 
 
@@ -150,7 +152,7 @@ def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Differ
     """Compare accelerations that follow from forces, gravity and springs alone."""
     full, size = motion.mechanism, motion.mechanism.characteristic_length
     worst: dict[str, float] = {}
-    for row in np.linspace(0, len(motion) - 1, ROWS, dtype=int):
+    for row in np.linspace(0, len(motion) - 1, DYNAMIC_SAMPLES, dtype=int):
         states = [motion.state(row)]
         states.append(reduced.state(states[0]))
         found = [forward_dynamics(m, s).state for m, s in zip((full, reduced), states, strict=True)]
