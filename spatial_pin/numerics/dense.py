@@ -39,6 +39,8 @@ _cholesky_solve = _function("dense_cholesky_solve", _COUNT, _COUNT, _REALS, _REA
 _qr = _function("dense_qr", None, _COUNT, _COUNT, _REALS, _COUNTS, _REALS, _REALS)
 _qr_turn = _function("dense_qr_turn", None, _COUNT, _COUNT, _REALS, _REALS, _COUNT, _COUNT, _COUNT,
                      _REALS, _REALS)
+_independent_rows = _function(
+    "independent_rows", _COUNT, _COUNT, _COUNT, _REALS, _COUNT, ctypes.c_double, _COUNTS)
 
 
 def _own(a: Array) -> Array:
@@ -93,6 +95,23 @@ def cholesky_solve(a: Array, b: Array) -> tuple[Array, Array, bool]:
     if not x.size:
         return factor, x, True
     return factor, x, not _cholesky_solve(len(x), _reals(factor), _reals(x), 0.0)
+
+
+def independent_rows(a: Array, most: int, part: float) -> NDArray[np.intp]:
+    """Return independent rows of `a` (m, n), ascending: the longest one left is chosen first.
+
+    Args:
+        a: the rows.
+        most: how many are chosen at most.
+        part: of the length of the first one, below which what is left of a row is none.
+    """
+    chosen = np.empty(len(a), dtype=np.int64)
+    if not a.size:
+        return chosen[:0].astype(np.intp)
+    found = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen))
+    if found < 0:
+        raise MemoryError
+    return chosen[:found].astype(np.intp, copy=False)
 
 
 def qr(a: Array) -> tuple[Array, Order, Array]:

@@ -151,14 +151,9 @@ def pseudo_inverses(a: Array, tolerance: float) -> Array:
 def independent_rows(a: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np.intp]:
     """Return the sorted indices of a maximal well-conditioned set of independent rows of `a`.
 
-    Column-pivoted QR of the transpose [GolubVanLoan2013, 5.4].
+    As column-pivoted QR of the transpose chooses them [GolubVanLoan2013, 5.4].
     """
-    if not a.size:
-        return np.empty(0, dtype=np.intp)
-    qr, order, _ = dense.qr(a.T)
-    d = np.abs(np.diagonal(qr))
-    r = int(np.count_nonzero(d > max(tolerance * d[0], TOLERANCES.zero))) if d.size else 0
-    return np.sort(order[:r])
+    return dense.independent_rows(a, len(a), tolerance)
 
 
 def common_rows(a: Array, given: Array, count: int) -> list[int]:
@@ -276,7 +271,7 @@ class Factors:
 
 def weighty_rows(a: Array, count: int) -> NDArray[np.intp]:
     """Return the sorted indices of `count` independent rows of `a`, the longest first chosen."""
-    return np.sort(dense.qr(a.T)[1][:count])
+    return dense.independent_rows(a, count, 0.0)
 
 
 def determinant_sign_of(a: Array) -> int:

@@ -8,6 +8,7 @@
  * the others beside the configuration too: if not, branches cross there. */
 #include <string.h>
 
+#include "choosing.h"
 #include "dense.h"
 #include "kernel.h"
 #include "regular.h"
@@ -19,20 +20,17 @@
 #define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
 /* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
 #define FEW 40
-/* Equations among which independent ones are sought: of more, all that are not none are taken. */
-#define SEARCHED 200
 
 typedef struct {
     Kernel *k;
     Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
     const Int *driven;
     Int *chosen;      /* closure equations, ascending */
+    Int *places;      /* among them, of independent ones */
     Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
     Int *order;
     Real *x;          /* (nv) */
     Real *q;          /* (nq) */
-    Real *rows, *tau, *scratch; /* to choose among equations, of which there are too many */
-    Int *columns;
     Real pivot;       /* smallest over largest */
     Real even;        /* the same, pivots relative to the lengths of their rows */
 } Rates;
@@ -41,20 +39,13 @@ static int make_room(Rates *r)
 {
     Kernel *k = r->k;
     const Int size = k->nv <= FEW ? k->nv * k->nv : 0;
-    const Int searched = k->n_closure > r->wanted && k->n_closure <= SEARCHED ? k->n_closure : 0;
     r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
+    r->places = kernel_memory(k, k->n_closure, sizeof(Int));
     r->matrix = kernel_memory(k, size, sizeof(Real));
     r->order = kernel_memory(k, k->nv, sizeof(Int));
     r->x = kernel_memory(k, k->nv, sizeof(Real));
     r->q = kernel_memory(k, k->nq, sizeof(Real));
-    r->rows = kernel_memory(k, searched * k->nv, sizeof(Real));
-    r->tau = kernel_memory(k, searched, sizeof(Real));
-    r->scratch = kernel_memory(k, 3 * searched, sizeof(Real));
-    r->columns = kernel_memory(k, searched, sizeof(Int));
-    return r->chosen && r->matrix && r->order && r->x && r->q && r->rows && r->tau && r->scratch &&
-                   r->columns
-               ? DONE
-               : NO_MEMORY;
+    return r->chosen && r->places && r->matrix && r->order && r->x && r->q ? DONE : NO_MEMORY;
 }
 
 /* Memory for rates of a kernel, freed with it; BAD_ARRAYS unless there are at least as many
@@ -96,32 +87,24 @@ static void choose_those_that_are(Rates *r)
     }
 }
 
-/* Independent ones of the chosen, by their Q R with the longest one left first [GolubVanLoan2013, 5.4];
-   0 where it is not clear which, or how many. */
+/* Independent ones of the chosen; UNSAFE where it is not clear which, or how many. */
 static int choose_independent(Rates *r)
 {
     const Kernel *k = r->k;
-    const Int n = r->n_chosen, nv = k->nv, least = n < nv ? n : nv;
-    memset(r->rows, 0, (size_t)(nv * n) * sizeof(Real));
-    for (Int i = 0; i < n; i++)
-        for (Int e = k->entry_start[r->chosen[i]]; e < k->entry_start[r->chosen[i] + 1]; e++)
-            r->rows[k->entry_v[e] * n + i] = k->entry[e];
-    dense_qr(nv, n, r->rows, r->columns, r->tau, r->scratch);
-    const Real first = fabs(r->rows[0]);
-    if (r->wanted > least || (r->wanted && !(fabs(r->rows[(r->wanted - 1) * (n + 1)]) > WELL * first)))
-        return 0;
-    if (r->wanted < least && !(fabs(r->rows[r->wanted * (n + 1)]) <= FOLLOWS * first))
-        return 0;
-    Int kept = 0;
-    for (Int i = 0; i < n; i++) {
-        int is_one = 0;
-        for (Int c = 0; c < r->wanted; c++)
-            is_one |= r->columns[c] == i;
-        if (is_one)
-            r->chosen[kept++] = r->chosen[i];
+    Choice c;
+    if (choice_begin(&c, r->n_chosen, k->nv) != DONE)
+        return NO_MEMORY;
+    for (Int i = 0; i < r->n_chosen; i++) {
+        const Int from = k->entry_start[r->chosen[i]];
+        choice_put(&c, i, k->entry_start[r->chosen[i] + 1] - from, k->entry_v + from,
+                   k->entry + from);
     }
-    r->n_chosen = kept;
-    return 1;
+    r->n_chosen = choice_make(&c, r->wanted, WELL, r->places);
+    const int is_clear = r->n_chosen == r->wanted && c.left_out <= FOLLOWS;
+    choice_end(&c);
+    for (Int i = 0; i < r->n_chosen; i++)
+        r->chosen[i] = r->chosen[r->places[i]];
+    return is_clear ? DONE : UNSAFE;
 }
 
 static int choose(Rates *r)
@@ -131,8 +114,8 @@ static int choose(Rates *r)
         r->chosen[i] = i;
     if (n > r->wanted)
         choose_those_that_are(r);
-    if (r->n_chosen > r->wanted && n <= SEARCHED && !choose_independent(r))
-        return UNSAFE;
+    if (r->n_chosen > r->wanted)
+        return choose_independent(r);
     return r->n_chosen == r->wanted ? DONE : UNSAFE;
 }
 

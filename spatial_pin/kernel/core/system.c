@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "kernel.h"
+#include "choosing.h"
 
 static int indices_are_sound(const Int *index, Int n, Int below)
 {
@@ -124,144 +124,19 @@ void system_solve(const Kernel *k, Real *x)
     lu_solve(k->lu, x, x);
 }
 
-#define NOTHING 1e-26 /* square of a length that is round-off of rows of length one */
-#define FAINT 1e-34   /* square of an entry, relative to its row's, that is below round-off of it */
-
-/* Rows of the closure equations while independent ones are chosen. A row is zero outside of its
- * columns from `first` to before `end`: loops far from each other cost each other nothing. */
-typedef struct {
-    Int n, nv;
-    Real *row;    /* (n, nv) */
-    Real *square; /* of its length; negative once it is chosen */
-    Int *first, *end;
-    Int n_left, *left; /* rows that may yet be chosen, ascending */
-} Choice;
-
-static void measure(Choice *choice, Int i)
-{
-    const Real *row = choice->row + i * choice->nv;
-    choice->square[i] = 0.0;
-    for (Int v = choice->first[i]; v < choice->end[i]; v++)
-        choice->square[i] += row[v] * row[v];
-}
-
-/* Forget what a row has at its ends below round-off: what loops hand on to others fades away. */
-static void trim(Choice *choice, Int i)
-{
-    Real *row = choice->row + i * choice->nv;
-    const Real faint = FAINT * choice->square[i];
-    Int first = choice->first[i], end = choice->end[i];
-    while (first < end && row[first] * row[first] <= faint)
-        row[first++] = 0.0;
-    while (first < end && row[end - 1] * row[end - 1] <= faint)
-        row[--end] = 0.0;
-    choice->first[i] = first;
-    choice->end[i] = end;
-}
-
-static void begin(const Kernel *k, Choice *choice)
-{
-    for (Int i = 0; i < choice->n; i++) {
-        const Int from = k->entry_start[i], to = k->entry_start[i + 1];
-        for (Int e = from; e < to; e++)
-            choice->row[i * choice->nv + k->entry_v[e]] = k->entry[e];
-        choice->first[i] = from < to ? k->entry_v[from] : 0;
-        choice->end[i] = from < to ? k->entry_v[to - 1] + 1 : 0;
-        measure(choice, i);
-        choice->left[choice->n_left++] = i;
-    }
-}
-
-/* The longest row that is left, -1 if all are round-off; such rows are left no more. */
-static Int longest_row(Choice *choice)
-{
-    Int best = -1, kept = 0;
-    Real most = NOTHING;
-    for (Int at = 0; at < choice->n_left; at++) {
-        const Int i = choice->left[at];
-        if (choice->square[i] > NOTHING)
-            choice->left[kept++] = i;
-        if (choice->square[i] > most) {
-            most = choice->square[i];
-            best = i;
-        }
-    }
-    choice->n_left = kept;
-    return best;
-}
-
-/* Take from row i its part along a chosen row, twice for the sake of round-off. */
-static void straighten(Choice *choice, Int i, Int chosen, Real square)
-{
-    const Real *along = choice->row + chosen * choice->nv;
-    Real *row = choice->row + i * choice->nv;
-    const Int first = choice->first[chosen], end = choice->end[chosen];
-    for (int twice = 0; twice < 2; twice++) {
-        Real part = 0.0;
-        for (Int v = first; v < end; v++)
-            part += row[v] * along[v];
-        if (part == 0.0)
-            break;
-        for (Int v = first; v < end; v++)
-            row[v] -= part / square * along[v];
-        choice->first[i] = first < choice->first[i] ? first : choice->first[i];
-        choice->end[i] = end > choice->end[i] ? end : choice->end[i];
-        measure(choice, i);
-    }
-    trim(choice, i);
-}
-
-/* Gram-Schmidt, the longest row left first: as many independent ones as are asked for. `left_out`
- * becomes the length of the longest of the others, relative to the longest of all. */
-static int choose_rows(Choice *choice, Int wanted, Real *left_out)
-{
-    Real longest = 0.0;
-    for (Int picked = 0; picked < wanted; picked++) {
-        const Int best = longest_row(choice);
-        if (best < 0)
-            return SINGULAR;
-        const Real square = choice->square[best];
-        longest = fmax(longest, square);
-        choice->square[best] = -1.0;
-        for (Int at = 0; at < choice->n_left; at++) {
-            const Int i = choice->left[at];
-            if (i != best && choice->first[i] < choice->end[best] &&
-                choice->end[i] > choice->first[best])
-                straighten(choice, i, best, square);
-        }
-    }
-    const Int next = longest_row(choice);
-    *left_out = next < 0 ? 0.0 : sqrt(choice->square[next] / longest);
-    return DONE;
-}
-
 int system_reselect(Kernel *k)
 {
-    const size_t n = (size_t)k->n_closure + 1;
-    Choice choice = {.n = k->n_closure, .nv = k->nv};
-    choice.row = calloc(n * (size_t)(k->nv + 1), sizeof(Real));
-    choice.square = calloc(n, sizeof(Real));
-    choice.first = calloc(n, sizeof(Int));
-    choice.end = calloc(n, sizeof(Int));
-    choice.left = calloc(n, sizeof(Int));
-    int code = NO_MEMORY;
-    if (choice.row && choice.square && choice.first && choice.end && choice.left) {
-        begin(k, &choice);
-        code = choose_rows(&choice, k->n_chosen, &k->left_out);
+    Choice c;
+    if (choice_begin(&c, k->n_closure, k->nv) != DONE)
+        return NO_MEMORY;
+    for (Int i = 0; i < k->n_closure; i++) {
+        const Int from = k->entry_start[i], count = k->entry_start[i + 1] - from;
+        choice_put(&c, i, count, k->entry_v + from, k->entry + from);
     }
-    if (code == DONE) {
-        Int count = 0;
-        for (Int i = 0; i < k->n_closure; i++)
-            if (choice.square[i] < 0.0)
-                k->chosen[count++] = i;
-        code = lay_out(k);
-    }
-    free(choice.row);
-    free(choice.square);
-    free(choice.first);
-    free(choice.end);
-    free(choice.left);
-    return code;
+    const Int found = choice_make(&c, k->n_chosen, 0.0, k->chosen);
+    k->left_out = c.left_out;
+    choice_end(&c);
+    return found == k->n_chosen ? lay_out(k) : SINGULAR;
 }
 
 void system_path_rates(Kernel *k, Real *first, Real *second)

@@ -1,0 +1,156 @@
+/* Independent rows by Gram and Schmidt's method, the longest row left first: as Q R of the transpose
+ * with column exchanges chooses them [GolubVanLoan2013, 5.2.9, 5.4]. */
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "choosing.h"
+#include "tolerances.h"
+
+#define FAINT 1e-34   /* square of an entry, relative to its row's, that is below round-off of it */
+
+int choice_begin(Choice *c, Int n, Int width)
+{
+    const size_t rows = (size_t)n + 1;
+    *c = (Choice){.n = n, .width = width};
+    c->row = calloc(rows * (size_t)(width + 1), sizeof(Real));
+    c->square = calloc(rows, sizeof(Real));
+    c->first = calloc(3 * rows, sizeof(Int));
+    if (!c->row || !c->square || !c->first) {
+        choice_end(c);
+        return NO_MEMORY;
+    }
+    c->end = c->first + rows;
+    c->left = c->end + rows;
+    return DONE;
+}
+
+void choice_end(Choice *c)
+{
+    free(c->row);
+    free(c->square);
+    free(c->first);
+}
+
+static void measure(Choice *c, Int i)
+{
+    const Real *row = c->row + i * c->width;
+    c->square[i] = 0.0;
+    for (Int v = c->first[i]; v < c->end[i]; v++)
+        c->square[i] += row[v] * row[v];
+}
+
+void choice_put(Choice *c, Int i, Int count, const Int *column, const Real *value)
+{
+    for (Int e = 0; e < count; e++)
+        c->row[i * c->width + column[e]] = value[e];
+    c->first[i] = count ? column[0] : 0;
+    c->end[i] = count ? column[count - 1] + 1 : 0;
+    measure(c, i);
+}
+
+/* Forget what a row has at its ends below round-off: what loops hand on to others fades away. */
+static void trim(Choice *c, Int i)
+{
+    Real *row = c->row + i * c->width;
+    const Real faint = FAINT * c->square[i];
+    Int first = c->first[i], end = c->end[i];
+    while (first < end && row[first] * row[first] <= faint)
+        row[first++] = 0.0;
+    while (first < end && row[end - 1] * row[end - 1] <= faint)
+        row[--end] = 0.0;
+    c->first[i] = first;
+    c->end[i] = end;
+}
+
+/* The first of the longest rows that are left, -1 if all are round-off; such rows are left no more.
+   As long is what differs by no more than half of the digits: in symmetric mechanisms rows are
+   equally long, and round-off is to have no say. */
+static Int longest_row(Choice *c)
+{
+    Int kept = 0, at = 0;
+    Real most = 0.0;
+    for (at = 0; at < c->n_left; at++) {
+        const Int i = c->left[at];
+        if (c->square[i] > TOLERANCE_ZERO * TOLERANCE_ZERO)
+            c->left[kept++] = i;
+        most = fmax(most, c->square[i]);
+    }
+    c->n_left = kept;
+    for (at = 0; at < kept; at++)
+        if (c->square[c->left[at]] >= most * (1.0 - 2.0 * sqrt(DBL_EPSILON)))
+            return c->left[at];
+    return -1;
+}
+
+/* Take from row i its part along a chosen row, twice for the sake of round-off. */
+static void straighten(Choice *c, Int i, Int chosen, Real square)
+{
+    const Real *along = c->row + chosen * c->width;
+    Real *row = c->row + i * c->width;
+    const Int first = c->first[chosen], end = c->end[chosen];
+    for (int twice = 0; twice < 2; twice++) {
+        Real part = 0.0;
+        for (Int v = first; v < end; v++)
+            part += row[v] * along[v];
+        if (part == 0.0)
+            break;
+        for (Int v = first; v < end; v++)
+            row[v] -= part / square * along[v];
+        c->first[i] = first < c->first[i] ? first : c->first[i];
+        c->end[i] = end > c->end[i] ? end : c->end[i];
+        measure(c, i);
+    }
+    trim(c, i);
+}
+
+static void take(Choice *c, Int chosen)
+{
+    const Real square = c->square[chosen];
+    c->square[chosen] = -1.0;
+    for (Int at = 0; at < c->n_left; at++) {
+        const Int i = c->left[at];
+        if (c->square[i] >= 0.0 && c->first[i] < c->end[chosen] && c->end[i] > c->first[chosen])
+            straighten(c, i, chosen, square);
+    }
+}
+
+Int choice_make(Choice *c, Int most, Real part, Int *chosen)
+{
+    Int picked = 0, count = 0, next;
+    Real longest = 0.0;
+    c->least = 0.0;
+    for (c->n_left = 0; c->n_left < c->n; c->n_left++)
+        c->left[c->n_left] = c->n_left;
+    for (;; picked++) {
+        next = longest_row(c);
+        if (picked == 0 && next >= 0)
+            longest = c->square[next];
+        if (next < 0 || picked == most || !(c->square[next] > part * part * longest))
+            break;
+        c->least = sqrt(c->square[next] / longest);
+        take(c, next);
+    }
+    c->left_out = next < 0 ? 0.0 : sqrt(c->square[next] / longest);
+    for (Int i = 0; i < c->n; i++)
+        if (c->square[i] < 0.0)
+            chosen[count++] = i;
+    return count;
+}
+
+Int independent_rows(Int n, Int width, const Real *rows, Int most, Real part, Int *chosen)
+{
+    Choice c;
+    Int count = -1;
+    if (n < 0 || width < 0 || choice_begin(&c, n, width) != DONE)
+        return count;
+    memcpy(c.row, rows, (size_t)(n * width) * sizeof(Real));
+    for (Int i = 0; i < n; i++) {
+        c.end[i] = width;
+        measure(&c, i);
+        trim(&c, i);
+    }
+    count = choice_make(&c, most, part, chosen);
+    choice_end(&c);
+    return count;
+}
