@@ -1,5 +1,7 @@
 """The kernel's accelerations and integrators against Pinocchio, SciPy and closed forms."""
 
+import re
+
 import mechanisms as known
 import numpy as np
 import pinocchio as pin
@@ -8,6 +10,7 @@ from masses import heavy
 from scipy import integrate
 
 import spatial_pin as sp
+from spatial_pin.dynamics.simulation.events import Watch
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.simulate import _independent
 from spatial_pin.kernel.integrating import Explicit
@@ -139,3 +142,21 @@ def test_samples_do_not_change_the_steps():
     many = sp.simulate(mech, state, 1.0, times=np.linspace(0.0, 1.0, 333))
     assert few.steps == many.steps
     np.testing.assert_allclose(few.q[-1], many.q[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize(("limits", "passings"), [
+    ('lower="-9" upper="2" velocity="0"', 5), ('lower="-9" upper="9" velocity="5"', 9)])
+def test_steps_heed_limits_in_the_kernel(tmp_path, monkeypatch, limits, passings):
+    """They are the same steps as without limits, and few are looked at."""
+    tree = heavy(known.joint("revolute", "pin", "ground", "arm", axis=(0, 1, 0), limits=(0, 0)),
+                 arm=(1.0, (0.5, 0.0, 0.0), (0.0, 0.02, 0.02)))
+    tree = re.sub("<limit [^/]*/>", f'<limit effort="0" {limits}/>', tree)
+    state = sp.assemble(known.load(tmp_path, "pendulum", tree, "gravity = [0.0, 0.0, -9.81]\n"))
+    free = sp.simulate(state.mechanism, state, 8.0, on_joint_limit="ignore")
+    looked, look = [], Watch.look
+    monkeypatch.setattr(Watch, "look", lambda *step: looked.append(step) or look(*step))
+    motion = sp.simulate(state.mechanism, state, 8.0)
+    np.testing.assert_allclose(motion.q, free.q, atol=1e-12)
+    assert motion.steps == free.steps
+    assert (len(free.events), len(motion.events)) == (0, passings)
+    assert passings <= len(looked) < 0.5 * motion.steps

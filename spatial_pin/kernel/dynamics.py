@@ -6,7 +6,7 @@ import ctypes
 import math
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,6 @@ from spatial_pin.numerics.linalg import Array
 
 LOST = 20
 MOST_CROSSINGS = 64  # in one step
-
-Efforts = Callable[[float, Array, Array, Array], Array]
-Spring = Callable[[int, float, float], float]
-Drives = Callable[[float], Array]
-Least = Callable[[float, Array, Array, Array, Array], "Array | None"]
 
 _EFFORTS = ctypes.CFUNCTYPE(ctypes.c_int, REAL, POINTER, POINTER, POINTER, POINTER)
 _SPRING = ctypes.CFUNCTYPE(ctypes.c_int, INT, REAL, REAL, POINTER)
@@ -44,7 +39,9 @@ class Run(ctypes.Structure):
                 ("a", POINTER), ("numbers", POINTER), ("efforts", POINTER), ("angles", POINTER),
                 ("most", INT), ("patience", REAL), ("largest_step", REAL),
                 ("largest_pivot", REAL), ("allowed", REAL), ("n_crossed", INT),
-                ("crossed", REAL * MOST_CROSSINGS), ("crossed_row", INT * MOST_CROSSINGS)]
+                ("crossed", REAL * MOST_CROSSINGS), ("crossed_row", INT * MOST_CROSSINGS),
+                ("looks", INT), ("n_limits", INT), ("limit_q", POINTER), ("limit_v", POINTER),
+                ("limit_side", POINTER), ("limit_value", POINTER), ("limit_before", POINTER)]
 
 
 AT_END, AT_FAILURE, WORN, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
@@ -68,67 +65,21 @@ class Samples(NamedTuple):
     angles: Array
 
 
-class Line(NamedTuple):
-    """A spring between points (3,) of two bodies, in the axes of joints of the model."""
-
-    bodies: tuple[int, int]
-    points: tuple[Array, Array]
-    spring: tuple[float, float, float]
-    has_law: bool
-
-
-class Turn(NamedTuple):
-    """A spring about a joint: its entries of q and v."""
-
-    q: int
-    v: int
-    spring: tuple[float, float, float]
-    has_law: bool
-
-
-class Acting(NamedTuple):
-    """What acts on a mechanism besides its weight.
+class Asked(NamedTuple):
+    """What only Python knows.
 
     Attributes:
-        damping, friction, slip, armature, constant: (nv,) of joints, and efforts.
-        lines, turns: springs: stiffness, damping and free length, or a law.
-        efforts, spring, drives: functions, where there are any.
-        works: whether work done is an unknown.
-        heaviest: largest inertia of a joint, by scale.
+        efforts: joint forces (nv,) of (t, q, v, angles), where they are a function.
+        spring: force of (number, length, rate), where springs have laws.
+        drives: (n, 3) values, rates and accelerations of the prescribed coordinates at t.
+        least: accelerations (n,) of the free coordinates by scale, of (t, q, v, a, angles), where
+            masses differ much; None where they differ too much.
     """
 
-    damping: Array
-    friction: Array
-    slip: Array
-    armature: Array
-    constant: Array
-    lines: list[Line]
-    turns: list[Turn]
-    efforts: Efforts | None
-    spring: Spring | None
-    drives: Drives | None
-    works: bool
-    heaviest: float
-
-
-class Held(NamedTuple):
-    """Coordinates that determine the motion.
-
-    Attributes:
-        free: velocity entries that are independent.
-        prescribed: velocity entries that follow laws.
-        places: entries of q by velocity entry, of joints with one coordinate.
-        joints: joint of the model and component by velocity entry, of the others.
-        period: of the first one, in units of its scale, after which bodies may be back; 0 if none.
-        spins: joint of the model and axis (3,) of bodies that spin freely.
-    """
-
-    free: Sequence[int]
-    prescribed: Sequence[int]
-    places: dict[int, int]
-    joints: dict[int, tuple[int, int]]
-    period: float
-    spins: Sequence[tuple[int, Array]]
+    efforts: Callable[[float, Array, Array, Array], Array] | None
+    spring: Callable[[int, float, float], float] | None
+    drives: Callable[[float], Array] | None
+    least: Callable[[float, Array, Array, Array, Array], Array | None]
 
 
 class Dynamics:
@@ -137,11 +88,8 @@ class Dynamics:
     Args:
         mechanism: the mechanism.
         arrays: what it is made of, idle rotations left out, with its masses.
-        held: its coordinates.
-        acting: forces.
-        least: accelerations (n,) of the free coordinates by scale, of (t, q, v, a, angles), where
-            masses differ much; None where they differ too much.
-        tolerance: closure residual to reach [-].
+        ints, reals: what acts, as `read_arrays` in creating.c reads it.
+        asked: what it asks for.
 
     Attributes:
         handle: of the C structure.
@@ -149,16 +97,14 @@ class Dynamics:
     """
 
     def __init__(
-        self, mechanism: Mechanism, arrays: Packed, held: Held, acting: Acting, least: Least,
-        tolerance: float,
+        self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array, asked: Asked
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, arrays)
         self._library, self.asking = library(), Asking()
         self.nq, self.nv, self.n_angles = kernel.nq, kernel.nv, kernel.n_angles
-        self.n_drives, n_free, n_spins = len(held.prescribed), len(held.free), len(held.spins)
-        self.n = 2 * n_free + 4 * n_spins + acting.works
-        self._asked = self._functions(acting, least, n_free)
-        ints, reals = _arrays(kernel.packed, held, acting, tolerance)
+        self.n_free, self.n_drives, n_spins, _, _, works = ints[:6].tolist()
+        self.n = 2 * self.n_free + 4 * n_spins + works
+        self._asked = self._functions(asked)
         handle = ctypes.c_void_p()
         code = self._library.dynamics_create(
             kernel.handle, address(ints), len(ints), address(reals), len(reals),
@@ -168,57 +114,66 @@ class Dynamics:
         self.handle = handle
         weakref.finalize(self, self._library.dynamics_destroy, handle)
 
-    def _functions(self, acting: Acting, least: Least, n_free: int) -> _Asked:
-        nq, nv, na, nd, safely = (
-            self.nq, self.nv, self.n_angles, self.n_drives, self.asking.safely)
-        asked = _Asked()
+    def _functions(self, asked: Asked) -> _Asked:
+        nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.asking.safely
 
         def efforts(t: float, q: int, v: int, angles: int, out: int) -> int:
-            assert acting.efforts is not None
-            view(out, nv)[:] = acting.efforts(
+            assert asked.efforts is not None
+            view(out, nv)[:] = asked.efforts(
                 t, view(q, nq).copy(), view(v, nv).copy(), view(angles, na).copy())
             return 0
 
         def spring(which: int, length: float, rate: float, out: int) -> int:
-            assert acting.spring is not None
-            view(out, 1)[0] = acting.spring(which, length, rate)
+            assert asked.spring is not None
+            view(out, 1)[0] = asked.spring(which, length, rate)
             return 0
 
         def drives(t: float, out: int) -> int:
-            assert acting.drives is not None
-            view(out, 3 * nd)[:] = acting.drives(t).ravel()
+            assert asked.drives is not None
+            view(out, 3 * self.n_drives)[:] = asked.drives(t).ravel()
             return 0
 
         def lightest(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
-            found = least(t, view(q, nq).copy(), view(v, nv).copy(), view(a, nv).copy(),
-                          view(angles, na).copy())
+            found = asked.least(t, view(q, nq).copy(), view(v, nv).copy(), view(a, nv).copy(),
+                                view(angles, na).copy())
             if found is None:
                 return LOST
-            view(out, n_free)[:] = found
+            view(out, self.n_free)[:] = found
             return 0
 
-        if acting.efforts is not None:
-            asked.efforts = _EFFORTS(safely(efforts))
-        if acting.spring is not None:
-            asked.spring = _SPRING(safely(spring))
-        if acting.drives is not None:
-            asked.drives = _DRIVES(safely(drives))
-        asked.least = _LEAST(safely(lightest))
-        return asked
+        return _Asked(
+            _EFFORTS(safely(efforts)) if asked.efforts else _EFFORTS(),
+            _SPRING(safely(spring)) if asked.spring else _SPRING(),
+            _DRIVES(safely(drives)) if asked.drives else _DRIVES(), _LEAST(safely(lightest)))
 
-    def begin(self, q: Array, angles: Array, spins: Array, chosen: Ints) -> bool:
+    def begin(
+        self, q: Array, angles: Array, spins: Array, free: Sequence[int], chosen: Ints
+    ) -> bool:
         """Begin a chart at a closed configuration; whether its coordinates determine the motion.
 
         Args:
             q: (nq,) the configuration.
             angles: (n_angles,) of screw closures.
             spins: angular velocities about their lines of bodies that spin freely [rad/s].
+            free: velocity entries of the independent coordinates.
             chosen: independent closure equations.
         """
         q, angles, spins = (np.array(x, float) for x in (q, angles, spins))
-        chosen = np.array(chosen, np.int64)
+        held, chosen = np.array(free, np.int64), np.array(chosen, np.int64)
         return not self._library.dynamics_begin(
-            self.handle, *map(address, (q, angles, spins, chosen)), len(chosen))
+            self.handle, *map(address, (q, angles, spins, held, chosen)), len(chosen))
+
+    def renew(self, t: float, y: Array) -> tuple[list[int], Array, bool] | None:
+        """Choose the coordinates that are best at y, and begin a chart of them there.
+
+        Returns:
+            Their velocity entries, the unknowns (n,) in them, and whether nothing would be better
+            than what there was. None where no chart begins; then there is none.
+        """
+        y, free, same = np.array(y), np.empty(self.n_free, np.int64), np.empty(1, np.int64)
+        code = self.asking.settle(self._library.dynamics_renew(
+            self.handle, t, *map(address, (y, free, same))))
+        return None if code else (free.tolist(), y, bool(same[0]))
 
     def rates(self, t: float, y: Array) -> Array:
         """Return dy/dt (n,), NaN where the loops cannot be closed."""
@@ -275,26 +230,3 @@ class Dynamics:
     def pivot(self) -> float:
         """Smallest over largest pivot of the equations at the present place."""
         return float(self._library.dynamics_pivot(self.handle))
-
-
-def _arrays(pack: Packed, held: Held, acting: Acting, tolerance: float) -> tuple[Any, Array]:
-    """Return what `read_arrays` in creating.c reads."""
-    all_held = [*held.free, *held.prescribed]
-    joints = [held.joints.get(v, (0, 0)) for v in all_held]
-    lines, turns, carriers = acting.lines, acting.turns, pack.carriers
-    bodies = [int(carriers[j]) for line in lines for j in line.bodies]
-    points = [pack.frames[carriers[j]].T @ x for line in lines
-              for j, x in zip(line.bodies, line.points, strict=True)]
-    parts: list[Any] = [
-        [len(held.free), len(held.prescribed), len(held.spins), len(lines), len(turns),
-         acting.works],
-        all_held, [held.places.get(v, -1) for v in all_held], [int(carriers[j]) for j, _ in joints],
-        [c for _, c in joints], [int(carriers[j]) for j, _ in held.spins], bodies,
-        [x.has_law for x in lines], [x.q for x in turns], [x.v for x in turns],
-        [x.has_law for x in turns]]
-    numbers: list[Any] = [
-        [tolerance, acting.heaviest, held.period], acting.damping, acting.friction, acting.slip,
-        acting.armature, acting.constant, [axis for _, axis in held.spins], points,
-        [x.spring for x in lines], [x.spring for x in turns]]
-    return (np.concatenate([np.asarray(p, np.int64).ravel() for p in parts]),
-            np.concatenate([np.asarray(p, float).ravel() for p in numbers]))

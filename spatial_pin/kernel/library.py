@@ -83,7 +83,8 @@ def _declare_dynamics(found: ctypes.CDLL) -> None:
     found.dynamics_destroy.restype = found.integrator_destroy.restype = None
     found.dynamics_destroy.argtypes = found.integrator_destroy.argtypes = [POINTER]
     found.dynamics_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, POINTER]
-    found.dynamics_begin.argtypes = [*[POINTER] * 5, INT]
+    found.dynamics_begin.argtypes = [*[POINTER] * 6, INT]
+    found.dynamics_renew.argtypes = [POINTER, REAL, *[POINTER] * 3]
     found.dynamics_function.argtypes = [POINTER, REAL, POINTER, POINTER]
     found.dynamics_place.argtypes = [POINTER, REAL, *[POINTER] * 5]
     found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 8]

@@ -1,4 +1,4 @@
-"""What a simulation looks for in every step: joint limits, and where it is to stop."""
+"""What a simulation looks for in its steps: limits of joints, and where it is to stop."""
 
 from __future__ import annotations
 
@@ -6,20 +6,16 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import finite_number
-from spatial_pin.dynamics.simulation.problem import Problem, System
+from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.rated_limits import RatedLimits
+from spatial_pin.dynamics.simulation.system import Step
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
-from spatial_pin.motion.joint_limits import (
-    NOISE,
-    Passing,
-    falls,
-    first_passing,
-    passed_at_start,
-)
+from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
+from spatial_pin.motion.joint_limits import NOISE, Passing, falls, first_passing, passed_at_start
 from spatial_pin.motion.rated_limits import RatedLimit
 from spatial_pin.numerics.linalg import Array
 
@@ -43,6 +39,33 @@ class Found(NamedTuple):
     rated: Sequence[tuple[float, RatedLimit]] = ()
 
 
+class Bounds(NamedTuple):
+    """Limits of coordinates, as the kernel's steps heed them: `meets_limit` in integrating.c.
+
+    Attributes:
+        q, v: entries of the configuration and of the velocity.
+        side: 1 above, -1 below, 0 of the velocity.
+        value: from which on a coordinate is beyond.
+        before: (n, 2) room and how fast it closes, where the last step ended.
+    """
+
+    q: NDArray[np.int64]
+    v: NDArray[np.int64]
+    side: NDArray[np.int64]
+    value: Array
+    before: Array
+
+
+def _bounds(joints: Sequence[JointLimit], rated: Sequence[RatedLimit], state: State) -> Bounds:
+    table = [(x.q, x.v, x.side, x.value + x.side * SLACK * x.size,
+              float(x.room(state.q)) + SLACK * x.size, float(x.closing(state.v))) for x in joints]
+    table += [(0, x.v, 0, x.value * (1.0 + SLACK), -float(x.excess(state.v[x.v])), 0.0)
+              for x in rated]
+    columns = np.array(table, float).reshape(-1, 6)
+    q, v, side = (x.astype(np.int64) for x in columns[:, :3].T)  # each contiguous, as C reads it
+    return Bounds(q, v, side, columns[:, 3].copy(), columns[:, 4:].copy())
+
+
 def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
     value: Any = stop_when(t, state)
     return finite_number(value.item() if np.size(value) == 1 and isinstance(value, np.ndarray)
@@ -50,7 +73,7 @@ def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
 
 
 class Watch:
-    """Looks at every step of a simulation.
+    """Looks at the steps of a simulation.
 
     Args:
         problem: what is simulated.
@@ -60,6 +83,8 @@ class Watch:
 
     Attributes:
         at_start: joint limits beyond which it starts.
+        bounds: what the kernel looks for by itself.
+        always: whether every step is to be looked at.
 
     Raises:
         SpatialPinError: it is to stop at joint limits but starts beyond one.
@@ -81,19 +106,15 @@ class Watch:
                 f"{self.at_start[0].limit.words}, where the simulation is to stop: start inside "
                 "(assemble(limits=True)), or give on_joint_limit=\"report\"")
         self.rated = None if ignored else RatedLimits(problem, state)
+        self.bounds = _bounds(self.limits, self.rated.velocities if self.rated else (), state)
+        self.always = bool(stop_when or (self.rated and self.rated.efforts_are_looked_at))
         self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
-        self._end: tuple[Array, Array] = state.q, state.v
 
-    @property
-    def is_needed(self) -> bool:
-        """Whether there is anything to be looked for."""
-        return bool(self.limits or self.stop_when or (self.rated and self.rated.limits))
-
-    def look(self, system: System, solver: Any) -> Found:
-        """Return what the solver's last step has met."""
-        passed = self._passed(system, solver)
-        rated = self.rated.passed(system, solver) if self.rated else []
-        stop = self._crossed(system, solver)
+    def look(self, step: Step) -> Found:
+        """Return what a step has met."""
+        passed = self._passed(step)
+        rated = self.rated.passed(step) if self.rated else []
+        stop = self._crossed(step)
         text = "" if stop is None else f"stopped at {stop:.12g} s"
         if passed and self.on_joint_limit == "stop" and (stop is None or passed[0][0] <= stop):
             stop, limit = passed[0]
@@ -101,35 +122,23 @@ class Watch:
         return Found([p for p in passed if stop is None or p[0] <= stop], stop, text,
                      [p for p in rated if stop is None or p[0] <= stop])
 
-    def _passed(self, system: System, solver: Any) -> list[tuple[float, JointLimit]]:
-        """Return the joint limits passed in the last step, in the order of the times."""
+    def _passed(self, step: Step) -> list[tuple[float, JointLimit]]:
+        """Return the joint limits passed in a step, in the order of the times."""
         if not self.limits:
             return []
-        before, self._end = self._end, system.place(solver.t, solver.y)
-        dense: list[Any] = []
+        ends = step.place(step.first), step.place(step.last)
+        noise = NOISE * float(np.abs(np.array([v for _, v in ends]) / self._scale).max())
+        found = [(first_passing(limit, step.place, (step.first, step.last), ends, noise), limit)
+                 for limit in self.limits]
+        return sorted(((t, limit) for t, limit in found if t is not None), key=lambda x: x[0])
 
-        def at(t: float) -> tuple[Array, Array]:
-            if not dense:
-                dense.append(solver.dense_output())
-            return system.place(t, dense[0](t))
-
-        span, found = (solver.t_old, solver.t), []
-        noise = NOISE * float(np.abs(np.array([before[1], self._end[1]]) / self._scale).max())
-        for limit in self.limits:
-            t = first_passing(limit, at, span, (before, self._end), noise)
-            if t is not None:
-                found.append((t, limit))
-        return sorted(found, key=lambda pair: pair[0])
-
-    def _crossed(self, system: System, solver: Any) -> float | None:
-        """Return when `stop_when` has crossed zero in the last step, if it has."""
+    def _crossed(self, step: Step) -> float | None:
+        """Return when `stop_when` has crossed zero in a step, if it has."""
         function = self.stop_when
         if function is None:
             return None
-        before, self._last = self._last, _stop_value(
-            function, solver.t, system.state(solver.t, solver.y))
+        before, self._last = self._last, _stop_value(function, step.last, step.state(step.last))
         if before == 0.0 or before * self._last > 0.0:
             return None
-        dense, sign = solver.dense_output(), float(np.sign(before))
-        return falls(lambda t: sign * function(t, system.state(t, dense(t))), solver.t_old,
-                     solver.t)
+        sign = float(np.sign(before))
+        return falls(lambda t: sign * function(t, step.state(t)), step.first, step.last)

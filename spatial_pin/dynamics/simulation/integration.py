@@ -13,9 +13,11 @@ from spatial_pin.constraints.closure_equations import constraints_of
 from spatial_pin.dynamics.simulation.ending import why_it_ends
 from spatial_pin.dynamics.simulation.energy_balance import Balance
 from spatial_pin.dynamics.simulation.events import Found, Watch
+from spatial_pin.dynamics.simulation.formulations.independent import Independent
+from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integrators import AUTOMATIC, FIXED, STEPPERS
-from spatial_pin.dynamics.simulation.problem import Problem, System
+from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
     Energies,
@@ -24,6 +26,7 @@ from spatial_pin.dynamics.simulation.result import (
     energy_drift,
 )
 from spatial_pin.dynamics.simulation.scales import natural_units
+from spatial_pin.dynamics.simulation.system import Step, System
 from spatial_pin.errors import (
     EnergyError,
     SingularError,
@@ -194,19 +197,20 @@ class Run:
                 if why == WORN:
                     break
                 continue
-            opened = system.settle(solver) or 0.0
-            if opened > 1.0:
-                self._solver = solver = self._shortened(system, solver.t - self.t)
-                held = True
-                continue
-            if held and opened < LITTLE:
-                solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
-            if system.projection is not None:
+            if isinstance(system, Projected):
+                opened = system.settle(solver)
+                if opened > 1.0:
+                    self._solver = solver = self._shortened(system, solver.t - self.t)
+                    held = True
+                    continue
+                if held and opened < LITTLE:
+                    solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
                 self._refuse_to_lose_energy(solver.t, system.energies(solver.t, solver.y))
             self._refuse_to_creep(system, solver)
             self._note_integrator(system, solver)
+            before = self.y if why is None else solver.y_old
             self.t, self.y = solver.t, solver.y
-            yield self._take(system, solver)
+            yield self._take(system, solver, before)
             self._refuse_to_go_on_for_ever(solver)
             if solver.status == "running" and system.is_worn(self.t, solver.y):
                 break
@@ -217,22 +221,24 @@ class Run:
         Where that is no routine, the last step is still to be looked at, its samples with it.
         """
         inner = getattr(solver, "in_kernel", None)
-        if inner is None or system.kernel is None or self.watch.is_needed:
+        if inner is None or not isinstance(system, Independent):
             return None
-        rows, before = self.rows, inner.steps
+        rows, before, bounds = self.rows, inner.steps, self.watch.bounds
         rows.put(rows.until(self.end))
         most = min(TRIED - self.steps % TRIED, max(self.accuracy.most_steps - self.steps, 1))
         times = np.ascontiguousarray(rows.times)
         run = KernelRun(
             address(times), len(times), rows.filled, *map(address, rows.room()), most,
-            system.patience, self._largest[1], self._largest[0], float(self.accuracy.most_steps))
+            system.patience, self._largest[1], self._largest[0], float(self.accuracy.most_steps),
+            looks=self.watch.always, n_limits=len(bounds.q), limit_q=address(bounds.q),
+            limit_v=address(bounds.v), limit_side=address(bounds.side),
+            limit_value=address(bounds.value), limit_before=address(bounds.before))
         try:
             why: int = inner.run(run)
         finally:
             rows.filled = run.row
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
             self._note_crossing(system.coordinate_at(x), row)
-        system.seen(solver.y if why in ROUTINE else inner.y_old)
         taken = inner.steps - before
         if taken > 1:
             self._creeping = self._standing = 0
@@ -365,15 +371,18 @@ class Run:
         return why_it_ends(self.problem, self.accuracy, self._first, self.t, state or self._first)
 
     def _begin(self, state: State, given_up: GivenUp = frozenset()) -> System:
-        if self.system is not None and self.system.projection is not None:
+        if isinstance(self.system, Projected):
             self._projections.append(self.system.projection)
         self.system = system = self.formulate(self.problem, state, given_up)
         if _kind(system) in given_up:
             raise self._singular(state)
+        self._note_begun(system)
+        return system
+
+    def _note_begun(self, system: System) -> None:
         by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
         self.used += [by_v[v] for v in system.free]
         self._begun_at = self.t
-        return system
 
     def _begin_again(self, system: System, failed: bool) -> System:
         """Choose new coordinates where the old ones are worn, and change the unknowns to them.
@@ -382,10 +391,11 @@ class Run:
             SingularError: none can be followed.
         """
         state = system.state(self.t, self.y)
-        if not failed and system.choice(state) == system.free:
-            system.patience *= 2.0
-            if system.is_fresh_the_same:
-                return system
+        renewed = None if failed else system.renewed(self.t, self.y, state)
+        if renewed is not None:
+            self.y = renewed
+            self._note_begun(system)
+            return system
         fresh = self._begin(state, self._give_up(system) if failed else frozenset())
         self.y = fresh.unknowns(state.v, self.problem.work(self.y))
         return fresh
@@ -403,26 +413,23 @@ class Run:
         """Whether hardly anything has happened since then, by the longest step so far."""
         return self.t - t <= NEAR**2 * self._largest[1]
 
-    def _take(self, system: System, solver: Any) -> bool:
+    def _take(self, system: System, solver: Any, before: Array) -> bool:
         """Keep rows and events of the last step; return whether it is to be the last."""
         self.steps += 1
-        found = self.watch.look(system, solver)
+        step = Step(system, solver)
+        found = self.watch.look(step)
         times = self.rows.until(solver.t if found.stop is None else found.stop)
         if found.stop is not None and found.stop > max([self.rows.last, *times]):
             times = np.union1d(times, [found.stop])
-        unknowns = solver.dense_output()(times).T if times.size else np.empty((0, len(solver.y)))
-        self._note_crossings(system, solver.y, unknowns)
+        unknowns = step.unknowns(times) if times.size else np.empty((0, len(solver.y)))
+        for value, at in system.crossings(before, solver.y):
+            before_it = (unknowns[:, 0] - at) * solver.y[1] < 0.0
+            self._note_crossing(value, self.rows.filled + int(np.count_nonzero(before_it)))
         self._note_limits(found, times)
         self.rows.ask(system, times, unknowns)
         if found.stop is not None:
             self.events.append(Event("stopped", found.stop, self.rows.filled, found.text))
         return found.stop is not None
-
-    def _note_crossings(self, system: System, y: Array, unknowns: Array) -> None:
-        """Keep crossings passed in the last step, which ended at y and has rows at `unknowns`."""
-        for value, at in system.crossings_to(y):
-            row = self.rows.filled + int(np.count_nonzero((unknowns[:, 0] - at) * y[1] < 0.0))
-            self._note_crossing(value, row)
 
     def _note_crossing(self, value: float, row: int) -> None:
         text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the one "
@@ -459,7 +466,7 @@ class Run:
 
     def _projection(self) -> Projection | None:
         """Return what projecting has taken, if anything was projected."""
-        if self.system is None or self.system.projection is None:
+        if not isinstance(self.system, Projected):
             return None
         parts = [*self._projections, self.system.projection]
         seconds = sum(part.seconds for part in parts)

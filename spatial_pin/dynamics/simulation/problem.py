@@ -1,10 +1,10 @@
-"""What a simulation is asked: forces and laws of drivers; and what equations of motion answer."""
+"""What a simulation is asked: forces and laws of drivers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,11 +15,10 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.trees import Piece, is_large, pieces_of
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
-from spatial_pin.dynamics.simulation.result import Energies, Projection
+from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.dynamics.solvers.kkt import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.dynamics import Dynamics, Samples
 from spatial_pin.kernel.packing import Packed, packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
@@ -183,79 +182,3 @@ class Problem:
     def work(self, y: Array) -> float:
         """Return the work done, of unknowns."""
         return float(y[-1]) if self.works else 0.0
-
-
-class System(Protocol):
-    """Equations of motion: `Independent` or `Projected`.
-
-    Called with (t, y) it returns dy/dt, NaN where the loops cannot be closed. y holds the chart
-    coordinates, their rates, and the work done if any is.
-
-    Attributes:
-        problem: what acts.
-        free: velocity entries that are independent.
-        patience: how many times faster than they another joint may move before they are worn.
-    """
-
-    problem: Problem
-    free: list[int]
-    patience: float
-
-    @property
-    def kernel(self) -> Dynamics | None:
-        """The same in the kernel, where many steps are taken in one go; None if it is not there."""
-
-    @property
-    def evaluations(self) -> int:
-        """How often it was evaluated."""
-
-    @property
-    def pivot(self) -> float:
-        """Smallest over largest pivot of the equations at the present place."""
-
-    @property
-    def is_fresh_the_same(self) -> bool:
-        """Whether the same coordinates, taken anew, would be no better."""
-
-    def __call__(self, t: float, y: Array) -> Array:
-        """Return dy/dt."""
-
-    def unknowns(self, v: Array, work: float) -> Array:
-        """Return y at the chart's origin, at joint velocities v (nv,)."""
-
-    @property
-    def projection(self) -> Projection | None:
-        """What projecting has taken so far, where steps are projected (`share` is not known)."""
-
-    def choice(self, state: State) -> list[int]:
-        """Return the velocity entries that would be the best independent ones at a state."""
-
-    def place(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Return configuration (nq,) and velocity (nv,) at y."""
-
-    def state(self, t: float, y: Array) -> State:
-        """Return the State at y."""
-
-    def energies(self, t: float, y: Array) -> Energies:
-        """Return the energies at y."""
-
-    def rows(self, times: Array, unknowns: Array) -> Samples:
-        """Return everything at times (N,) and unknowns (N, n)."""
-
-    def settle(self, solver: Any) -> float | None:
-        """Take the loops back that a step of the solver has opened, if it can open any.
-
-        Returns how far it had opened them, by what is allowed; above 1 nothing has been done.
-        """
-
-    def is_worn(self, t: float, y: Array) -> bool:
-        """Whether other coordinates, or a chart begun anew, would be better."""
-
-    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
-        """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
-
-    def coordinate_at(self, x: float) -> float:
-        """Return the value of the first independent coordinate at a chart coordinate."""
-
-    def seen(self, y: Array) -> None:
-        """Take it that crossings on the way to y are known."""

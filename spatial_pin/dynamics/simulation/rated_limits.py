@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import joint_efforts
-from spatial_pin.dynamics.simulation.problem import Problem, System
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.system import Step
 from spatial_pin.motion.joint_limits import falls
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
@@ -31,40 +31,33 @@ class RatedLimits:
 
     Attributes:
         at_start: events of limits that it is beyond from the start.
+        velocities: the limits of velocities.
+        efforts_are_looked_at: whether efforts change that have limits.
     """
 
     def __init__(self, problem: Problem, state: State) -> None:
         self.problem = problem
         by_v = {limit.v: limit for limit in effort_limits(problem.mechanism)}
-        self._velocities = velocity_limits(problem.mechanism)
+        self.velocities = velocity_limits(problem.mechanism)
         self._given = list(by_v.values()) if problem.law is not None else []
         drives = enumerate(c.v for c, _ in problem.drives)
         self._driven = [(k, by_v[v]) for k, v in drives if v in by_v]
-        self.limits = [*self._velocities, *self._given, *(limit for _, limit in self._driven)]
-        self._last: Array | None = None
+        self.efforts_are_looked_at = bool(self._given or self._driven)
         constant = [(limit, problem.constant[limit.v]) for limit in by_v.values()]
-        moving = [(limit, state.v[limit.v]) for limit in self._velocities]
+        moving = [(limit, state.v[limit.v]) for limit in self.velocities]
         self.at_start = [Event(limit.kind, 0.0, 0, f"beyond the {limit.words} from the start")
                          for limit, x in (*constant, *moving) if limit.excess(x) > 0.0]
 
-    def passed(self, system: System, solver: Any) -> list[tuple[float, RatedLimit]]:
-        """Return the limits passed outwards in the last step, with the times, in their order."""
-        if not self.limits:
+    def passed(self, step: Step) -> list[tuple[float, RatedLimit]]:
+        """Return the limits passed outwards in a step, with the times, in their order."""
+        limits = [*self.velocities, *self._given, *(limit for _, limit in self._driven)]
+        if not limits:
             return []
-        dense: list[Callable[[float], Array]] = []
-
-        def at(t: float) -> Array:
-            if not dense:
-                dense.append(solver.dense_output())
-            return self._parts(system, t, dense[0](t))
-
-        first, last = solver.t_old, solver.t
-        before = at(first) if self._last is None else self._last
-        self._last = after = self._parts(system, last, solver.y)
         found = []
-        for k, limit in enumerate(self.limits):
-            t = self._passing(lambda t, k=k: float(at(t)[k]), (first, last),  # type: ignore[misc]
-                              float(before[k]), float(after[k]))
+        before, after = self._excesses(step, step.first), self._excesses(step, step.last)
+        for k, limit in enumerate(limits):
+            t = self._passing(lambda t, k=k: float(self._excesses(step, t)[k]),  # type: ignore[misc]
+                              (step.first, step.last), float(before[k]), float(after[k]))
             if t is not None:
                 found.append((t, limit))
         return sorted(found, key=lambda pair: pair[0])
@@ -82,16 +75,14 @@ class RatedLimits:
             last = next((t for t in inside if excess(t) > 0.0), None)
         return None if last is None else falls(lambda t: -excess(t), span[0], last)
 
-    def _parts(self, system: System, t: float, y: Array) -> Array:
-        """Return by how much all are beyond their limits, by these."""
-        problem, values = self.problem, list[float]()
-        _, v = system.place(t, y)
-        values += [v[limit.v] for limit in self._velocities]
-        if self._given and problem.law is not None:
-            efforts = joint_efforts(problem.mechanism, problem.law(t, system.state(t, y)))
-            values += [efforts[limit.v] for limit in self._given]
+    def _excesses(self, step: Step, t: float) -> Array:
+        """Return how far all are beyond their limits, relative to these."""
+        v = step.place(t)[1]
+        pairs = [(limit, v[limit.v]) for limit in self.velocities]
+        if self._given and self.problem.law is not None:
+            given = joint_efforts(self.problem.mechanism, self.problem.law(t, step.state(t)))
+            pairs += [(limit, given[limit.v]) for limit in self._given]
         if self._driven:
-            efforts = system.rows(np.array([t]), y[None]).efforts[0]
-            values += [efforts[k] for k, _ in self._driven]
-        return np.array([float(limit.excess(np.array(x))) / limit.value
-                         for limit, x in zip(self.limits, values, strict=True)])
+            efforts = step.efforts(t)
+            pairs += [(limit, efforts[k]) for k, limit in self._driven]
+        return np.array([float(limit.excess(x)) / limit.value for limit, x in pairs])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.dynamics.simulation.problem import System
+from spatial_pin.dynamics.simulation.system import System
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 

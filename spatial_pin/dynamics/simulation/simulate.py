@@ -18,8 +18,9 @@ from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integration import Formulate, GivenUp, Run
-from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem, System
+from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
+from spatial_pin.dynamics.simulation.system import System
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError, StepLimitError
 from spatial_pin.mechanism.coordinates import finite_array
 from spatial_pin.mechanism.laws import DriverLaw

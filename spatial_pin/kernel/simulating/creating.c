@@ -1,4 +1,4 @@
-/* A Dynamics made from two flat arrays, and where it begins. Every index is checked here. */
+/* A Dynamics made from two flat arrays. Every index is checked here. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -64,17 +64,14 @@ static int read_arrays(Dynamics *d, Source from)
     d->n_lines = head[3], d->n_turns = head[4], d->works = head[5];
     d->n_held = d->n_free + d->n_drives;
     d->n_unknowns = 2 * d->n_free + 4 * d->n_spins + (d->works ? 1 : 0);
-    d->held = take_ints(&from, d->n_held);
-    d->held_q = take_ints(&from, d->n_held);
-    d->held_joint = take_ints(&from, d->n_held);
-    d->held_component = take_ints(&from, d->n_held);
+    d->prescribed = take_ints(&from, d->n_drives);
     d->spin_joint = take_ints(&from, d->n_spins);
     d->line_body = take_ints(&from, 2 * d->n_lines);
     d->line_law = take_ints(&from, d->n_lines);
     d->turn_q = take_ints(&from, d->n_turns);
     d->turn_v = take_ints(&from, d->n_turns);
     d->turn_law = take_ints(&from, d->n_turns);
-    const Real *numbers = take_reals(&from, 3);
+    const Real *numbers = take_reals(&from, 2);
     d->damping = take_reals(&from, nv);
     d->friction = take_reals(&from, nv);
     d->slip = take_reals(&from, nv);
@@ -86,26 +83,7 @@ static int read_arrays(Dynamics *d, Source from)
     d->turn_spring = take_reals(&from, 3 * d->n_turns);
     if (from.failed || from.ints_left || from.reals_left)
         return 0;
-    d->tolerance = numbers[0], d->heaviest = numbers[1], d->period = numbers[2];
-    return 1;
-}
-
-static int held_are_sound(Dynamics *d)
-{
-    const Kernel *k = d->k;
-    d->is_linear = 1;
-    for (Int i = 0; i < d->n_held; i++) {
-        const Int j = d->held_joint[i];
-        if (!within(d->held[i], k->nv) || d->held_q[i] < -1 || d->held_q[i] >= k->nq)
-            return 0;
-        if (d->held_q[i] >= 0)
-            continue;
-        d->is_linear = 0;
-        if (i >= d->n_free || !within(j, k->n_joints) || k->kind[j] < BALL ||
-            !within(d->held_component[i], joint_nv(k->kind[j])) ||
-            d->held[i] != k->iv[j] + d->held_component[i])
-            return 0;
-    }
+    d->tolerance = numbers[0], d->heaviest = numbers[1];
     return 1;
 }
 
@@ -113,6 +91,11 @@ static int forces_are_sound(const Dynamics *d)
 {
     const Kernel *k = d->k;
     int law = 0;
+    if (d->n_held > k->nv || d->n_spins > k->nv)
+        return 0;
+    for (Int i = 0; i < d->n_drives; i++)
+        if (!within(d->prescribed[i], k->nv))
+            return 0;
     for (Int s = 0; s < d->n_spins; s++)
         if (!within(d->spin_joint[s], k->n_joints) || k->kind[d->spin_joint[s]] != BALL)
             return 0;
@@ -141,7 +124,7 @@ static int make_place(Dynamics *d, Place *place)
 static int make_strips(Dynamics *d)
 {
     const Kernel *k = d->k;
-    for (Int i = 0; d->passes && i < MOST_STRIPS; i++) {
+    for (Int i = 0; d->n_free == 1 && !d->n_drives && i < MOST_STRIPS; i++) {
         Strip *s = d->strips + i;
         const Int n = 2 * STRIP_NODES;
         if (!(s->q = memory(d, n * k->nq, sizeof(Real))) ||
@@ -161,7 +144,7 @@ static int make_room(Dynamics *d)
         Real **to;
         Int count;
     } fields[] = {
-        {(Real **)&d->start, nq}, {&d->sigma, d->n_spins}, {&d->q, nq}, {&d->x, n},
+        {&d->start, nq}, {&d->sigma, d->n_spins}, {&d->q, nq}, {&d->x, n},
         {&d->turns, na}, {&d->columns, n * nv}, {&d->chart, 3 * n}, {&d->inverse, n * n},
         {&d->bend, nv}, {&d->bend_rate, n}, {&d->v, nv}, {&d->a, nv}, {&d->a0, nv},
         {&d->given, nv}, {&d->tau, nv}, {&d->z, n}, {&d->drive_effort, d->n_drives},
@@ -169,10 +152,15 @@ static int make_room(Dynamics *d)
         {&d->step, nv}, {&d->trial, nq}, {&d->solved, nv}, {&d->goal, n * n + nq}, {&d->asking, 3 * n},
         {&d->before, n}, {&d->rates, n}, {&d->off, n}, {&d->force, 3 * nj}, {&d->moment, 3 * nj},
         {&d->twist, 6 * nj * d->n_free}, {&d->mass, d->n_free * d->n_free + 1},
+        {&d->freedoms, d->n_free * nv},
         {&d->laws, 3 * d->n_drives},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         if (!(*fields[i].to = memory(d, fields[i].count, sizeof(Real))))
+            return 0;
+    Int **indices[] = {&d->held, &d->held_q, &d->held_joint, &d->held_component, &d->best};
+    for (size_t i = 0; i < sizeof indices / sizeof *indices; i++)
+        if (!(*indices[i] = memory(d, n, sizeof(Int))))
             return 0;
     return make_place(d, &d->kept) && make_place(d, &d->aside) &&
            make_place(d, &d->ended) && make_strips(d);
@@ -205,11 +193,10 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
     d->asked = *asked;
     d->strip = -1;
     const Source from = {d, ints, n_ints, reals, n_reals, 0};
-    int code = k->n_idle == 0 && read_arrays(d, from) && held_are_sound(d) && forces_are_sound(d)
+    int code = k->n_idle == 0 && read_arrays(d, from) && forces_are_sound(d)
                    ? DONE
                    : BAD_ARRAYS;
     if (code == DONE) {
-        d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0;
         for (Int i = 0; i < k->nv; i++)
             d->resists = d->resists || d->damping[i] != 0.0 || d->friction[i] != 0.0;
         code = make_room(d) ? DONE : NO_MEMORY;
@@ -219,35 +206,4 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
     else
         dynamics_destroy(d);
     return code;
-}
-
-/* Rows that hold spins, where they may not vanish: the freedoms that carry the body. */
-static Real *spin_pattern(const Dynamics *d)
-{
-    const Kernel *k = d->k;
-    Real *rows = calloc((size_t)(d->n_spins * k->nv) + 1, sizeof *rows);
-    for (Int s = 0; rows && s < d->n_spins; s++)
-        for (Int j = d->spin_joint[s]; j > 0; j = k->parent[j])
-            for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
-                rows[s * k->nv + v] = 1.0;
-    return rows;
-}
-
-/* Begin a chart at a closed configuration, with independent closure equations. */
-EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const Real *sigma,
-                          const Int *chosen, Int n_chosen)
-{
-    Kernel *k = d->k;
-    Real *rows = spin_pattern(d);
-    if (!rows)
-        return NO_MEMORY;
-    int code = system_set(k, chosen, n_chosen, d->held, d->n_held, rows, d->n_spins);
-    free(rows);
-    if (code != DONE)
-        return code;
-    memcpy(d->q, q, (size_t)k->nq * sizeof *q);
-    memcpy((Real *)d->start, q, (size_t)k->nq * sizeof *q);
-    memcpy(d->turns, turns, (size_t)k->n_angles * sizeof *turns);
-    memcpy(d->sigma, sigma, (size_t)d->n_spins * sizeof *sigma);
-    return independent_begin(d);
 }

@@ -1,5 +1,5 @@
-/* A mechanism moved by independent coordinates under forces: what dynamics.c, independent.c and
- * passing.c share, and what integrating.c asks of them.
+/* A mechanism moved by independent coordinates under forces: what dynamics.c, independent.c,
+ * choosing.c and passing.c share, and what integrating.c asks of them.
  *
  * Unknowns y: the n free coordinates x of a chart, their joint rates u (both in units of the
  * velocity's scale), a quaternion (x, y, z, w) for every body that spins freely about its own line,
@@ -46,9 +46,10 @@ typedef struct Dynamics {
 
     /* ---- coordinates ---- */
     Int n_free, n_drives, n_held, n_spins, n_unknowns, works;
-    const Int *held, *held_q; /* velocity entry; entry of q, or -1 where the chart is curved */
-    const Int *held_joint, *held_component; /* of a ball (0..2) or a free joint (0..5) */
-    const Real *start;        /* (nq) where the chart begins */
+    const Int *prescribed; /* velocity entries */
+    Int *held, *held_q;    /* velocity entry; entry of q, or -1 where the chart is curved */
+    Int *held_joint, *held_component; /* of a ball (0..2) or a free joint (0..5) */
+    Real *start;           /* (nq) where the chart begins */
     Int is_linear;
     const Int *spin_joint;
     const Real *spin_axis; /* (3) in the body's axes */
@@ -88,7 +89,8 @@ typedef struct Dynamics {
 
     /* ---- room to work in ---- */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
-        *laws, *rates;
+        *laws, *rates, *freedoms; /* freedoms: (n_free, nv) */
+    Int *best; /* (n_free) coordinates that would be best */
     Place aside, ended;
     Int evaluations;
     void **owned;
@@ -119,5 +121,7 @@ int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
 int dynamics_sample(void *d, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
                     Real *efforts, Real *angles);
 EXPORT Real dynamics_keep(Dynamics *d);
+EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
+                          Real *error);
 
 #endif

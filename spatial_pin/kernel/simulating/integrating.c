@@ -12,15 +12,17 @@
 
 enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 
-/* Why a run of steps paused; the samples of its last step are not made, but after WORN. */
+/* Why a run of steps paused; after FULL, STIFF, CREEPING and LIMIT the samples of its last step are
+ * still to be made. */
 enum Pause { AT_END = 0, AT_FAILURE = 1, WORN = 2, FULL = 3, STIFF = 4, CREEPING = 5, MANY = 6,
-             RAISED = 7 };
+             RAISED = 7, LIMIT = 8 };
 
 #define LONG 15     /* steps at the bound of stability that tell a stiff motion */
 #define SHORT 6     /* steps well within it that tell that it is none */
 #define SELDOM 5    /* steps from one look to the next */
 #define NEAR 1e-3   /* step, and pivot, by the largest so far, below which the motion creeps */
 #define NOWHERE 1e-2 /* of the longest step, that all steps allowed would lead to */
+#define NEAR_LIMIT 0.5 /* of a velocity limit: what is nearer may pass it within a step */
 #define CHART_ENDS 1.0 /* rotation vector at which a chart is begun anew [rad] */
 
 typedef int (*Rates)(void *context, Real t, const Real *y, Real *rates);
@@ -318,7 +320,33 @@ typedef struct {
     Int n_crossed;     /* crossings passed: chart coordinate, and samples before */
     Real crossed[MOST_CROSSED];
     Int crossed_row[MOST_CROSSED];
+    Int looks, n_limits;   /* whether every step is looked at; limits of coordinates */
+    const Int *limit_q, *limit_v, *limit_side; /* side: 1 above, -1 below, 0 of the velocity */
+    const Real *limit_value;
+    Real *limit_before;    /* (2) room, and how fast it closes, where the last step ended */
 } Run;
+
+/* Whether a limit may have been passed in the last step, at whose end the mechanism stands: the
+ * joint is beyond it, or has turned back, or is nearly as fast as allowed. */
+static int meets_limit(const Dynamics *d, const Run *run)
+{
+    int meets = run->looks != 0;
+    for (Int i = 0; i < run->n_limits; i++) {
+        const Real value = run->limit_value[i], rate = d->v[run->limit_v[i]];
+        const Real side = (Real)run->limit_side[i];
+        Real *before = run->limit_before + 2 * i, room = value - fabs(rate);
+        if (side == 0.0)
+            meets = meets || (before[0] >= 0.0 && fmin(before[0], room) < NEAR_LIMIT * value);
+        else {
+            room = side * (value - d->q[run->limit_q[i]]);
+            meets = meets || (before[0] >= 0.0 &&
+                              (room < 0.0 || (before[1] > 0.0 && side * rate < 0.0)));
+        }
+        before[0] = room;
+        before[1] = side * rate;
+    }
+    return meets;
+}
 
 static int creeps(Integrator *g, const Dynamics *d, Run *run)
 {
@@ -389,6 +417,8 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             return AT_FAILURE;
         if (creeps(g, d, run))
             return CREEPING;
+        if (meets_limit(d, run))
+            return LIMIT;
         if (g->is_stiff)
             return STIFF;
         if (run->n_crossed > MOST_CROSSED / 2)

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
@@ -18,19 +19,18 @@ from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.forces import Forces, joint_efforts
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.dynamics.simulation.problem import Problem, Samples
+from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.dynamics.solvers.kkt import ROUNDING, Blurred, Motions
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.dynamics import Acting, Dynamics, Held, Line, Turn
-from spatial_pin.mechanism.mechanism import Spring
+from spatial_pin.kernel.dynamics import Asked, Dynamics, Samples
+from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
 
 FAST = 4.0  # speed of a joint, by the independent coordinates', at which others are taken
 FAR = 1.0  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
 USELESS = 1e-7  # pivots below which no chart is begun
 FINEST = 1e-14  # closure residual that can be reached anywhere
-TURN = 2.0 * np.pi
 
 
 class Independent:
@@ -49,72 +49,63 @@ class Independent:
         SingularError: the coordinates do not determine the motion there.
     """
 
-    projection = None
-
     def __init__(
         self, problem: Problem, state: State, free: Sequence[int], spins: Spins | None = None
     ) -> None:
         self.problem, self.free, self.n = problem, list(free), len(free)
         self.spins = spins or Spins(problem, [])
-        self.patience = FAST
         mechanism = problem.mechanism
         self._prescribed = [c.v for c, _ in problem.drives]
-        self._scale = problem.scale[self.free]
-        self._q0 = state.q
-        places = {c.v: c.q for c in mechanism.coordinate_table.values() if c.q >= 0}
-        held = [*self.free, *self._prescribed]
-        self._is_linear = all(v in places for v in held)
-        self._start = float(state.q[places[free[0]]]) if self.n and free[0] in places else 0.0
-        self._seen = 0.0
-        self._rows = problem.freedoms.equations(state)
-        self._is_whole = len(self._rows) == constraints_of(mechanism).n_rows
+        rows = problem.freedoms.equations(state)
+        self._is_whole = len(rows) == constraints_of(mechanism).n_rows
         wanted = problem.tolerance if self._is_whole else min(problem.tolerance, TIGHT)
-        self.kernel = Dynamics(mechanism, problem.packed, self._held(places), self._acting(state),
-                               self._least, max(wanted, FINEST))
+        asked = Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
+                      self._drives if problem.drives else None, self._least)
+        self.kernel = Dynamics(mechanism, problem.packed,
+                               *self._arrays(state, max(wanted, FINEST)), asked)
         self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
-        self._begin(state)
+        self._begin(state, rows)
 
-    def _held(self, places: dict[int, int]) -> Held:
-        table = {c.v: c for c in self.problem.mechanism.coordinate_table.values()}
-        turns = self.n == 1 and table[self.free[0]].unit == "rad"
-        carriers = self.problem.mechanism.model
-        joints = {}
-        for v in self.free:
-            if v not in places:
-                joint = next(i for i in range(1, carriers.njoints)
-                             if 0 <= v - carriers.idx_vs[i] < carriers.nvs[i])
-                joints[v] = joint, v - carriers.idx_vs[joint]
-        period = TURN / float(self._scale[0]) if turns else 0.0
-        return Held(self.free, self._prescribed, places, joints, period,
-                    [(body.joint, body.axis) for body in self.spins.bodies])
+    def _arrays(self, state: State, tolerance: float) -> tuple[Ints, Array]:
+        """Return what `read_arrays` in creating.c reads."""
+        problem, bodies = self.problem, self.spins.bodies
+        resistance, carriers = problem.forces.resistance, problem.packed.carriers
+        frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
+        springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
+        ends = [(carriers[j], x[:3]) for line in lines
+                for j, x in zip(line.bodies, line.points, strict=True)]
+        ints: list[Any] = [
+            [self.n, len(self._prescribed), len(bodies), len(lines), len(turns), problem.works],
+            self._prescribed, [carriers[body.joint] for body in bodies], [j for j, _ in ends],
+            [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
+            [x.energy is None for x in turns]]
+        reals: list[Any] = [
+            [tolerance, problem.heaviest(state.q)], resistance.damping, resistance.friction,
+            resistance.slip_speed, problem.model.armature, problem.constant,
+            [body.axis for body in bodies], [frames[j].T @ x for j, x in ends],
+            [springs[x.name] for x in lines], [springs[x.name] for x in turns]]
+        return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
+                np.concatenate([np.asarray(x, float).ravel() for x in reals]))
 
-    def _acting(self, state: State) -> Acting:
-        problem, forces = self.problem, self.problem.forces
-        resistance = forces.resistance
-        springs = {spring.name: spring for spring in problem.mechanism.springs}
-        lines = [Line(line.bodies, (line.points[0][:3], line.points[1][:3]),
-                      _constants(springs[line.name]), line.energy is None)
-                 for line in forces.lines]
-        turns = [Turn(turn.q, turn.v, _constants(springs[turn.name]), turn.energy is None)
-                 for turn in forces.turns]
-        return Acting(
-            resistance.damping, resistance.friction, resistance.slip_speed,
-            problem.model.armature, problem.constant, lines, turns,
-            self._efforts if problem.law is not None else None, _laws(forces),
-            self._drives if problem.drives else None, problem.works,
-            problem.heaviest(state.q))
-
-    def _begin(self, state: State) -> None:
+    def _begin(self, state: State, rows: NDArray[np.intp]) -> None:
         mechanism = self.problem.mechanism
         held = self.n + len(self._prescribed) + len(self.spins)
-        if len(self._rows) + held != mechanism.model.nv:
+        if len(rows) + held != mechanism.model.nv:
             raise SingularError(
-                f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(self._rows)} freedoms at "
+                f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
                 f"{state.q}, but {held} independent coordinates")
-        self._sigmas = self.spins.rates(state.q, state.v)
-        begun = self.kernel.begin(state.q, state.angles, np.array(self._sigmas), self._rows)
+        sigmas = np.array(self.spins.rates(state.q, state.v))
+        begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
         if not begun or not self.kernel.keep() or self.kernel.pivot < USELESS:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
+        self._note_chart(state)
+
+    def _note_chart(self, state: State) -> None:
+        """Note that a chart begins at a state."""
+        by_v = {c.v: c.q for c in self.problem.mechanism.coordinate_table.values()}
+        self._first, self._scale = state, self.problem.scale[self.free]
+        self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FAST
+        self._start = float(state.q[by_v[self.free[0]]]) if self.n and self._is_linear else 0.0
 
     # ---- what the kernel asks ----
 
@@ -145,7 +136,8 @@ class Independent:
         held = np.zeros((len(self._prescribed), len(v)))
         held[np.arange(len(held)), self._prescribed] = 1.0
         spun = self.spins.rows * problem.scale
-        columns = Motions(np.vstack([evaluation.jacobian[self._rows], held, spun]), problem.scale,
+        rows = evaluation.jacobian[problem.freedoms.equations(self._first)]
+        columns = Motions(np.vstack([rows, held, spun]), problem.scale,
                           evaluation.closure_error, self.free).columns
         given = problem.given(t, q, v, evaluation)
         try:
@@ -162,14 +154,24 @@ class Independent:
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         y = self.problem.unknowns(v[self.free] / self._scale, work)
-        turns = [self._q0[body.q] for body in self.spins.bodies]
+        turns = [self._first.q[body.q] for body in self.spins.bodies]
         return np.concatenate([y[: 2 * self.n], *turns, y[2 * self.n :]])
 
-    def choice(self, state: State) -> list[int]:
-        """Return the velocity entries that would be the best independent ones at a state."""
-        if self.n == 1 and not self._prescribed:
-            return self.problem.freedoms.plain(state, self.spins.rows)[:1]
-        return self.problem.freedoms.best(state, self._prescribed)
+    def renewed(self, t: float, y: Array, state: State) -> Array | None:
+        """Change to the best coordinates at y, where the mechanism is at a state.
+
+        Returns:
+            The unknowns in them; None where no chart begins there.
+        """
+        found = self.kernel.renew(t, y)
+        if found is None:
+            return None
+        self.free, fresh, is_same = found
+        if is_same:
+            self.patience *= 2.0
+        else:
+            self._note_chart(state)
+        return fresh
 
     def place(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at y.
@@ -210,10 +212,6 @@ class Independent:
         _, kinetic, total, work = self.rows(np.array([t]), y[None]).numbers[0].tolist()
         return Energies(kinetic, total, work)
 
-    def settle(self, solver: Any) -> float:
-        """Return 0 and do nothing: every evaluation closes the loops."""
-        return 0.0
-
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""
         if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > FAR:
@@ -222,20 +220,20 @@ class Independent:
             return True
         return self.kernel.keep() > self.patience
 
-    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
-        """Return where branches crossed since the last call: the coordinate, and the unknown y0."""
+    def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
+        """Return where branches cross between unknowns: the coordinate, and the unknown there."""
         if self.n != 1:
             return []
-        before, self._seen = self._seen, float(y[0])
-        return [(self.coordinate_at(x), x) for x in self.kernel.crossed(before, self._seen)]
+        return [(self.coordinate_at(x), x) for x in self.kernel.crossed(float(y[0]), float(to[0]))]
 
     def coordinate_at(self, x: float) -> float:
         """Return the value of the first independent coordinate at a chart coordinate."""
         return self._start + float(self._scale[0]) * x
 
-    def seen(self, y: Array) -> None:
-        """Take it that crossings on the way to y are known."""
-        self._seen = float(y[0]) if self.n else 0.0
+    @property
+    def is_fresh_the_same(self) -> bool:
+        """Whether the same coordinates, taken anew, would be no better."""
+        return self._is_linear and self._is_whole
 
     @property
     def evaluations(self) -> int:
@@ -246,15 +244,6 @@ class Independent:
     def pivot(self) -> float:
         """Smallest over largest pivot of the equations at the present place."""
         return self.kernel.pivot
-
-    @property
-    def is_fresh_the_same(self) -> bool:
-        """Whether the same coordinates, taken anew, would be no better."""
-        return self._is_linear and self._is_whole
-
-
-def _constants(spring: Spring) -> tuple[float, float, float]:
-    return spring.stiffness, spring.damping, spring.free
 
 
 def _laws(forces: Forces) -> Any:

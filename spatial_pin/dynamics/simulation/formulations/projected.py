@@ -52,8 +52,6 @@ class Projected:
         SingularError: the loops have lost rank at the state.
     """
 
-    kernel = None
-
     def __init__(self, problem: Problem, state: State) -> None:
         if problem.drives:
             raise SpatialPinError(
@@ -76,7 +74,7 @@ class Projected:
                 f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
                 "loops lose rank there", state=state)
         self.evaluations, self.pivot = 0, 1.0
-        self.is_fresh_the_same, self.patience = not self.curved, 0.0
+        self.is_fresh_the_same = not self.curved
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
         self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
         self._make_saddle(self.q0)
@@ -92,9 +90,10 @@ class Projected:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         return self.problem.unknowns(v / self.scale, work)
 
-    def choice(self, state: State) -> list[int]:
-        """Return all velocity entries: none are chosen."""
-        return self.free
+    def renewed(self, t: float, y: Array, state: State) -> Array | None:
+        """Begin the chart anew at a state with closed loops; return the unknowns there."""
+        self.q0 = state.q
+        return self.unknowns(state.v, self.problem.work(y))
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops lose rank."""
@@ -276,7 +275,7 @@ class Projected:
         rows = [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
         return Samples(*map(np.array, zip(*rows, strict=True)))
 
-    def crossings_to(self, y: Array) -> list[tuple[float, float]]:
+    def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
         """Return nothing: where branches cross the loops lose rank."""
         return []
 
@@ -286,13 +285,6 @@ class Projected:
         error = self.evaluation.closure_error
         energies = self.problem.energies(q, v, self.evaluation, self.problem.work(y))
         return (q, v, a, np.array([error, *energies]), np.empty(0), self.evaluation.angles.copy())
-
-    def coordinate_at(self, x: float) -> float:
-        """Return x: there are no crossings."""
-        return x
-
-    def seen(self, y: Array) -> None:
-        """Do nothing: there are no crossings."""
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether the chart should be begun anew."""

@@ -1,0 +1,110 @@
+"""What equations of motion answer, and the steps that are taken with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.result import Energies
+from spatial_pin.kernel.dynamics import Samples
+from spatial_pin.numerics.linalg import Array
+
+
+class System(Protocol):
+    """Equations of motion: `Independent` or `Projected`.
+
+    Called with (t, y) it returns dy/dt, NaN where the loops cannot be closed. y holds the chart
+    coordinates, their rates, and the work done if any is.
+
+    Attributes:
+        problem: what acts.
+        free: velocity entries that are independent.
+    """
+
+    problem: Problem
+    free: list[int]
+
+    @property
+    def evaluations(self) -> int:
+        """How often it was evaluated."""
+
+    @property
+    def pivot(self) -> float:
+        """Smallest over largest pivot of the equations at the present place."""
+
+    @property
+    def is_fresh_the_same(self) -> bool:
+        """Whether the same coordinates, taken anew, would be no better."""
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return dy/dt."""
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y at the chart's origin, at joint velocities v (nv,)."""
+
+    def renewed(self, t: float, y: Array, state: State) -> Array | None:
+        """Change to better coordinates, or to a chart that begins at y, which is at a state.
+
+        Returns the unknowns in them, or None where there are none.
+        """
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y."""
+
+    def state(self, t: float, y: Array) -> State:
+        """Return the State at y."""
+
+    def energies(self, t: float, y: Array) -> Energies:
+        """Return the energies at y."""
+
+    def rows(self, times: Array, unknowns: Array) -> Samples:
+        """Return everything at times (N,) and unknowns (N, n)."""
+
+    def is_worn(self, t: float, y: Array) -> bool:
+        """Whether other coordinates, or a chart begun anew, would be better."""
+
+    def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
+        """Return where branches cross between unknowns: the coordinate, and the unknown there."""
+
+
+class Step:
+    """The last step of an integrator, and the way between its ends.
+
+    Args:
+        system: the equations of motion.
+        solver: the integrator.
+
+    Attributes:
+        first, last: when it begins and ends [s].
+    """
+
+    def __init__(self, system: System, solver: Any) -> None:
+        self._system, self._solver = system, solver
+        self._dense: Callable[[Any], Array] | None = None
+        self.first, self.last = float(solver.t_old), float(solver.t)
+
+    def unknowns(self, times: Array) -> Array:
+        """Return the unknowns (N, n) at times (N,)."""
+        if self._dense is None:
+            self._dense = self._solver.dense_output()
+        return self._dense(times).T
+
+    def _at(self, t: float) -> Array:
+        return self._solver.y if t == self.last else self.unknowns(np.array([t]))[0]
+
+    def place(self, t: float) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at a time."""
+        return self._system.place(t, self._at(t))
+
+    def state(self, t: float) -> State:
+        """Return the State at a time."""
+        return self._system.state(t, self._at(t))
+
+    def efforts(self, t: float) -> Array:
+        """Return the efforts of prescribed drivers at a time."""
+        efforts: Array = self._system.rows(np.array([t]), self._at(t)[None]).efforts[0]
+        return efforts

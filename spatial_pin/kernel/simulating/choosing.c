@@ -1,0 +1,226 @@
+/* Which coordinates are independent: where a chart begins, and how one is begun anew.
+ *
+ * The coordinates that determine a motion best are those of the joints that move most: Gram-Schmidt
+ * with column pivots on the motions of the freedoms [Wehage1982]. One freedom that passes crossings
+ * of branches is told by a joint with one entry of q, the fastest. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "dynamics.h"
+
+#define ALIKE 1e-9 /* part by which a later coordinate moves more, that round-off may have made */
+#define PLAIN 0.1  /* speed of a plain coordinate, relative to the fastest, at which it will do */
+#define DIGITS 1e-7 /* smallest over largest pivot at which a chart begins with half of all digits */
+
+/* The joint of a velocity entry. */
+static Int joint_of(const Kernel *k, Int v)
+{
+    Int j = 1;
+    while (v >= k->iv[j] + joint_nv(k->kind[j]))
+        j++;
+    return j;
+}
+
+/* Hold a velocity entry as coordinate i. */
+static void hold(Dynamics *d, Int i, Int v)
+{
+    const Kernel *k = d->k;
+    const Int j = joint_of(k, v);
+    d->held[i] = v;
+    d->held_joint[i] = j;
+    d->held_component[i] = v - k->iv[j];
+    d->held_q[i] = joint_nv(k->kind[j]) == 1 ? k->iq[j] : -1;
+    d->is_linear = d->is_linear && d->held_q[i] >= 0;
+}
+
+/* Hold free and prescribed coordinates; 0 where they cannot be. */
+static int hold_all(Dynamics *d, const Int *free_ones)
+{
+    const Kernel *k = d->k;
+    d->is_linear = 1;
+    for (Int i = 0; i < d->n_held; i++) {
+        const Int v = i < d->n_free ? free_ones[i] : d->prescribed[i - d->n_free];
+        if (!within(v, k->nv))
+            return 0;
+        hold(d, i, v);
+        if (i >= d->n_free && d->held_q[i] < 0)
+            return 0;
+    }
+    d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0;
+    const int turns = d->passes && k->kind[d->held_joint[0]] != SLIDE;
+    d->period = turns ? 2.0 * PI / k->scale[d->held[0]] : 0.0;
+    return 1;
+}
+
+/* Rows that hold spins, where they may not vanish: the freedoms that carry the body. */
+static Real *spin_pattern(const Dynamics *d)
+{
+    const Kernel *k = d->k;
+    Real *rows = calloc((size_t)(d->n_spins * k->nv) + 1, sizeof *rows);
+    for (Int s = 0; rows && s < d->n_spins; s++)
+        for (Int j = d->spin_joint[s]; j > 0; j = k->parent[j])
+            for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
+                rows[s * k->nv + v] = 1.0;
+    return rows;
+}
+
+/* Begin a chart of these coordinates where d stands, without memory of any other. */
+static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_chosen)
+{
+    Kernel *k = d->k;
+    if (!hold_all(d, free_ones))
+        return BAD_ARRAYS;
+    Real *rows = spin_pattern(d);
+    if (!rows)
+        return NO_MEMORY;
+    const int code = system_set(k, chosen, n_chosen, d->held, d->n_held, rows, d->n_spins);
+    free(rows);
+    if (code != DONE)
+        return code;
+    memcpy(d->start, d->q, (size_t)k->nq * sizeof *d->q);
+    d->n_strips = d->n_built = d->n_refused = d->period_is_known = 0;
+    d->room = 0.0;
+    return independent_begin(d);
+}
+
+/* Begin a chart at a closed configuration, with independent coordinates and closure equations. */
+EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const Real *sigma,
+                          const Int *free_ones, const Int *chosen, Int n_chosen)
+{
+    memcpy(d->q, q, (size_t)d->k->nq * sizeof *q);
+    memcpy(d->turns, turns, (size_t)d->k->n_angles * sizeof *turns);
+    memcpy(d->sigma, sigma, (size_t)d->n_spins * sizeof *sigma);
+    return begin(d, free_ones, chosen, n_chosen);
+}
+
+/* ---- the best coordinates ---- */
+
+static Real squared(const Real *x, Int n, Int apart)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < n; i++)
+        sum += x[i * apart] * x[i * apart];
+    return sum;
+}
+
+/* Orthonormal rows that span the motions of the freedoms, twice for the sake of round-off. */
+static void orthonormal_freedoms(Dynamics *d)
+{
+    const Int nv = d->k->nv;
+    Real *rows = d->freedoms;
+    memcpy(rows, d->columns, (size_t)(d->n_free * nv) * sizeof *rows);
+    for (Int i = 0; i < d->n_free; i++) {
+        Real *row = rows + i * nv;
+        for (Int pass = 0; pass < 2 * i; pass++) {
+            const Real *other = rows + pass % i * nv;
+            Real part = 0.0;
+            for (Int v = 0; v < nv; v++)
+                part += row[v] * other[v];
+            for (Int v = 0; v < nv; v++)
+                row[v] -= part * other[v];
+        }
+        const Real size = sqrt(squared(row, nv, 1));
+        for (Int v = 0; v < nv; v++)
+            row[v] /= size;
+    }
+}
+
+/* Take the part along column v from all columns. */
+static void deflate(Dynamics *d, Int chosen)
+{
+    const Int n = d->n_free, nv = d->k->nv;
+    Real *rows = d->freedoms, *along = d->off;
+    const Real size = sqrt(squared(rows + chosen, n, nv));
+    for (Int i = 0; i < n; i++)
+        along[i] = rows[i * nv + chosen] / size;
+    for (Int v = 0; v < nv; v++) {
+        Real part = 0.0;
+        for (Int i = 0; i < n; i++)
+            part += along[i] * rows[i * nv + v];
+        for (Int i = 0; i < n; i++)
+            rows[i * nv + v] -= part * along[i];
+    }
+}
+
+/* The column of the most, of plain coordinates or of all; of columns alike the first. -1: none. */
+static Int longest_column(const Dynamics *d, int plain, Real *most)
+{
+    const Kernel *k = d->k;
+    Int best = -1;
+    *most = 0.0;
+    for (Int v = 0; v < k->nv; v++) {
+        const Real size = squared(d->freedoms + v, d->n_free, k->nv);
+        if (size > *most * (1.0 + ALIKE) && (!plain || joint_nv(k->kind[joint_of(k, v)]) == 1))
+            *most = size, best = v;
+    }
+    return best;
+}
+
+/* The best coordinates at the present place, ascending, in d->best; 0 where there are none. */
+static int choose(Dynamics *d)
+{
+    orthonormal_freedoms(d);
+    for (Int count = 0; count < d->n_free; count++) {
+        Real most, most_plain;
+        Int best = longest_column(d, 0, &most), at = count;
+        if (best < 0)
+            return 0;
+        if (d->n_free == 1 && !d->n_drives) {
+            const Int plain = longest_column(d, 1, &most_plain);
+            if (most_plain > PLAIN * PLAIN * most)
+                best = plain;
+            else if (d->n_spins) /* joints of bodies that spin tell nothing */
+                return 0;
+        }
+        deflate(d, best);
+        for (; at > 0 && d->best[at - 1] > best; at--)
+            d->best[at] = d->best[at - 1];
+        d->best[at] = best;
+    }
+    return 1;
+}
+
+static int are_held(const Dynamics *d)
+{
+    for (Int i = 0; i < d->n_free; i++) {
+        Int at = 0;
+        while (at < d->n_free && d->held[at] != d->best[i])
+            at++;
+        if (at == d->n_free)
+            return 0;
+    }
+    return 1;
+}
+
+/* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
+ * old ones, and nothing has been done as nothing would be better. SINGULAR where no chart begins. */
+EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
+{
+    Kernel *k = d->k;
+    const Int n = d->n_free;
+    Real error;
+    const int code = dynamics_place(d, t, y, d->trial, d->a, k->angle, &error);
+    if (code != DONE)
+        return code;
+    if (!choose(d))
+        return SINGULAR;
+    const int keeps = are_held(d);
+    *same = keeps && d->is_linear;
+    memcpy(free_ones, keeps ? d->held : d->best, (size_t)n * sizeof *free_ones);
+    if (*same)
+        return DONE;
+    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+    if (begin(d, free_ones, k->chosen, k->n_chosen) != DONE)
+        return SINGULAR;
+    if (k->n_chosen < k->n_closure && (system_reselect(k) != DONE || independent_begin(d) != DONE))
+        return SINGULAR;
+    if (!(d->pivot > DIGITS))
+        return SINGULAR;
+    for (Int i = 0; i < n; i++) {
+        y[i] = 0.0;
+        y[n + i] = d->a[d->held[i]] / k->scale[d->held[i]];
+    }
+    for (Int s = 0; s < d->n_spins; s++)
+        memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spin_joint[s]], 4 * sizeof *y);
+    return DONE;
+}
