@@ -3,14 +3,6 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from spatial_pin.assembly.assemble import assemble
-from spatial_pin.assembly.export_mjcf import export_mjcf
-from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
-from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
-from spatial_pin.dynamics.inverse import Efforts, inverse_dynamics
-from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
-from spatial_pin.dynamics.simulation.result import Projection
-from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import (
     AssemblyError,
     ClosureTypeError,
@@ -31,37 +23,45 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Passive, Spring
 from spatial_pin.methods import offer as _offer
-from spatial_pin.mobility.grashof import Grashof, grashof
-from spatial_pin.mobility.idle_freedoms import PassiveFreedom
-from spatial_pin.mobility.loops import Loop
 from spatial_pin.mobility.mobility import Mobility, mobility
-from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
-from spatial_pin.mobility.modes import assembly_modes
-from spatial_pin.motion.dead_centres import dead_centres
-from spatial_pin.motion.joint_limits import JointLimit, Passing
-from spatial_pin.motion.limits import Range, limits
-from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
-from spatial_pin.motion.sweep import sweep
-from spatial_pin.motion.trace import trace
-from spatial_pin.rates.jacobians import (
-    Influence,
-    closure_jacobian,
-    influence,
-    jacobian,
-    jacobian_rate,
-)
-from spatial_pin.rates.jerks import Jerks, solve_jerks
-from spatial_pin.rates.rates import solve_rates
-from spatial_pin.rates.transmission import Transmission, transmission
 from spatial_pin.settings import Accuracy
 
 if TYPE_CHECKING:
     from spatial_pin.accuracy.reference import Errors
     from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
+    from spatial_pin.assembly.assemble import assemble
+    from spatial_pin.assembly.export_mjcf import export_mjcf
+    from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
     from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
     from spatial_pin.dimensions.tolerance import Tolerance, tolerance
     from spatial_pin.dynamics.derivatives.derivatives import Derivatives, dynamics_derivatives
     from spatial_pin.dynamics.derivatives.reactions import Linear
+    from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
+    from spatial_pin.dynamics.inverse import Efforts, inverse_dynamics
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
+    from spatial_pin.dynamics.simulation.result import Projection
+    from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
+    from spatial_pin.mobility.grashof import Grashof, grashof
+    from spatial_pin.mobility.idle_freedoms import PassiveFreedom
+    from spatial_pin.mobility.loops import Loop
+    from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
+    from spatial_pin.mobility.modes import assembly_modes
+    from spatial_pin.motion.dead_centres import dead_centres
+    from spatial_pin.motion.joint_limits import JointLimit, Passing
+    from spatial_pin.motion.limits import Range, limits
+    from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
+    from spatial_pin.motion.sweep import sweep
+    from spatial_pin.motion.trace import trace
+    from spatial_pin.rates.jacobians import (
+        Influence,
+        closure_jacobian,
+        influence,
+        jacobian,
+        jacobian_rate,
+    )
+    from spatial_pin.rates.jerks import Jerks, solve_jerks
+    from spatial_pin.rates.rates import solve_rates
+    from spatial_pin.rates.transmission import Transmission, transmission
     from spatial_pin.reduction.differences import Verification
     from spatial_pin.reduction.reduce import Reduced, reduce
     from spatial_pin.reduction.report import Omission
@@ -82,27 +82,45 @@ _offer({  # imported when they are first asked for
     "Tradeoff.table": "accuracy.tradeoff_view:table",
 })
 
-# views load meshcat and matplotlib; the others are a fifth of what importing would take
+# imported when they are first asked for: loading a mechanism needs less than half of the modules
+# (`mobility` has the name of its package and would be taken for it)
 _ON_USE = {
-    **dict.fromkeys(("Look", "Viewer", "export_html", "live", "movie", "plot", "report",
-                     "screenshot", "show"), "spatial_pin.view"),
-    "Vectors": "spatial_pin.view.scene.layers.arrows",
-    "Derivatives": "spatial_pin.dynamics.derivatives.derivatives",
-    "Errors": "spatial_pin.accuracy.reference",
-    "Linear": "spatial_pin.dynamics.derivatives.reactions",
-    "Measured": "spatial_pin.accuracy.tradeoff",
-    "Omission": "spatial_pin.reduction.report",
-    "Reduced": "spatial_pin.reduction.reduce",
-    "Sensitivity": "spatial_pin.dimensions.sensitivity",
-    "Tolerance": "spatial_pin.dimensions.tolerance",
-    "Tradeoff": "spatial_pin.accuracy.tradeoff",
-    "Verification": "spatial_pin.reduction.differences",
-    "dynamics_derivatives": "spatial_pin.dynamics.derivatives.derivatives",
-    "reduce": "spatial_pin.reduction.reduce",
-    "sensitivity": "spatial_pin.dimensions.sensitivity",
-    "tolerance": "spatial_pin.dimensions.tolerance",
-    "tradeoff": "spatial_pin.accuracy.tradeoff",
+    "accuracy.reference": "Errors",
+    "accuracy.tradeoff": "Measured Tradeoff tradeoff",
+    "assembly.assemble": "assemble",
+    "assembly.export_mjcf": "export_mjcf",
+    "assembly.state": "Gap PointRates RelativeMotion State",
+    "dimensions.sensitivity": "Sensitivity sensitivity",
+    "dimensions.tolerance": "Tolerance tolerance",
+    "dynamics.derivatives.derivatives": "Derivatives dynamics_derivatives",
+    "dynamics.derivatives.reactions": "Linear",
+    "dynamics.forward": "Dynamics forward_dynamics",
+    "dynamics.inverse": "Efforts inverse_dynamics",
+    "dynamics.kinetostatics": "Kinetostatics kinetostatics",
+    "dynamics.simulation.result": "Projection",
+    "dynamics.simulation.simulate": "Simulation simulate",
+    "mobility.grashof": "Grashof grashof",
+    "mobility.idle_freedoms": "PassiveFreedom",
+    "mobility.loops": "Loop",
+    "mobility.mode_list": "AssemblyModes Continuum",
+    "mobility.modes": "assembly_modes",
+    "motion.dead_centres": "dead_centres",
+    "motion.joint_limits": "JointLimit Passing",
+    "motion.limits": "Range limits",
+    "motion.motion": "Event FrameMotion Motion Output",
+    "motion.sweep": "sweep",
+    "motion.trace": "trace",
+    "rates.jacobians": "Influence closure_jacobian influence jacobian jacobian_rate",
+    "rates.jerks": "Jerks solve_jerks",
+    "rates.rates": "solve_rates",
+    "rates.transmission": "Transmission transmission",
+    "reduction.differences": "Verification",
+    "reduction.reduce": "Reduced reduce",
+    "reduction.report": "Omission",
+    "view": "Look Viewer export_html live movie plot report screenshot show",
+    "view.scene.layers.arrows": "Vectors",
 }
+_MODULES = {name: module for module, names in _ON_USE.items() for name in names.split()}
 
 __all__ = [
     "Accuracy",
@@ -203,6 +221,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ON_USE:
-        return getattr(import_module(_ON_USE[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

@@ -197,6 +197,16 @@ def test_usual_verbs_need_no_scipy():
     assert run.stdout == "[]\n"
 
 
+def test_loading_a_mechanism_imports_no_solver_of_motion():
+    """Verbs are imported when they are first asked for; afterwards they are plain attributes."""
+    code = ("import sys, spatial_pin as sp; sp.load('rssr'); "
+            "print(sorted({n.split('.')[1] for n in sys.modules if n.startswith('spatial_pin.')} "
+            "& {'motion', 'continuation', 'dynamics', 'dimensions', 'reduction', 'view'}), "
+            "'sweep' in vars(sp), callable(sp.sweep), 'sweep' in vars(sp), 'trace' in dir(sp))")
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout == "[] False True True True\n"
+
+
 def test_importing_the_library_loads_neither_meshcat_nor_matplotlib():
     code = ("import sys, spatial_pin; "
             "sys.exit(any(m in sys.modules for m in ('meshcat', 'matplotlib', 'xacro')))")
