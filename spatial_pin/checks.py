@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating[Any]]  # as in `numerics.linalg`, which is above
 Row = TypeVar("Row")
 Function = TypeVar("Function", bound=Callable[..., Any])
-LARGEST = 2**63  # of whole numbers: what NumPy counts with
+LARGEST_INTEGER = 2**63  # of whole numbers: what NumPy counts with
 NO_NUMBERS = "USmMcV"  # kinds of arrays: texts, dates, complex numbers, records
 MOST_PIXELS = 16384  # along a side of what a browser draws
-UNIT_TOLERANCE = 1e-9  # how far the length of a unit vector may be from 1
+# How far the length of a unit vector may be from 1: nine digits written out, one more lost.
+UNIT_TOLERANCE = 1e-9
 
 
 def as_array(values: Any, what: str) -> Array:
@@ -55,7 +56,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_whole(value: Any) -> bool:
-    return _is_number(value) and abs(_as_float(value)) < LARGEST and float(value) == int(value)
+    return (_is_number(value) and abs(_as_float(value)) < LARGEST_INTEGER
+            and float(value) == int(value))
 
 
 def _as_float(value: Any) -> float:

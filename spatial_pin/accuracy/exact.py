@@ -22,9 +22,11 @@ from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
+# Newton steps in extended precision, with factors in double: each takes off a digit at least where
+# pivots are above 1e-15 of the largest, and from 1e-11 to 1e-19 there are eight.
 REFINEMENTS = 12
-CLOSED = 1e-11  # closure error small enough to be refined
 
 
 class Exact(NamedTuple):
@@ -170,8 +172,8 @@ class ExactRows:
         """Close row k of q, and return its system; None where there is none."""
         free = np.ones(self.mechanism.model.nv, dtype=bool)
         free[self.moved] = False
-        q[k], error = close(evaluation, q[k], free, 1e-14)
-        if error > CLOSED:
+        q[k], error = close(evaluation, q[k], free, TOLERANCES.round_off)
+        if error > TOLERANCES.closed:
             return None
         try:
             system = SquareSystem(evaluation, self.driven, q[k])

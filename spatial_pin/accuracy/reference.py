@@ -18,14 +18,15 @@ from spatial_pin.accuracy.tasks import SimulationTask, SweepTask
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
-JUDGED = 721  # rows of a sweep that are judged at most, evenly spaced
-ELSEWHERE = 1e-6  # distance of a row's own solution from the reference that is another branch
-FAR = 0.05  # the same where passive freedoms lie between
-SPIN_CONVERGED = 1e-11  # change of a spin [rad] at twice as many values that is good enough
-FINEST = 32  # steps to a row at most, for the spin
+JUDGED = 721  # samples of a sweep that are judged at most: half a degree apart over a turn
+# Distance of a sample's own solution from the reference that is another branch, where passive
+# freedoms lie between: branches are a tenth of a radian apart and more, but where they meet.
+OTHER_BRANCH = 0.05
+FINEST = 32  # steps to a sample at most, for idle rotation: of fourth order, errors fall by 1e6
 
 
 class Errors(NamedTuple):
@@ -102,11 +103,11 @@ class SweepReference:
         motion, many, change = task.run(tight), 1, np.inf
         if not self.extended.n_spins or self.n < 2:
             return motion, 0.0
-        while change > SPIN_CONVERGED and many < FINEST:
+        while change > TOLERANCES.closed and many < FINEST:
             many *= 2
             before, motion = motion, _thinned(task.finer(many).run(tight), many)
             change = float(np.abs(self._steps(before.q, motion.q)).max())
-        return motion, max(change, SPIN_CONVERGED)  # rows together do not depend on the step
+        return motion, max(change, TOLERANCES.closed)  # rows together do not depend on the step
 
     def _steps(self, first: Array, second: Array) -> Array:
         """Return the scaled steps (N, nv) between rows."""
@@ -121,7 +122,8 @@ class SweepReference:
         """
         q, v, a, turns = (x[self.rows] for x in _checked(motion, self.n))
         exact, good, spin = self.exact, self.exact.good, 0.0
-        if exact.passive.size or np.abs(self._steps(exact.q, q)[good]).max() > ELSEWHERE:
+        apart = np.abs(self._steps(exact.q, q)[good])
+        if exact.passive.size or apart.max() > TOLERANCES.half_precision:
             exact = self.solver.near(q, turns)
             spin = self._compare(exact)
         gaps = (self._steps(exact.q, q), (v - exact.v) / self.scale, (a - exact.a) / self.scale)
@@ -141,7 +143,7 @@ class SweepReference:
         steps, passive = self._steps(self.exact.q, exact.q), self.exact.passive
         along = np.einsum("nkv,nv->nk", passive, steps)
         away = np.abs(steps - np.einsum("nk,nkv->nv", along, passive)).max(axis=1)
-        lost = good & (away > (FAR if passive.size else ELSEWHERE))
+        lost = good & (away > (OTHER_BRANCH if passive.size else TOLERANCES.half_precision))
         if np.any(lost):
             raise Astray(f"left its branch at {self.values[int(np.argmax(lost))]:.6g}")
         return float(np.abs(along[good, : self.extended.n_spins]).max(initial=0.0))

@@ -22,14 +22,16 @@ from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import driven_coordinates, prescribed_at
 from spatial_pin.settings import Accuracy
 
 OURS = ("mechanism", "accuracy", "progress")  # arguments that the trade-off itself gives
-SWINGS = 9.0  # length of the usual simulation, by sqrt(characteristic length / gravity)
-SHORTER = 0.8  # part of the time to a singular configuration that is simulated instead
-ROWS = 201  # of the usual simulation
-STILL = 1e-9  # joint speed [rad/s, lengths/s] that is no motion
+# Length of the default simulation relative to sqrt(characteristic length / gravity), of which a
+# pendulum of that length takes 2 pi for a small swing: more than one, less than two.
+SWINGS = 9.0
+SHORTER = 0.8  # part of the time to a singular configuration that is simulated: rates are finite
+SAMPLES = 201  # of the default simulation: more than a hundred a swing, so that no error hides
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class SweepTask:
     def __str__(self) -> str:
         values, name = self.arguments["values"], self.arguments["driver"]
         unit = self.mechanism.coordinate(name).unit
-        zero = 1e-12 * float(np.abs(values).max())
+        zero = TOLERANCES.tight * float(np.abs(values).max())
         first, last = (0.0 if abs(x) < zero else x for x in (values[0], values[-1]))
         return f"sweep of {name} from {first:.6g} to {last:.6g} {unit}, {len(values)} values"
 
@@ -221,7 +223,7 @@ def _default_simulation(mechanism: Mechanism) -> SimulationTask:
         task = task.before(error)
         assert error.motion is not None
         motion = error.motion
-    if np.abs(motion.v / mechanism.velocity_scale).max(initial=0.0) < STILL:
+    if np.abs(motion.v / mechanism.velocity_scale).max(initial=0.0) < TOLERANCES.nothing:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r} stands still under gravity: give the task as a mapping "
             "with a 'duration', a 'state' and 'efforts'")
@@ -230,7 +232,7 @@ def _default_simulation(mechanism: Mechanism) -> SimulationTask:
 
 def _fall(mechanism: Mechanism, state: State, duration: float) -> SimulationTask:
     return SimulationTask(mechanism, {"state": state, "duration": duration,
-                                      "times": np.linspace(0.0, duration, ROWS)}, is_usual=True)
+                                      "times": np.linspace(0.0, duration, SAMPLES)}, is_usual=True)
 
 
 _USUAL: dict[str, Callable[[Mechanism], Task]] = {

@@ -27,6 +27,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
@@ -34,10 +35,10 @@ from spatial_pin.settings import Accuracy, accuracy_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-REPEATS = 5
-MOST_REPEATS = 10_000  # more tell nothing
-BUDGET = 30.0  # time after which no further run is repeated [s]
-ROUND_OFF = 1e-15  # error below which results in double precision are equally exact
+REPEATS = 5  # of which the median is taken: two may be disturbed
+MOST_REPEATS = 10_000  # more tell nothing: a median of those is known to one percent
+BUDGET = 30.0  # time after which no further run is repeated [s]: whoever waits goes on waiting
+ROUND_OFF = TOLERANCES.last_digit  # error below which results in double precision are equally exact
 FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 

@@ -28,7 +28,7 @@ BELONGS = {  # where in a file each key has its place
     "in [frames.NAME]": ("link", "xyz", "rpy"),
 }
 SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
-LONGEST = 80  # letters of a value in a message
+LONGEST_VALUE = 80  # letters of a value in a message: one line of a terminal
 
 
 def _is_finite(value: int | float) -> bool:
@@ -44,7 +44,7 @@ def _said(value: Any) -> str:
         text = repr(value)
     except ValueError:  # Python does not write numbers of thousands of digits
         return "a number of thousands of digits"
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 class Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-TOLD = 3  # faults of one kind that a warning names
+NAMED_FAULTS = 3  # of one kind in a warning: enough to see what they have in common
 
 
 class Faults:
@@ -28,7 +28,7 @@ class Faults:
 
     def told(self) -> str:
         """Return one line for a warning, "" where nothing is wrong."""
-        notices = self.notices(TOLD)
+        notices = self.notices(NAMED_FAULTS)
         if len(notices) < 2:
             return "".join(notices)
         return "; ".join(f"({k}) {notice}" for k, notice in enumerate(notices, start=1))

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from spatial_pin.errors import MechanismFileError
 
-LARGEST = 100_000_000  # bytes of text: a hundred times the largest robots there are
+LARGEST_FILE = 100_000_000  # bytes of text: a hundred times the largest robots there are
 
 
 def shown(path: Path | str) -> str:
@@ -38,9 +38,9 @@ def check_file(path: Path) -> None:
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
         raise MechanismFileError(f"{shown(path)} is {kind}, not a file")
-    if status.st_size > LARGEST:
+    if status.st_size > LARGEST_FILE:
         raise MechanismFileError(f"{shown(path)}: {status.st_size:,} bytes; a file of a mechanism "
-                                 f"has at most {LARGEST:,}")
+                                 f"has at most {LARGEST_FILE:,}")
 
 
 def _reason(error: Exception) -> str:

@@ -11,10 +11,10 @@ from typing import Any
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import shown
 
-DEEPEST = 8  # names in a key; a mechanism file needs three
+DEEPEST_KEY = 8  # names in a key; a mechanism file needs three
 _TEXTS = re.compile(  # texts and comments, in which dots mean nothing
     r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|(#)[^\n]*', re.S)
-_LONG_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){{{DEEPEST}}}")
+_LONG_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){{{DEEPEST_KEY}}}")
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
     """
     long = _LONG_KEY.search(_TEXTS.sub(lambda found: "" if found[1] else "_", text))
     if long:
-        raise MechanismFileError(f"{shown(path)}: a key of more than {DEEPEST} names: "
+        raise MechanismFileError(f"{shown(path)}: a key of more than {DEEPEST_KEY} names: "
                                  f"{long[0][:40]}...; a mechanism file has at most three")
     try:
         return tomllib.loads(text)

@@ -16,8 +16,10 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 
 TURN = 2 * math.pi  # how far a driver turns [rad]
-SLIDE = 0.15  # how far it slides relative to the characteristic length
-ROWS = 361
+# How far it slides relative to the characteristic length: far enough to see, and no farther than
+# most slides get from where they are assembled.
+SLIDE = 0.15
+ROWS = 361  # samples: a degree apart over a turn
 
 
 def _reach(state: State, driver: str, way: Array) -> Motion | None:

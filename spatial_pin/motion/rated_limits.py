@@ -19,7 +19,7 @@ from spatial_pin.motion.summary import EFFORTS, where
 from spatial_pin.numerics.linalg import Array
 
 VELOCITY, EFFORT = "velocity limit", "effort limit"  # kinds of events
-UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
+UNSET = 1e300  # Pinocchio has its largest number, or infinity, where there is no limit
 
 
 class RatedLimit(NamedTuple):

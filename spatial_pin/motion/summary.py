@@ -8,9 +8,9 @@ import numpy as np
 
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-MOST = 12  # lines of a kind
-ROUND_OFF = 1e-14  # of the largest number of a kind
+MOST_LINES = 12  # of a kind: with three kinds a summary fits on a screen
 EFFORTS = {"rad": "N·m", "m": "N"}  # units, by that of what they move
 
 
@@ -42,9 +42,9 @@ def ranges(motion: Motion) -> list[str]:
 
 def first_of(lines: Sequence[str], what: str) -> list[str]:
     """Return lines, the last of too many replaced by their number."""
-    if len(lines) <= MOST:
+    if len(lines) <= MOST_LINES:
         return list(lines)
-    return [*lines[: MOST - 1], f"  ... and {len(lines) - MOST + 1} more {what}"]
+    return [*lines[: MOST_LINES - 1], f"  ... and {len(lines) - MOST_LINES + 1} more {what}"]
 
 
 def summary(motion: Motion) -> str:
@@ -74,7 +74,7 @@ def where(motion: Motion, row: int) -> str:
 
 def tidy(x: float, among: Array, sign: str = "") -> str:
     """Return a number with six digits, 0 where it is round-off of the largest among others."""
-    return f"{0.0 if abs(x) < ROUND_OFF * np.abs(among).max() else x:{sign}.6g}"
+    return f"{0.0 if abs(x) < TOLERANCES.round_off * np.abs(among).max() else x:{sign}.6g}"
 
 
 def _over(motion: Motion) -> tuple[str, str]:

@@ -19,7 +19,7 @@ from spatial_pin.numerics.linalg import Array
 
 FRAME = re.compile(r"closing_(?P<name>.+)_(?P<side>[12])")
 AXIS = re.compile(r"closing_.+_[12]_z")
-ROUNDED = 1e-5  # rad; between a mate's z axis and the point on it where files carry six digits
+ROUNDED_ANGLE = 1e-5  # rad; of a mate's z axis to the point on it where files have six digits
 
 
 def read_frames(reading: Reading) -> None:
@@ -50,7 +50,7 @@ def _close(name: str, pair: list[str], on_axis: list[str] | None, world: dict[st
                                  "source": source})
         return
     axes = [_axis(frame, tip, world, reading) for frame, tip in zip(pair, on_axis, strict=True)]
-    if all(abs(axis[:2]).max() < ROUNDED and axis[2] > 0.0 for axis in axes):
+    if all(abs(axis[:2]).max() < ROUNDED_ANGLE and axis[2] > 0.0 for axis in axes):
         reading.add("closures", {"name": name, "type": "revolute", "frames": pair,
                                  "source": source})
     else:

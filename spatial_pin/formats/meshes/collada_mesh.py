@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-DEEPEST = 100  # nodes within one another
-MOST = 10_000  # nodes and geometries, counted as often as they are used
+DEEPEST_NODE = 100  # nodes within one another: Python recurses to a thousand
+MOST_NODES = 10_000  # nodes and geometries, counted as often as they are used
 IGNORED = ("lines", "linestrips")
 Part = tuple[Any, Any, Any]  # points (N, 3), triangles (M, 3), colour (4,)
 
@@ -69,7 +69,7 @@ class _Scene:
 
     def _of_node(self, node: ET.Element, above: Any, depth: int) -> Iterator[Part]:
         self._used += 1
-        if depth > DEEPEST or self._used > MOST:
+        if depth > DEEPEST_NODE or self._used > MOST_NODES:
             raise ValueError("its nodes have no end")
         place = above @ _transform(node)
         for child in node:

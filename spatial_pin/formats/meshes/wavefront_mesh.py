@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-LARGEST = 10_000_000  # bytes of a file of materials
+LARGEST_MATERIALS = 10_000_000  # bytes of a file of materials
 
 
 def read(file: str) -> tuple[Any, Any, Any]:
@@ -63,7 +63,7 @@ def _lines(file: str) -> Iterator[tuple[str, list[str]]]:
 
 def _materials(file: str) -> dict[str, list[float]]:
     """Return colours by the names of materials; none where the file cannot be read."""
-    if not os.path.isfile(file) or os.path.getsize(file) > LARGEST:
+    if not os.path.isfile(file) or os.path.getsize(file) > LARGEST_MATERIALS:
         return {}
     found: dict[str, list[float]] = {}
     colour: list[float] = []

@@ -13,10 +13,9 @@ from spatial_pin.formats.mjcf.tree import Reading, pose, shift
 from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
-ROUNDED = 1e-12  # of two lengths that are the same, as the file has them by round-off
-ALIGNED = 1e-14  # of two unit vectors, by round-off
 TORQUE_SCALE = 10  # of the data of a weld: the weight of its turns, 0 for a ball
 TURN, SLIDE = 3, 2  # equations of a weld: no turn about its z, no slide along it
 
@@ -157,7 +156,7 @@ def _balls(reading: Reading, group: list[Connect]) -> list[dict[str, Any]]:
 def _turned(end: End, axes: Array, kind: str) -> End:
     """Return an end with axes (3, 3) of its own; of a hinge only z counts."""
     gap = end.at.rotation[:, 2] - axes[:, 2]
-    if kind == "revolute" and end.link and np.abs(gap).max() < ALIGNED:
+    if kind == "revolute" and end.link and np.abs(gap).max() < TOLERANCES.round_off:
         return end
     return End(end.body, pin.SE3(axes, end.at.translation))
 
@@ -269,7 +268,7 @@ def _distance(reading: Reading, eq: int, name: str) -> dict[str, Any] | None:
     if second < 0:
         return {**closure, "length": rest + float(data[0])} if rest + data[0] > 0.0 else None
     others, other = straight_sites(reading, second), float(model.tendon_length0[second])
-    same = abs(rest + data[0] - other) <= ROUNDED * max(rest, other)
+    same = abs(rest + data[0] - other) <= TOLERANCES.tight * max(rest, other)
     if not others or data[1] != 1.0 or np.any(data[2:5]) or not same:
         return None
     return {**closure, "length_between": site_frames(reading, f"{name}_other", others)}

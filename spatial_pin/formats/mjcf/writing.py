@@ -14,10 +14,10 @@ from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-LEAST = 1e-9  # of the whole mass: that of a body without mass at an end of the tree
+LEAST_MASS = 1e-9  # of the whole mass: that of a body without mass at an end of the tree
 THIN = 1e-6  # of the characteristic length: its radius of gyration
-SAME = 1e-14  # of two placements of a site, by round-off
 LEAST_MOMENT = 1e-14  # kg·m² and kg: below 1e-15 MuJoCo refuses a body that moves
 
 
@@ -69,7 +69,8 @@ class Writing:
             placement: in the body.
         """
         same = self.sites.get(wanted)
-        if same is not None and same[0] == joint and same[1].isApprox(placement, SAME):
+        if (same is not None and same[0] == joint
+                and same[1].isApprox(placement, TOLERANCES.round_off)):
             return wanted
         return self.new_site(wanted, joint, placement, self.bodies[joint])
 
@@ -111,7 +112,7 @@ class Writing:
         mass = moment = LEAST_MOMENT
         if not carries:
             self.light.append(name)
-            mass = max(LEAST * (sum(x.mass for x in mech.inertias.values()) or 1.0), mass)
+            mass = max(LEAST_MASS * (sum(x.mass for x in mech.inertias.values()) or 1.0), mass)
             moment = max(mass * (THIN * mech.characteristic_length) ** 2, moment)
         mass = own.mass if own.mass >= LEAST_MOMENT else mass
         self.inertia(body, inertia_as_given(mass, own.lever, own.inertia + moment * np.eye(3)))

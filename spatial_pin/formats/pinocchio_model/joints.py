@@ -19,9 +19,8 @@ from spatial_pin.formats.urdf.elements import UNBOUNDED
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, axes_from_z, unit
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SQUARE = 1e-9  # cosine of the angle between the pins of a universal joint
-ALIKE = 1e-12  # difference of two directions that are one
 Z = np.array([0.0, 0.0, 1.0])
 LOWER = {"lowerVelocityLimit": "upperVelocityLimit", "lowerEffortLimit": "upperEffortLimit"}
 V_ARRAYS = ("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit", "upperVelocityLimit",
@@ -165,7 +164,7 @@ def _made(pair: str, axis: Array, lead: float = 0.0) -> Recognised:
 
 
 def _universal(joint: Any) -> Recognised | None:
-    return ("universal", joint) if abs(joint.axis1 @ joint.axis2) <= SQUARE else None
+    return ("universal", joint) if abs(joint.axis1 @ joint.axis2) <= TOLERANCES.nothing else None
 
 
 def _composite(joint: Any) -> Recognised | None:
@@ -178,12 +177,12 @@ def _composite(joint: Any) -> Recognised | None:
     if len(kinds) == 1:
         return parts[0]
     axes = [joint_axis(part[1]) for part in parts if part and part[0] in ("revolute", "prismatic")]
-    if kinds == ["revolute", "revolute"] and abs(axes[0] @ axes[1]) <= SQUARE:
+    if kinds == ["revolute", "revolute"] and abs(axes[0] @ axes[1]) <= TOLERANCES.nothing:
         return "universal", pin.JointModelUniversal(*axes)
-    if kinds == ["revolute", "prismatic"] and np.abs(axes[0] - axes[1]).max() <= ALIKE:
+    if kinds == ["revolute", "prismatic"] and np.abs(axes[0] - axes[1]).max() <= TOLERANCES.tight:
         return "cylindrical", joint
     planar = kinds == ["prismatic", "prismatic", "revolute"]
-    if planar and np.abs(np.array(axes).T - axes_from_z(axes[2])).max() <= ALIKE:
+    if planar and np.abs(np.array(axes).T - axes_from_z(axes[2])).max() <= TOLERANCES.tight:
         return "planar", joint
     return None
 

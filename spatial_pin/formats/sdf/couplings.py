@@ -14,7 +14,7 @@ from spatial_pin.formats.sdf.model import AXES, GEARBOX, PAIR_OF, Model
 from spatial_pin.formats.sdf.poses import number
 from spatial_pin.numerics.linalg import Array
 
-PARALLEL = 1e-2  # sine of the angle between an axis and another: files write 1.57 for a right angle
+PARALLEL_AXES = 1e-2  # sine of the angle of two axes: files write 1.57 for a right angle
 
 
 def couplings(model: Model, joints: tuple[Joint, ...]) -> list[dict[str, Any]]:
@@ -60,7 +60,7 @@ def _turning(
         if joint.type == "revolute" and {joint.parent, joint.child} == {body, link}:
             frame = model.frame_of[joint.name]
             at = model.frames.in_world(frame, "gearbox").rotation @ joint.axis
-            if np.linalg.norm(np.cross(at, about)) < PARALLEL:
+            if np.linalg.norm(np.cross(at, about)) < PARALLEL_AXES:
                 return joint, math.copysign(1.0, at @ about) * (
                     1.0 if joint.parent == body else -1.0)
     raise MechanismFileError(

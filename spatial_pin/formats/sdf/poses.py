@@ -17,7 +17,7 @@ from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
 WORLDS = ("world",)
-ENDLESS = 1e16  # SDFormat's number for a limit that is none
+NO_LIMIT = 1e16  # SDFormat's number for a limit that is none
 TRUE = ("1", "true")
 
 
@@ -53,7 +53,7 @@ def bound(parent: ET.Element | None, tag: str, none: float, where: str) -> float
     if element is None or text.lstrip("+-") in ("inf", "infinity"):
         return none
     value = float(number_list(text, 1, f"{where}: <{tag}>")[0])
-    return none if abs(value) >= ENDLESS else value
+    return none if abs(value) >= NO_LIMIT else value
 
 
 def is_true(parent: ET.Element, tag: str) -> bool:

@@ -16,10 +16,10 @@ from spatial_pin.formats.urdf.elements import inertial, numbers_text, origin
 from spatial_pin.formats.usd.stage import Stage, brief_names, rotation_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 AXES = {"X": pin.utils.rotate("y", np.pi / 2), "Y": pin.utils.rotate("x", -np.pi / 2),
         "Z": np.eye(3)}  # rotations that take z to an axis
-EVEN = 1e-6  # relative difference of scales that a round shape can have
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def solid_of(stage: Stage, prim: Any, body: Body) -> Solid | None:
         volume = float(np.prod(sides))
         moments = np.diag(squares.sum() - squares) * volume / 12.0
         return Solid(ET.Element("box", size=numbers_text(sides)), on_body, volume, moments)
-    if np.ptp(scale) > EVEN * scale.max():
+    if np.ptp(scale) > TOLERANCES.half_precision * scale.max():
         return None
     numbers = {key: value * float(scale.mean()) for key, value in numbers.items()}
     axis = "Z" if kind == "sphere" else stage.word(prim.GetAttribute("axis"), AXES)

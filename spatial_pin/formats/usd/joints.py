@@ -21,7 +21,7 @@ DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
 FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
 TENDON = re.compile(r"Tendon")
-LARGEST = 3.4e38  # of a 32-bit number: USD's own for a force without limit
+LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
 
 @dataclass
@@ -175,19 +175,19 @@ def _one(stage: Stage, prim: Any, joint: Joint, lower: float, upper: float) -> J
         stage.notices.append(f"the friction coefficient of joint {joint.name!r} is left out")
     return joint.but(
         lower=_limit(lower, unit), upper=_limit(upper, unit),
-        effort=math.inf if most >= LARGEST else most * force,
-        velocity=math.inf if fastest >= LARGEST else fastest * unit,
+        effort=math.inf if most >= LARGEST_FLOAT else most * force,
+        velocity=math.inf if fastest >= LARGEST_FLOAT else fastest * unit,
         armature=armature * stage.kilogram * stage.metre ** (2 if turns else 0))
 
 
 def _limit(value: float, unit: float) -> float:
-    return math.copysign(math.inf, value) if abs(value) >= LARGEST else float(value) * unit
+    return math.copysign(math.inf, value) if abs(value) >= LARGEST_FLOAT else float(value) * unit
 
 
 def _spherical(stage: Stage, prim: Any, joint: Joint) -> Joint:
     api = UsdPhysics.SphericalJoint(prim)
     cone = [stage.number(x) for x in (api.GetConeAngle0LimitAttr(), api.GetConeAngle1LimitAttr())]
-    if any(0.0 <= angle < LARGEST for angle in cone):
+    if any(0.0 <= angle < LARGEST_FLOAT for angle in cone):
         stage.notices.append(f"the cone limit of joint {joint.name!r} is left out")
     return joint.but(type="spherical")
 
@@ -233,7 +233,7 @@ def _generic(stage: Stage, prim: Any, joint: Joint) -> Joint | None:
     if not pair:
         stage.fail(prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
                            "write it as several joints with bodies between them")
-    if any(abs(x) < LARGEST for name in free for x in limits.get(name, ())):
+    if any(abs(x) < LARGEST_FLOAT for name in free for x in limits.get(name, ())):
         stage.notices.append(f"the limits of joint {joint.name!r} are left out: it has "
                              f"{len(free)} coordinates")
     if pair == "universal":

@@ -14,7 +14,7 @@ from spatial_pin.formats.usd.bodies import Body, link_elements, read_bodies
 from spatial_pin.formats.usd.joints import Joints, read_joints
 from spatial_pin.formats.usd.stage import Stage, open_stage, quietly
 
-ROUNDING = 1e-6  # of numbers of 32 bits, after a few of them were put together
+SINGLE_PRECISION = 1e-6  # of numbers of 32 bits, after a few of them were put together
 
 
 def read_stage(request: Request) -> Imported:
@@ -32,7 +32,7 @@ def read_stage(request: Request) -> Imported:
         links = [*_links(stage, bodies), *joints.links]
         gravity = stage.gravity().tolist()
     coupled = frozenset(name for table in joints.couplings for name in table["joints"])
-    graph = JointGraph(tuple(links), (*_held(bodies), *joints.found), rounding=ROUNDING,
+    graph = JointGraph(tuple(links), (*_held(bodies), *joints.found), rounding=SINGLE_PRECISION,
                        needed=coupled | set(joints.driven))
     drivers = _drivers(stage, joints, graph)
     content: dict[str, Any] = {

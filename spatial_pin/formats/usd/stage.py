@@ -17,10 +17,10 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import shown
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 DEGREE = np.pi / 180.0
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
-FLAT = 1e-9  # determinant of a prim's axes, relative to their lengths, that is none
 
 
 @dataclass
@@ -63,7 +63,8 @@ class Stage:
         scale = np.linalg.norm(axes, axis=0)
         if mirrored and np.linalg.det(axes) < 0.0:
             axes = axes * [1.0, 1.0, -1.0]
-        if not np.all(np.isfinite(matrix)) or np.linalg.det(axes) <= FLAT * np.prod(scale):
+        least = TOLERANCES.nothing * np.prod(scale)
+        if not np.all(np.isfinite(matrix)) or np.linalg.det(axes) <= least:
             raise MechanismFileError(
                 f"{self.where}: {prim.GetPath()}: its transform is flat, mirrored or no number; a "
                 "body or joint needs right-handed axes")

@@ -55,7 +55,7 @@ EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
-DEEPEST = 100  # elements within one another; URDF readers take 100 or 500 and then print
+DEEPEST_ELEMENT = 100  # elements within one another; URDF readers take 100 or 500 and then print
 REMEDY = "sp.load(..., trusted=True) reads it all the same"
 UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
@@ -224,9 +224,10 @@ def parse_xml(text: str, path: Path) -> ET.Element:
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
-        if depth > DEEPEST:
+        if depth > DEEPEST_ELEMENT:
             raise MechanismFileError(
-                f"{shown(path)}: more than {DEEPEST} elements within one another; URDF has ten")
+                f"{shown(path)}: more than {DEEPEST_ELEMENT} elements within one another; "
+                "URDF has ten")
     return root
 
 

@@ -27,7 +27,7 @@ STEPS = 2_000_000  # of all expressions of a file: large robots need 1e5; so man
 BITS = 1024  # of a whole number: those beyond are beyond the range of floating-point numbers too
 SHARE = 16  # characters of a text, or elements of a list, that are copied in the time of one step
 VISITS = 2  # elements that are looked at, one by one, in the time of one step
-DEEPEST = 1000  # argument of a factorial or binomial; 171! leaves the range of numbers
+LARGEST_FACTORIAL = 1000  # argument of a factorial or binomial; 171! leaves the range of numbers
 
 
 class RefusedError(Exception):
@@ -569,8 +569,8 @@ def _listed(function: Callable[..., Iterable[Any]]) -> Callable[..., Any]:
 
 def _small(function: Callable[..., int]) -> Callable[..., Any]:
     def run(budget: Budget, *given: Any) -> Any:
-        if any(isinstance(x, int) and x > DEEPEST for x in given):
-            raise RefusedError(f"only of numbers up to {DEEPEST}")
+        if any(isinstance(x, int) and x > LARGEST_FACTORIAL for x in given):
+            raise RefusedError(f"only of numbers up to {LARGEST_FACTORIAL}")
         return function(*given)
 
     return run

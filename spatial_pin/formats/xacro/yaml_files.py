@@ -16,8 +16,8 @@ UNITS = {  # tag -> its unit in radians or metres, as xacro has them
     "!radians": 1.0, "!degrees": math.pi / 180.0,
     "!meters": 1.0, "!millimeters": 0.001, "!foot": 0.3048, "!inches": 0.0254,
 }
-MOST = 100_000  # entries of one table after all that is merged into it
-DIGITS = 400  # letters of a whole number, beyond which it is beyond the range of numbers
+MOST_ENTRIES = 100_000  # entries of one table after all that is merged into it
+MOST_DIGITS = 400  # letters of a whole number, beyond which it is beyond the range of numbers
 
 
 class _Loader(yaml.SafeLoader):
@@ -25,11 +25,11 @@ class _Loader(yaml.SafeLoader):
 
     def flatten_mapping(self, node: Any) -> None:
         super().flatten_mapping(node)
-        if len(node.value) > MOST:
-            raise MechanismFileError(f"a table of more than {MOST:,} entries")
+        if len(node.value) > MOST_ENTRIES:
+            raise MechanismFileError(f"a table of more than {MOST_ENTRIES:,} entries")
 
     def construct_yaml_int(self, node: Any) -> int:
-        if len(str(node.value)) > DIGITS:
+        if len(str(node.value)) > MOST_DIGITS:
             raise MechanismFileError("a whole number leaves the range of numbers")
         return super().construct_yaml_int(node)
 

@@ -36,10 +36,10 @@ OPTIONS = (
     "--hide-scrollbars",
     "--remote-debugging-port=0",  # any that is free, on the loopback interface
 )
-PATIENCE = 60.0  # longest that anything may take [s]
-GRACE = 5.0  # for a browser that was asked to end [s]
-POLL = 0.01  # between two looks at something that is not ready yet [s]
-LARGEST_MESSAGE = 1 << 28  # a picture is one message [bytes]
+ANSWERED_IN = 60.0  # longest that one thing may take [s]: large pages take many seconds
+GRACE = 5.0  # for a browser that was asked to end [s], before it is ended
+POLL = 0.01  # between two looks at something that is not ready yet [s]: short to who waits
+LARGEST_MESSAGE = 1 << 28  # [bytes]: a picture is one message, of 16384 x 16384 at most
 DOMAINS = ("Page", "Runtime", "Log", "Network")  # what events are wanted of
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => done(true)))"
 
@@ -61,13 +61,14 @@ class _Line:
         async def connect() -> Any:
             return await websocket_connect(
                 url,
-                connect_timeout=PATIENCE,
+                connect_timeout=ANSWERED_IN,
                 on_message_callback=self._messages.put,
                 max_message_size=LARGEST_MESSAGE,
             )
 
         try:
-            self._socket = asyncio.run_coroutine_threadsafe(connect(), self._loop).result(PATIENCE)
+            connection = asyncio.run_coroutine_threadsafe(connect(), self._loop)
+            self._socket = connection.result(ANSWERED_IN)
         except BaseException:
             self._end()
             raise
@@ -78,9 +79,9 @@ class _Line:
         async def write() -> None:
             await self._socket.write_message(text)
 
-        asyncio.run_coroutine_threadsafe(write(), self._loop).result(PATIENCE)
+        asyncio.run_coroutine_threadsafe(write(), self._loop).result(ANSWERED_IN)
 
-    def receive(self, timeout: float = PATIENCE) -> str | None:
+    def receive(self, timeout: float = ANSWERED_IN) -> str | None:
         """Return the next message, None when there will be no more.
 
         Raises:
@@ -191,7 +192,7 @@ class Browser:
     def _answer(self, method: str) -> dict[str, Any]:
         """Return the answer to the last question; what else comes before it is an event."""
         assert self._line is not None
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + ANSWERED_IN
         while True:
             try:
                 if time.monotonic() > deadline:
@@ -199,7 +200,7 @@ class Browser:
                 text = self._line.receive()
             except queue.Empty:
                 raise SpatialPinError(
-                    f"the browser has not answered {method} for {PATIENCE:g} s"
+                    f"the browser has not answered {method} for {ANSWERED_IN:g} s"
                 ) from None
             if text is None:
                 raise SpatialPinError(f"the browser went away during {method}")
@@ -299,9 +300,9 @@ class Browser:
 
 def _patiently(look: Callable[[], Any], what: str) -> Any:
     """Return the first true result of `look`."""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + ANSWERED_IN
     while not (found := look()):
         if time.monotonic() > end:
-            raise SpatialPinError(f"waited {PATIENCE:g} s in vain for {what}")
+            raise SpatialPinError(f"waited {ANSWERED_IN:g} s in vain for {what}")
         time.sleep(POLL)
     return found

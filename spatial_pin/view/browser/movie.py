@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 Shoot = Callable[[float], "Image.Image"]
 
 READY = "typeof seek === 'function' && !viewer.needs_render"  # of page.html
-COLOURS = 128  # of a GIF
-LOOKED_AT = 8  # frames that a GIF's colours are taken from
+COLOURS = 128  # of a GIF: half of those it can have, as shades of few bodies need no more
+PALETTE_FRAMES = 8  # that a GIF's colours are taken from: bodies keep theirs, shades change little
 MOST_FRAMES = 100_000  # a day of photographing
 FASTEST_GIF = 50.0  # frames a second: browsers show shorter ones for 0.1 s
 
@@ -96,7 +96,7 @@ def write_gif(
 
     if fps > FASTEST_GIF:
         raise ValueError(f"{fps:g} frames a second; a GIF shows at most {FASTEST_GIF:g}")
-    some = seconds[:: -(-len(seconds) // LOOKED_AT)]
+    some = seconds[:: -(-len(seconds) // PALETTE_FRAMES)]
     palette = _palette([camera(t) for t in some], colours)
     frames = (camera(t).quantize(palette=palette, dither=Image.Dither.NONE) for t in seconds)
     first = next(frames)

@@ -53,7 +53,7 @@ done
 kill -KILL 0) >/dev/null 2>&1 &
 exec "$@" </dev/null 3<&-
 """
-PATIENCE = 90.0  # longest a browser may take [s]
+LONGEST_START = 90.0  # longest a browser may take [s]: longer than one answer of it
 
 
 def find_browser() -> str | None:
@@ -112,9 +112,9 @@ def photograph(page: Path, fragment: str, path: Path, size: tuple[int, int]) -> 
         command += [f"--window-size={size[0]},{size[1]}", f"{page.resolve().as_uri()}#{fragment}"]
         process = start(command, profile)
         try:
-            process.wait(PATIENCE)
+            process.wait(LONGEST_START)
         except subprocess.TimeoutExpired as error:
-            raise SpatialPinError(f"{browser} took more than {PATIENCE:g} s") from error
+            raise SpatialPinError(f"{browser} took more than {LONGEST_START:g} s") from error
         finally:
             end(process)
         if not shot.is_file():

@@ -35,11 +35,14 @@ if TYPE_CHECKING:
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.stage import Track
 
-ROWS = 121  # that the way of one driver is shown by; of many drivers together
-FEWEST_ROWS = 13  # of one of many drivers, either way
-ROOM = 0.04  # how far a slider goes beyond a limit relative to its length
-PATIENCE = 100  # starts without a new assembly mode after which there are no more
-MOST_STARTS = 3000  # for assembly modes: about a second
+# Samples that the way of one driver is shown by, or those of many drivers together: 3 degrees apart
+# over a turn, between which positions are interpolated; and of one of many drivers, either way.
+SAMPLES, FEWEST_SAMPLES = 121, 13
+BEYOND_LIMIT = 0.04  # how far a slider goes beyond a limit relative to its length: seen as a stop
+# Starts without a new assembly mode after which there are no more: a mode that one in 30 ends at is
+# missed in 3 % of cases, and the page is not kept waiting.
+FRUITLESS = 100
+MOST_STARTS = 3000  # for assembly modes: about a second, which one waits for a page
 
 Answer = dict[str, Any]
 
@@ -93,7 +96,7 @@ class Desk:
         self._start = drive.state
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
-        self.rows = max(FEWEST_ROWS, ROWS // len(drive.names))
+        self.rows = max(FEWEST_SAMPLES, SAMPLES // len(drive.names))
         reaches = self.reaches()
         self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
         self.film = _film(drive, reaches)
@@ -198,7 +201,7 @@ class Desk:
         held = self.drive.held()
         if self._modes is None or self._modes[0] != held:
             modes = assembly_modes(
-                self.drive.mechanism, held, patience=PATIENCE, most_starts=MOST_STARTS
+                self.drive.mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS
             )
             self._modes = held, modes
         return self._modes[1]
@@ -224,7 +227,7 @@ def _numbers(track: Track) -> list[float]:
 def _range(dial: Dial, reach: Reach) -> Answer:
     """Return the ends of a slider, beyond its limits, and the marks of these."""
     lower, upper = (end / dial.size for end in reach.ends)
-    room = ROOM * max(upper - lower, 1e-9)
+    room = BEYOND_LIMIT * max(upper - lower, 1e-9)
     ends = lower - room * (reach.stops[0] is not None), upper + room * (reach.stops[1] is not None)
     marks = [{"at": s.value / dial.size, "text": dial.stop(s)} for s in reach.stops if s]
     return {"ends": ends, "marks": marks}

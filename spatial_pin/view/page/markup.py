@@ -6,12 +6,12 @@ import html
 import math
 from collections.abc import Iterable, Sequence
 
-NOTHING = 1e-12  # what is less is round-off [SI]
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 def number(x: float, unit: str = "", digits: int = 6) -> str:
     """Return a number to read, with its unit: angles in degrees, a true minus sign."""
-    x = x if abs(x) > NOTHING else 0.0
+    x = x if abs(x) > TOLERANCES.tight else 0.0
     if unit == "rad":
         x, unit = math.degrees(x), "°"
     space = "" if unit in ("", "°") else "\u202f"

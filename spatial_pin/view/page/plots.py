@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.checks import checked, plain_text
 from spatial_pin.motion.motion import Output, motion_needed
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.outputs import literal, save_figure
 
 if TYPE_CHECKING:
@@ -27,15 +28,13 @@ Array = NDArray[np.floating]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # of Okabe and Ito: x, y, z
 INK, FAINT = "#2b3138", "#d5d9de"
-NEGLIGIBLE = 1e-9  # variation relative to the largest value, that is round-off and not blown up
-NARROW = 1e-3  # range of the abscissa relative to its values, whose labels take room
+NARROW = 1e-3  # range of the abscissa relative to its values: from there labels have 7 digits
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
 # events of a simulation that have a time
 OF_TIME = ("joint limit", "velocity limit", "effort limit", "stopped")
 DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
-MOST_OUTPUTS = 3  # drawn when none are named
-STILL = 1e-9  # change [rad, or of the characteristic length] that is no motion
+MOST_OUTPUTS = 3  # drawn when none are named: more panels do not fit on a page
 
 
 def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
@@ -64,7 +63,7 @@ def _label(name: str, unit: str) -> str:
 def _hold_still(axes: Axes, values: Array) -> None:
     """Widen the range of a constant, so that its round-off does not fill the panel."""
     finite = values[np.isfinite(values)]
-    if finite.size and np.ptp(finite) <= NEGLIGIBLE * np.max(np.abs(finite)):
+    if finite.size and np.ptp(finite) <= TOLERANCES.nothing * np.max(np.abs(finite)):
         middle = float(np.mean(finite))
         reach = 0.1 * abs(middle) or 1.0
         axes.set_ylim(middle - reach, middle + reach)
@@ -122,7 +121,7 @@ def _moves(motion: Motion, name: str) -> bool:
     """Whether an output changes by more than round-off."""
     values, _, unit = motion.output(name)
     size = motion.mechanism.characteristic_length if unit == "m" else 1.0
-    return len(values) > 0 and np.ptp(values, axis=0).max() > STILL * size
+    return len(values) > 0 and np.ptp(values, axis=0).max() > TOLERANCES.nothing * size
 
 
 def _of_joints(mechanism: Mechanism) -> dict[str, bool]:

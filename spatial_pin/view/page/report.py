@@ -24,7 +24,7 @@ from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
 from spatial_pin.view.scene.look import Look
 
-GENERIC = 0.29  # part of a motion after which its freedoms are counted: no round driver value
+COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no round driver value
 
 
 def _subject(
@@ -42,7 +42,7 @@ def _subject(
     if outputs is None:
         outputs = default_outputs(shown)
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
-    state = shown.state(int(GENERIC * len(shown)))
+    state = shown.state(int(COUNTED_AT * len(shown)))
     return Subject(shown, shown, state, names, title, look)
 
 

@@ -23,9 +23,10 @@ from spatial_pin.mobility.mobility import mobility
 from spatial_pin.motion.dead_centres import dead_centres
 from spatial_pin.motion.motion import Event, Motion, Output
 from spatial_pin.motion.report import info
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.view.page.html import page
 from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
-from spatial_pin.view.page.plots import STILL, abscissa, plot, svg
+from spatial_pin.view.page.plots import abscissa, plot, svg
 from spatial_pin.view.scene.loads import loads
 from spatial_pin.view.scene.look import Look
 
@@ -197,7 +198,7 @@ def _ranges(subject: Subject) -> str | None:
     for name, c in subject.mechanism.coordinate_table.items():
         value, rate, acceleration = motion.coordinate(name)
         low, high = int(np.argmin(value)), int(np.argmax(value))
-        moves = value[high] - value[low] > STILL
+        moves = value[high] - value[low] > TOLERANCES.nothing
         at = [number(x[k], unit) if moves else "–" for k in (low, high)]
         rows.append((
             name,

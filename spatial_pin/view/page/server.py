@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # that we answer to
-PATIENCE = 15.0  # longest wait for the browser to fetch the page [s]
-LONGEST_QUESTION = 4096  # of a page to its server [bytes]
+FETCHED_IN = 15.0  # longest wait for the browser to fetch the page [s]: a cold one takes seconds
+LONGEST_QUESTION = 4096  # of a page to its server [bytes]: a value for each of a hundred drivers
 TOKEN = "X-Token"  # header that a question carries its token in
 
 
@@ -238,7 +238,7 @@ def _open(viewer: Viewer) -> bool:
     named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     if sys.platform.startswith("linux") and not named:
         return False  # only browsers that write text are left, and they would take the terminal
-    return webbrowser.open(viewer.url) and viewer.wait_until_fetched(PATIENCE)
+    return webbrowser.open(viewer.url) and viewer.wait_until_fetched(FETCHED_IN)
 
 
 def open_in_browser(viewer: Viewer, verb: str) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 
 SHORTEST, USUAL, LONGEST = 2.0, 6.0, 20.0  # duration of an animation [s]
-OPEN = 1e-6  # closure error above which a closure is shown as open [-]
 LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 MAX_ROWS = 1201  # 60 a second for 20 s: more cannot be seen
 
@@ -92,7 +92,8 @@ class Film:
     @cached_property
     def open_rows(self) -> NDArray[np.intp]:
         """Which of the rows shown have an open closure."""
-        return np.flatnonzero(np.atleast_1d(self.source.closure_error)[self.rows] > OPEN)
+        error = np.atleast_1d(self.source.closure_error)[self.rows]
+        return np.flatnonzero(error > TOLERANCES.half_precision)
 
     @cached_property
     def loads(self) -> Kinetostatics:

@@ -11,11 +11,11 @@ import pinocchio as pin
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import nice
 
-FIELD_OF_VIEW = 35.0  # vertical [deg]
+FIELD_OF_VIEW = 35.0  # vertical [deg]: parallels stay nearly so, as in an engineer's drawing
 ASPECT = 4 / 3  # width by height that the picture is made to fit
-MARGIN = 1.15  # room round the picture, for what is written over it
-FLATTEST = 0.4  # least component of the viewing direction relative to the largest
-ROWS_LOOKED_AT = 121
+PICTURE_MARGIN = 1.15  # room round the picture, for what is written over it
+FLATTEST = 0.4  # least weight of an axis in the viewing direction: no other is seen as a point
+ROWS_LOOKED_AT = 121  # samples that must all be in the picture: 3 degrees apart over a turn
 
 
 class Framing(NamedTuple):
@@ -92,7 +92,7 @@ def _step_back(points: Array, v: Array) -> tuple[float, Array]:
     """
     axes = axes_of_view(v)
     picture, depth = points @ axes.T, points @ v
-    half = math.tan(math.radians(FIELD_OF_VIEW) / 2) * np.array([ASPECT, 1.0]) / MARGIN
+    half = math.tan(math.radians(FIELD_OF_VIEW) / 2) * np.array([ASPECT, 1.0]) / PICTURE_MARGIN
     away = float(np.max(depth[:, None] + np.abs(picture) / half))
     seen = picture / (away - depth)[:, None]
     return away, away * (seen.min(axis=0) + seen.max(axis=0)) / 2 @ axes

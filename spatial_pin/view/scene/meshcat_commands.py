@@ -42,7 +42,7 @@ __all__ = [
 
 
 GROUP = "/mechanism"
-GRID_COLOUR = 0xDFE3E8
+GRID_COLOUR = 0xDFE3E8  # a light grey, on white
 AMBIENT_LIGHT = 0.55  # leaves colours as bright as they were chosen, with the other lights
 FLOAT32 = 0x17  # meshcat's MessagePack extension for a Float32Array
 FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them

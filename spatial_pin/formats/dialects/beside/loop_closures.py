@@ -29,7 +29,7 @@ NAME = "loop_closures.yaml"
 LOOPS = ("closures", "pin_loops", "ball_loops")
 NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
 LIMITS = ("ball_limit_deg",)  # how far a ball swings: a limit of what closes, which has none here
-LARGEST = 1e300  # of a coordinate; whole numbers may be beyond float
+LARGEST_COORDINATE = 1e300  # of a coordinate; whole numbers may be beyond float
 ROOT = "base_link"  # what sw2robot calls the root, whatever its name
 
 
@@ -96,7 +96,7 @@ class _Entry:
     def vector(self, key: str) -> Array:
         value = self.content.get(key)
         numbers = isinstance(value, list) and len(value) == 3 and all(
-            isinstance(x, int | float) and abs(x) <= LARGEST for x in value)
+            isinstance(x, int | float) and abs(x) <= LARGEST_COORDINATE for x in value)
         if not numbers:
             raise MechanismFileError(f"{shown(self.reading.path)}: {self.where}: {key} must be "
                                      "three finite numbers")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 LOADS = {"reaction": ("force", "N", slice(0, 3)), "moment": ("moment", "N·m", slice(3, 6))}
 KINDS = ("velocity", "acceleration", "angular_velocity", "angular_acceleration")
-LONGEST = 0.6  # longest arrow relative to the size of the scene; all sizes below too
+LONGEST_ARROW = 0.6  # longest arrow relative to the size of the scene; all sizes below too
 SHAFT, HEAD, HEAD_LENGTH = 0.011, 0.028, 0.08  # radius, radius, length
 OTHER = (0.13, 0.15, 0.18, 1.0)
 COLOURS: dict[str, Colour] = {
@@ -141,8 +141,8 @@ def _of_quantity(stage: Stage, vectors: list[Vectors]) -> Layer:
     if largest == 0.0:
         return Layer(legend=(Entry(colour, f"{quantity} of {names}: none"),))
     value = nice(largest / 4)
-    length = nice(0.95 * LONGEST * stage.size / (largest / value))
-    if length * largest / value > 1.5 * LONGEST * stage.size:
+    length = nice(0.95 * LONGEST_ARROW * stage.size / (largest / value))
+    if length * largest / value > 1.5 * LONGEST_ARROW * stage.size:
         length = nice(length / 2)
     drawn = [_items(stage, v, length / value) for v in vectors]
     words = f"{quantity} of {names}: {length_words(length)} = {value:.4g} {unit}"

@@ -9,20 +9,20 @@ from spatial_pin.view.scene.quiet_meshcat import mg
 from spatial_pin.view.scene.shapes import Solid
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage
 
-RADIUS = 0.026  # of a mark relative to the size of the scene
+MARK = 0.026  # radius of a mark relative to the size of the scene
 DARK, LIGHT = (0.08, 0.09, 0.11, 1.0), (0.97, 0.97, 0.97, 1.0)
-STEPS = 6  # facets along the edge of an octant
+FACETS = 6  # along the edge of an octant: round to the eye at that size
 
 
 def _octant(signs: tuple[int, int, int]) -> tuple[Array, Array]:
     """Return points (K, 3) and triangles (M, 3) of an eighth of the unit sphere."""
-    i, j = np.meshgrid(np.arange(STEPS + 1), np.arange(STEPS + 1), indexing="ij")
-    polar, turn = (np.pi / 2 / STEPS * x.ravel() for x in (i, j))
+    i, j = np.meshgrid(np.arange(FACETS + 1), np.arange(FACETS + 1), indexing="ij")
+    polar, turn = (np.pi / 2 / FACETS * x.ravel() for x in (i, j))
     points = np.stack(
         [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=1
     )
-    a = (np.arange(STEPS)[:, None] * (STEPS + 1) + np.arange(STEPS)).ravel()
-    b, c, d = a + 1, a + STEPS + 1, a + STEPS + 2
+    a = (np.arange(FACETS)[:, None] * (FACETS + 1) + np.arange(FACETS)).ravel()
+    b, c, d = a + 1, a + FACETS + 1, a + FACETS + 2
     faces = np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
     return points * signs, faces if np.prod(signs) > 0 else faces[:, ::-1]
 
@@ -40,7 +40,7 @@ def _quarters(parity: int, radius: float) -> Solid:
 def centres(stage: Stage) -> Layer:
     """Return a mark at the centre of mass of every link that has one."""
     mechanism = stage.film.mechanism
-    dark, light = (_quarters(parity, RADIUS * stage.size) for parity in (1, -1))
+    dark, light = (_quarters(parity, MARK * stage.size) for parity in (1, -1))
     items: list[Item] = []
     points: list[Array] = [np.zeros((0, 3))]
     for link, inertia in mechanism.inertias.items():

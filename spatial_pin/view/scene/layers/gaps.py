@@ -11,14 +11,15 @@ from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.film import OPEN, Film, Reading, unit_of_length
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.view.scene.film import Film, Reading, unit_of_length
 from spatial_pin.view.scene.shapes import ball, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod_between
 
 COLOUR = (1.0, 0.0, 0.62, 1.0)
 BALL, ROD = 0.02, 0.009  # radius relative to the size of the scene
 POINTER = 0.16  # length of the directions that should agree relative to the size of the scene
-DIGITS = 3  # that a gap is told with
+GAP_DIGITS = 3  # that a gap is told with: its size matters, not its value
 
 
 class Gap(NamedTuple):
@@ -47,7 +48,7 @@ def _residuals(film: Film) -> Array:
             evaluation.turns[:] = motion.angles[k]
         evaluation.update(motion.q[k])
         found[k] = evaluation.residual
-    found[np.abs(found) <= OPEN] = 0.0
+    found[np.abs(found) <= TOLERANCES.half_precision] = 0.0
     return found
 
 
@@ -124,7 +125,7 @@ def _alarms(gap: Gap) -> list[Reading]:
 
 def _digits(largest: float) -> int:
     """Return the decimals that tell numbers up to `largest` with three digits."""
-    return int(np.clip(DIGITS - 1 - np.floor(np.log10(largest)), 0, 8))
+    return int(np.clip(GAP_DIGITS - 1 - np.floor(np.log10(largest)), 0, 8))
 
 
 def _length_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:

@@ -16,7 +16,7 @@ from spatial_pin.view.scene.framing import axes_of_view, occupied
 from spatial_pin.view.scene.layers.bodies import body_items
 from spatial_pin.view.scene.stage import Colour, Entry, Item, Label, Layer, Stage
 
-OPACITY = 0.28
+OPACITY = 0.28  # of four that lie on each other a body behind is still seen
 SPACING = 1.12  # from one picture to the next relative to their width and height
 LABEL_COLOUR = (0.75, 0.78, 0.81, 1.0)
 

@@ -22,7 +22,7 @@ UNIT = 0.05  # size of a sign relative to the size of the scene
 CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
 MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
 THROUGH = 0.72  # opacity of signs that are seen through bodies
-MOST_TURNS = 60.0  # of a thread that is drawn
+MOST_THREAD_TURNS = 60.0  # of a thread that is drawn: more are a grey bar
 
 
 class Site(NamedTuple):
@@ -78,7 +78,7 @@ def _screw(site: Site) -> list[Piece]:
     nut = turned(
         (0.0, -0.5 * s), (1.05 * s, -0.5 * s), (1.05 * s, 0.5 * s), (0.0, 0.5 * s), segments=6
     )
-    turns = min((end - start) / (0.45 * s), MOST_TURNS)
+    turns = min((end - start) / (0.45 * s), MOST_THREAD_TURNS)
     angle = np.linspace(0.0, 2 * np.pi * turns, 1 + int(20 * turns))
     z = np.linspace(start, end, len(angle))
     helix = np.stack([0.5 * s * np.cos(angle), 0.5 * s * np.sin(angle), z], axis=1)

@@ -7,11 +7,11 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 THICKNESS = 0.013  # radius of a stick relative to the longest
 SPREAD = 0.4  # how much thicker the thickest is: sticks of different bodies may coincide
 GOLDEN = 0.5 * (5**0.5 - 1)  # multiples of it never come together again, but for whole numbers
-SAME = 1e-6  # distance of points that are drawn as one relative to the longest stick
 
 
 def _ends(model: pin.Model) -> list[tuple[int, Array]]:
@@ -45,7 +45,8 @@ def skeleton(model: pin.Model) -> pin.GeometryModel:
     geometry = pin.GeometryModel()
     for j in range(model.njoints):
         thickness = THICKNESS * longest * (1.0 + SPREAD * (GOLDEN * j % 1.0))
-        points = _distinct([p for joint, p in ends if joint == j], SAME * longest)
+        points = _distinct([p for joint, p in ends if joint == j],
+                           TOLERANCES.half_precision * longest)
         for k, p in enumerate(points):
             name = f"{model.names[j]} stick {k}"
             geometry.addGeometryObject(_stick(name, j, p, thickness))

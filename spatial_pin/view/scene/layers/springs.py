@@ -10,17 +10,18 @@ from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
 WIRE, COIL = 0.006, 0.03  # radius of wire and coil relative to the size of the scene
 TURNS, POINTS = 8, 14  # turns of a coil, points to a turn
-STRAIGHT = 0.12  # part of the length at each end that is straight
+STRAIGHT_END = 0.12  # part of the length at each end that is straight
 COLOUR = (0.30, 0.33, 0.37, 1.0)
 
 
 def coil(length: float, size: float) -> Solid:
     """Return a coil from 0 to 1 along z, its wire round when it is stretched to a length [m]."""
     angle = 2 * np.pi * TURNS * np.linspace(0.0, 1.0, TURNS * POINTS + 1)
-    z = np.linspace(STRAIGHT, 1.0 - STRAIGHT, len(angle))
+    z = np.linspace(STRAIGHT_END, 1.0 - STRAIGHT_END, len(angle))
     turns = np.stack([COIL * size * np.cos(angle), COIL * size * np.sin(angle), z * length], 1)
-    ends = [[0.0, 0.0, 0.0], [0.0, 0.0, STRAIGHT * length]]
-    path = np.concatenate([ends, turns, [[0.0, 0.0, length - z] for z in (STRAIGHT * length, 0.0)]])
+    ends = [[0.0, 0.0, 0.0], [0.0, 0.0, STRAIGHT_END * length]]
+    last = [[0.0, 0.0, length - z] for z in (STRAIGHT_END * length, 0.0)]
+    path = np.concatenate([ends, turns, last])
     return Solid(tube(path, WIRE * size, segments=6), np.diag([1.0, 1.0, 1.0 / length, 1.0]))
 
 

@@ -9,7 +9,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.shapes import Solid, ball, tube
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage
 
-RADIUS = 0.006  # of a tube relative to the size of the scene
+TUBE = 0.006  # radius of a tube relative to the size of the scene
 BEHIND = 0.35  # opacity where bodies stand before it
 COLOURS = (
     (0.55, 0.08, 0.45, 1.0),
@@ -55,7 +55,7 @@ def traces(stage: Stage, names: tuple[str, ...]) -> Layer:
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(names))]
     items: list[Item] = []
     for name, path, colour in zip(names, paths, colours, strict=True):
-        drawn, title = _solid(path, RADIUS * stage.size), f"path of {name}"
+        drawn, title = _solid(path, TUBE * stage.size), f"path of {name}"
         items.append(Item(title, drawn, colour))
         items.append(Item(f"{title}, behind", drawn, (*colour[:3], BEHIND), through=True))
     legend = tuple(Entry(c, f"path of {n}") for c, n in zip(colours, names, strict=True))
