@@ -1,5 +1,5 @@
 /* A mechanism moved by independent coordinates under forces: what dynamics.c, independent.c,
- * choosing.c and passing.c share, and what integrating.c asks of them.
+ * charts.c and passing.c share, and what integrating.c asks of them.
  *
  * Unknowns y: the n free coordinates x of a chart, their joint rates u (both in units of the
  * velocity's scale), a quaternion (x, y, z, w) for every body that spins freely about its own line,
@@ -89,7 +89,7 @@ typedef struct Dynamics {
 
     /* ---- room to work in ---- */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
-        *laws, *rates, *freedoms; /* freedoms: (n_free, nv) */
+        *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
     Int *best; /* (n_free) coordinates that would be best */
     Place aside, ended;
     Int evaluations;

@@ -303,7 +303,7 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
             return UNSAFE;
         if (error <= d->tolerance)
             return factor_here(d);
-        if (!(i == 0 && error < OLD_FACTORS_DO && d->is_linear) && factor_here(d) != DONE)
+        if (!(i == 0 && error < OLD_FACTORS_DO) && factor_here(d) != DONE)
             return UNSAFE;
         correction(d);
         const Real size = length(d->step, d->k->nv);

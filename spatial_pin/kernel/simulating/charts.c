@@ -1,16 +1,16 @@
-/* Which coordinates are independent: where a chart begins, and how one is begun anew.
+/* Charts: where one begins, of which coordinates, and how one is begun anew.
  *
- * The coordinates that determine a motion best are those of the joints that move most: Gram-Schmidt
- * with column pivots on the motions of the freedoms [Wehage1982]. One freedom that passes crossings
+ * The coordinates that determine a motion best are those of the joints that move most: independent
+ * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that passes crossings
  * of branches is told by a joint with one entry of q, the fastest. */
 #include <stdlib.h>
 #include <string.h>
 
+#include "choosing.h"
 #include "dynamics.h"
+#include "tolerances.h"
 
-#define ALIKE 1e-9 /* part by which a later coordinate moves more, that round-off may have made */
 #define PLAIN 0.1  /* speed of a plain coordinate, relative to the fastest, at which it will do */
-#define DIGITS 1e-7 /* smallest over largest pivot at which a chart begins with half of all digits */
 
 /* The joint of a velocity entry. */
 static Int joint_of(const Kernel *k, Int v)
@@ -95,89 +95,60 @@ EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const R
 
 /* ---- the best coordinates ---- */
 
-static Real squared(const Real *x, Int n, Int apart)
+static Real product(const Real *basis, Int n, Int nv, Int i, Int j)
 {
     Real sum = 0.0;
-    for (Int i = 0; i < n; i++)
-        sum += x[i * apart] * x[i * apart];
+    for (Int v = 0; v < nv; v++)
+        sum += basis[v * n + i] * basis[v * n + j];
     return sum;
 }
 
-/* Orthonormal rows that span the motions of the freedoms, twice for the sake of round-off. */
+/* An orthonormal basis (nv, n) of the freedoms' motions; each twice for the sake of round-off. */
 static void orthonormal_freedoms(Dynamics *d)
 {
-    const Int nv = d->k->nv;
-    Real *rows = d->freedoms;
-    memcpy(rows, d->columns, (size_t)(d->n_free * nv) * sizeof *rows);
-    for (Int i = 0; i < d->n_free; i++) {
-        Real *row = rows + i * nv;
-        for (Int pass = 0; pass < 2 * i; pass++) {
-            const Real *other = rows + pass % i * nv;
-            Real part = 0.0;
-            for (Int v = 0; v < nv; v++)
-                part += row[v] * other[v];
-            for (Int v = 0; v < nv; v++)
-                row[v] -= part * other[v];
-        }
-        const Real size = sqrt(squared(row, nv, 1));
-        for (Int v = 0; v < nv; v++)
-            row[v] /= size;
-    }
-}
-
-/* Take the part along column v from all columns. */
-static void deflate(Dynamics *d, Int chosen)
-{
     const Int n = d->n_free, nv = d->k->nv;
-    Real *rows = d->freedoms, *along = d->off;
-    const Real size = sqrt(squared(rows + chosen, n, nv));
-    for (Int i = 0; i < n; i++)
-        along[i] = rows[i * nv + chosen] / size;
-    for (Int v = 0; v < nv; v++) {
-        Real part = 0.0;
-        for (Int i = 0; i < n; i++)
-            part += along[i] * rows[i * nv + v];
-        for (Int i = 0; i < n; i++)
-            rows[i * nv + v] -= part * along[i];
+    Real *basis = d->freedoms;
+    for (Int i = 0; i < n; i++) {
+        for (Int v = 0; v < nv; v++)
+            basis[v * n + i] = d->columns[i * nv + v];
+        for (Int pass = 0; pass < 2 * i; pass++) {
+            const Real part = product(basis, n, nv, i, pass % i);
+            for (Int v = 0; v < nv; v++)
+                basis[v * n + i] -= part * basis[v * n + pass % i];
+        }
+        const Real size = sqrt(product(basis, n, nv, i, i));
+        for (Int v = 0; v < nv; v++)
+            basis[v * n + i] /= size;
     }
 }
 
-/* The column of the most, of plain coordinates or of all; of columns alike the first. -1: none. */
-static Int longest_column(const Dynamics *d, int plain, Real *most)
+/* Leave the joints with one entry of q alone, of one freedom, if they move enough; whether they do. */
+static int leave_plain_ones(Dynamics *d)
 {
     const Kernel *k = d->k;
-    Int best = -1;
-    *most = 0.0;
+    Real most = 0.0, most_plain = 0.0;
     for (Int v = 0; v < k->nv; v++) {
-        const Real size = squared(d->freedoms + v, d->n_free, k->nv);
-        if (size > *most * (1.0 + ALIKE) && (!plain || joint_nv(k->kind[joint_of(k, v)]) == 1))
-            *most = size, best = v;
+        const Real speed = fabs(d->freedoms[v]);
+        most = fmax(most, speed);
+        if (joint_nv(k->kind[joint_of(k, v)]) == 1)
+            most_plain = fmax(most_plain, speed);
     }
-    return best;
+    if (!(most_plain > PLAIN * most))
+        return 0;
+    for (Int v = 0; v < k->nv; v++)
+        if (joint_nv(k->kind[joint_of(k, v)]) != 1)
+            d->freedoms[v] = 0.0;
+    return 1;
 }
 
-/* The best coordinates at the present place, ascending, in d->best; 0 where there are none. */
+/* The best coordinates at the present place, ascending, in d->best; 0 where there are none: joints
+ * of bodies that spin tell nothing. */
 static int choose(Dynamics *d)
 {
     orthonormal_freedoms(d);
-    for (Int count = 0; count < d->n_free; count++) {
-        Real most, most_plain;
-        Int best = longest_column(d, 0, &most), at = count;
-        if (best < 0)
-            return 0;
-        if (d->n_free == 1 && !d->n_drives) {
-            const Int plain = longest_column(d, 1, &most_plain);
-            if (most_plain > PLAIN * PLAIN * most)
-                best = plain;
-            else if (d->n_spins) /* joints of bodies that spin tell nothing */
-                return 0;
-        }
-        deflate(d, best);
-        for (; at > 0 && d->best[at - 1] > best; at--)
-            d->best[at] = d->best[at - 1];
-        d->best[at] = best;
-    }
-    return 1;
+    if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->n_spins)
+        return 0;
+    return independent_rows(d->k->nv, d->n_free, d->freedoms, d->n_free, 0.0, d->best) == d->n_free;
 }
 
 static int are_held(const Dynamics *d)
@@ -214,7 +185,7 @@ EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *sam
         return SINGULAR;
     if (k->n_chosen < k->n_closure && (system_reselect(k) != DONE || independent_begin(d) != DONE))
         return SINGULAR;
-    if (!(d->pivot > DIGITS))
+    if (!(d->pivot > TOLERANCE_SINGULAR))
         return SINGULAR;
     for (Int i = 0; i < n; i++) {
         y[i] = 0.0;
