@@ -5,6 +5,7 @@ import pytest
 from mechanisms import four_bar
 
 import spatial_pin as sp
+from spatial_pin.accuracy.exact import ExactRows
 
 EXACT = np.array([1.0, -1.0, 1.0])  # of a parallelogram: crank, coupler, rocker
 
@@ -41,3 +42,19 @@ def test_rows_that_are_continued_across_a_change_point_know_their_rates():
     assert len(stopped) == 2
     last = stopped.state(1)
     assert np.abs(last.v - EXACT).max() <= last.rate_error
+
+
+def test_rates_near_a_crossing_where_nothing_moves_fast_are_as_good_as_is_said():
+    """Next to the flat place of a Sarrus linkage accelerations lose the third power of a pivot."""
+    mech = sp.load("sarrus")
+    arm = mech.prescribed_coordinate("arm")
+    guess = sp.assemble(mech)
+    for angle in np.geomspace(0.3, 1e-3, 12):
+        guess = sp.assemble(mech, {"arm": angle}, guess)
+        state = sp.solve_rates(mech, guess, {"arm": 1.0})
+        rows = ExactRows(mech, [arm], np.array([[angle]]), np.ones(1), np.zeros(1))
+        exact = rows.near(state.q[None], np.zeros((1, 0)))
+        bend = max(1.0, float(np.abs(exact.a).max()))
+        assert np.abs(state.v - exact.v[0]).max() <= state.rate_error * np.abs(exact.v).max()
+        assert np.abs(state.a - exact.a[0]).max() <= state.rate_error * bend
+    assert 1e-9 < state.rate_error < 1e-5

@@ -19,13 +19,13 @@ class Solved(NamedTuple):
     Attributes:
         v, a: (nv,) joint velocities and accelerations.
         pivot: smallest over largest pivot of the equations.
-        pace: of the fastest joint, relative to that of the driven one, at least 1.
+        lost: round-off of v and a, relative to their size.
     """
 
     v: Array
     a: Array
     pivot: float
-    pace: float
+    lost: float
 
 
 class Rates:
@@ -74,8 +74,7 @@ class Rates:
         self._q[:], self._turns[:] = q, turns
         if self._library.rates_solve(*self._place, *self._rates) != DONE:
             return None
-        pivot, pace = self._facts.tolist()
-        return Solved(self._v, self._a, pivot, pace)
+        return Solved(self._v, self._a, *self._facts.tolist())
 
     def jacobian(self, q: Array, turns: Array, joint: int, local: Array) -> Array | None:
         """Return the Jacobian (6, n_moving) of a point of a joint's body; None as `solve`.

@@ -27,8 +27,9 @@ from spatial_pin.rates.prescribed import (
     siblings,
 )
 
-ROUND_OFF = 8.0 * EPS  # of a closure row
-WELL = 1e-3  # smallest over largest pivot above which round-off is not looked at closely
+ROUND_OFF = 8.0 * EPS  # of a solution, relative to its size
+OPEN = 2.0 * EPS  # of a closure equation at a configuration closed to round-off
+PATTERNS = (1, 2)  # of the signs of equations' errors: as in `kernel/closing/rates.c`
 
 
 def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
@@ -281,7 +282,7 @@ def solve_rates(
     clear = regular.solved(state, speeds, accelerations, hold,
                            lambda: driven_coordinates(mechanism, mechanism.drivers))
     if clear is not None:
-        return _state_of(state, clear.v, clear.a, known_to(clear.pace, clear.pivot))
+        return _state_of(state, clear.v, clear.a, clear.lost)
     v_of = rates_given(mechanism, speeds, "speed")
     a_of = rates_given(mechanism, accelerations, "acceleration")
     check_one_meaning(mechanism, [*v_of, *a_of])
@@ -295,7 +296,7 @@ def solve_rates(
             a = system.acceleration(state.q, v, drive_a)
         check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
         check_rates(system, v, state)
-        lost = round_off(system, state.q, rates)
+        lost = round_off(system, state.q, v)
     return _state_of(state, v, a, lost)
 
 
@@ -314,50 +315,53 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
-def round_off(system: SquareSystem, q: Array, rates: Array, solved: bool = True) -> float:
-    """Return the estimated error of joint rates by their size, from the rates per driver's.
+def round_off(system: SquareSystem, q: Array, v: Array, solved: bool = True) -> float:
+    """Return the estimated error of joint rates relative to their size, as the kernel tells it.
 
-    Near a limit position at a small distance e of the driver, joints move 1/sqrt(e) times as fast
-    as the driver; a configuration known to round-off times that gives rates to that squared.
-    A short link leaves as much of it as its pivot, by the largest.
+    See `lost` in `kernel/closing/rates.c`.
+
+    Args:
+        system: factored at q.
+        q: (nq,) the configuration.
+        v: (nv,) joint velocities.
+        solved: whether they were solved there, not continued across a crossing of branches.
     """
-    paces = np.abs(rates / system.scale[:, None]) * system.scale[system.drive_at]
+    paces = np.abs(system.driver_rates() / system.scale[:, None]) * system.scale[system.drive_at]
     pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
-    known = known_to(pace, pivot)
-    if pivot > WELL or not solved:
-        return known
-    return min(max(known, _unknown(system, q, rates)), 1.0)
+    known = ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    t = v / system.scale
+    size = float(np.abs(t).max(initial=0.0))
+    if not solved or not size:
+        return min(known, 1.0)
+    return min(max(known, _lost_along(system, q, t / size)), 1.0)
 
 
-def known_to(pace: float, pivot: float) -> float:
-    """Return the round-off of rates, by their size: of joints `pace` times as fast as a driver."""
-    return ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+def _lost_along(system: SquareSystem, q: Array, t: Array) -> float:
+    """Return how far rates follow a configuration whose equations hold to round-off only.
 
-
-def _unknown(system: SquareSystem, q: Array, rates: Array) -> float:
-    """Return how far rates, by their size, follow a configuration that is off by round-off.
-
-    It is off where the equations are weakest. Where branches cross, joints move no faster than the
-    driver, and rates are uncertain all the same.
+    Velocities t (nv,) and their accelerations, relative to their size, by `lost_along` of
+    `kernel/closing/rates.c`.
     """
-    svd = decompose(system.matrix, 0.0)
-    off, still, worst = ROUND_OFF / max(float(svd.s[-1]), 1e-300), np.zeros(len(system.driven)), 0.0
+    n, still = len(system.rows), np.zeros(len(system.driven))
+    away: Array = np.zeros(len(t))
+    off = 0.0
+    for pattern in PATTERNS:
+        rhs = np.zeros(len(t))
+        rhs[system.closure_rows] = np.where(np.cos(pattern * np.arange(1, n + 1) ** 2) < 0, -1, 1)
+        x = system.solve(rhs)
+        if np.abs(x).max() > off:
+            off = float(np.abs(x).max())
+            away = x / off
 
-    def response(t: Array, along: Array) -> Array:
-        """Return the scaled change of t where q changes along: the polar form of accelerations."""
-        twice = [system.acceleration(q, system.scale * v, still) for v in (t + along, t - along)]
+    def response(u: Array, along: Array) -> Array:
+        """Return the scaled change of u where q changes along: the polar form of accelerations."""
+        twice = [system.acceleration(q, system.scale * v, still) for v in (u + along, u - along)]
         change: Array = 0.25 * (twice[0] - twice[1]) / system.scale
         return change
 
-    for column in rates.T:
-        t = column / system.scale
-        size = float(np.abs(t).max())
-        first = response(t / size, svd.vt[-1])
-        unit = max(float(np.abs(first).max()), 1e-300)
-        second = 2.0 * unit * np.abs(response(t / size, first / unit)).max()
-        bend = np.abs(system.acceleration(q, column / size, still) / system.scale).max()
-        worst = max(worst, off * unit, off * float(second / max(bend, 1.0)))
-    return worst
+    first, bend = response(t, away), response(t, t)
+    second = 2.0 * np.abs(response(t, first)).max() + np.abs(response(bend, away)).max()
+    return OPEN * off * float(max(np.abs(first).max(), second / max(np.abs(bend).max(), 1.0)))
 
 
 def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
@@ -369,9 +373,16 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         state: the closed state.
         held: what stands still, as for `solve_rates`.
     """
+    mechanism = state.mechanism
+    if solved:
+        found = regular.solved(state, {driver: 1.0}, {}, held,
+                               lambda: driven_coordinates(mechanism, mechanism.drivers))
+        if found is not None:
+            return found.lost
     try:
         with square_system(state, [driver], held) as system:
-            return round_off(system, state.q, system.driver_rates(), solved)
+            at = system.driven.index(mechanism.prescribed_coordinate(driver))
+            return round_off(system, state.q, system.driver_rates()[:, at], solved)
     except SingularError:
         return float(np.nan)
 

@@ -6,18 +6,23 @@
  * Equations and pivots are chosen anew at every configuration, so that answers depend on nothing
  * else. Where equations are left out, a step of the driven freedoms tells whether they follow from
  * the others beside the configuration too: if not, branches cross there. */
+#include <float.h>
 #include <string.h>
 
 #include "choosing.h"
 #include "dense.h"
 #include "kernel.h"
 #include "regular.h"
+#include "tolerances.h"
 
-/* Smallest over largest pivot, relative to the lengths of their rows where these may differ by much,
-   below which rates lose digits that are worth a closer look. */
-#define WELL 1e-3
+/* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
+   relative to the lengths of their rows, where it is clear what is independent. */
+#define WELL TOLERANCE_WELL_CONDITIONED
 #define NONE 1e-13  /* length of a row of derivatives that is none: others are of order one */
 #define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
+#define ROUND_OFF (8.0 * DBL_EPSILON) /* of a solution, relative to its size */
+#define OPEN (2.0 * DBL_EPSILON)      /* of a closure equation at a configuration closed to round-off */
+#define PATTERNS 2 /* of their signs: what one of them hides by chance, the other shows */
 /* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
 #define FEW 40
 
@@ -30,6 +35,7 @@ typedef struct {
     Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
     Int *order;
     Real *x;          /* (nv) */
+    Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */
     Real *q;          /* (nq) */
     Real pivot;       /* smallest over largest */
     Real even;        /* the same, pivots relative to the lengths of their rows */
@@ -43,9 +49,13 @@ static int make_room(Rates *r)
     r->places = kernel_memory(k, k->n_closure, sizeof(Int));
     r->matrix = kernel_memory(k, size, sizeof(Real));
     r->order = kernel_memory(k, k->nv, sizeof(Int));
-    r->x = kernel_memory(k, k->nv, sizeof(Real));
+    r->x = kernel_memory(k, 5 * k->nv, sizeof(Real));
     r->q = kernel_memory(k, k->nq, sizeof(Real));
-    return r->chosen && r->places && r->matrix && r->order && r->x && r->q ? DONE : NO_MEMORY;
+    if (!r->chosen || !r->places || !r->matrix || !r->order || !r->x || !r->q)
+        return NO_MEMORY;
+    r->away = r->x + k->nv, r->along = r->away + k->nv;
+    r->change = r->along + k->nv, r->sum = r->change + k->nv;
+    return DONE;
 }
 
 /* Memory for rates of a kernel, freed with it; BAD_ARRAYS unless there are at least as many
@@ -218,14 +228,22 @@ static Real solve_columns(Rates *r, Int n, Real *columns)
     return pace;
 }
 
-static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
+/* x += factor times the second derivatives of the equations at joint velocities v. */
+static void add_bias(Rates *r, const Real *v, Real factor, Real *x)
 {
     Kernel *k = r->k;
     equations_bias(k, v);
     for (Int i = 0; i < r->n_chosen; i++)
-        r->x[i] = -k->bias[r->chosen[i]];
+        x[i] += factor * k->bias[r->chosen[i]];
     for (Int i = 0; i < k->n_idle; i++)
-        r->x[r->n_chosen + i] = -k->bias[k->n_closure + i];
+        x[r->n_chosen + i] += factor * k->bias[k->n_closure + i];
+}
+
+static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
+{
+    Kernel *k = r->k;
+    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
+    add_bias(r, v, -1.0, r->x);
     for (Int i = 0; i < r->n_driven; i++)
         r->x[k->nv - r->n_driven + i] = acceleration[i] / k->scale[r->driven[i]];
     solve(r, r->x);
@@ -234,6 +252,96 @@ static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration
     for (Int i = 0; i < r->n_driven; i++)
         a[r->driven[i]] = acceleration[i]; /* as asked for, to the last digit */
 }
+
+/* ---------------------------------------------------------------- what round-off leaves */
+
+static Real largest(const Real *x, Int n)
+{
+    Real found = 0.0;
+    for (Int i = 0; i < n; i++)
+        found = fmax(found, fabs(x[i]));
+    return found;
+}
+
+/* How far off the configuration may be, relative to the round-off of a closure equation: where
+   these are off by one, some this way, some that way. Returns its size, `away` (nv) its direction. */
+static Real direction_off(Rates *r, Real *away)
+{
+    const Int nv = r->k->nv;
+    Real most = 0.0;
+    memset(away, 0, (size_t)nv * sizeof(Real));
+    for (int pattern = 1; pattern <= PATTERNS; pattern++) {
+        memset(r->x, 0, (size_t)nv * sizeof(Real));
+        for (Int i = 0; i < r->n_chosen; i++)
+            r->x[i] = cos((Real)(pattern * (i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
+        solve(r, r->x);
+        const Real size = largest(r->x, nv);
+        if (!(size > most))
+            continue;
+        most = size;
+        for (Int v = 0; v < nv; v++)
+            away[v] = r->x[v] / size;
+    }
+    return most;
+}
+
+/* Change of the velocities t where the configuration changes along u, both relative to the scale:
+   the polar form (a(t + u) - a(t - u)) / 4 of the accelerations, which are quadratic. Into r->x;
+   returns its size. */
+static Real response(Rates *r, const Real *t, const Real *u)
+{
+    const Kernel *k = r->k;
+    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
+    for (int sign = 1; sign >= -1; sign -= 2) {
+        for (Int v = 0; v < k->nv; v++)
+            r->sum[v] = k->scale[v] * (t[v] + sign * u[v]);
+        add_bias(r, r->sum, -0.25 * sign, r->x);
+    }
+    solve(r, r->x);
+    return largest(r->x, k->nv);
+}
+
+/* How far velocities and accelerations, relative to their size, follow a configuration that is off
+   by so much along `away`. Where branches cross, joints move no faster than the driver, and rates
+   are uncertain all the same: velocities by the square of what a pivot magnifies, accelerations by
+   its third power. */
+static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocity)
+{
+    const Kernel *k = r->k;
+    Real size = 0.0, *t = r->along, *change = r->change;
+    for (Int v = 0; v < k->nv; v++)
+        size = fmax(size, fabs(velocity[v]) / k->scale[v]);
+    if (!(size > 0.0))
+        return 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        t[v] = velocity[v] / k->scale[v] / size;
+    const Real first = response(r, t, away);
+    if (!(first > 0.0))
+        return 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        change[v] = r->x[v] / first;
+    const Real second = 2.0 * first * response(r, t, change);
+    response(r, t, t); /* a(2 t) / 4: the acceleration at constant speed of the driver */
+    const Real bend = largest(r->x, k->nv);
+    memcpy(change, r->x, (size_t)k->nv * sizeof(Real));
+    const Real third = response(r, change, away);
+    return off * fmax(first, (second + third) / fmax(bend, 1.0));
+}
+
+/* Round-off of the velocities v and of accelerations, relative to their size. Next to a limit
+   position at a small distance e of the driver, joints move 1/sqrt(e) times as fast as the driver
+   (`pace`); a configuration known to round-off times that gives rates to that squared. A short link
+   leaves as much of it as its pivot. */
+static Real lost(Rates *r, const Real *v, Real pace)
+{
+    const Real known = ROUND_OFF * pace * fmax(pace, 1.0 / fmax(r->pivot, 1e-300));
+    const Real grown = direction_off(r, r->away);
+    if (!(2.0 * OPEN * grown * grown * grown > known))
+        return known; /* which is more than what could be found out */
+    return fmin(1.0, fmax(known, lost_along(r, OPEN * grown, r->away, v)));
+}
+
+/* ---------------------------------------------------------------- what Python calls */
 
 static void evaluate(Kernel *k, const Real *q)
 {
@@ -265,7 +373,9 @@ static int place(Rates *r, const Real *q, const Real *turns)
         code = factor(r);
     if (code != DONE)
         return code;
-    return r->even > WELL && follow_beside(r, q) ? DONE : UNSAFE;
+    if (!(r->pivot > TOLERANCE_SINGULAR || r->even > WELL))
+        return UNSAFE;
+    return follow_beside(r, q) ? DONE : UNSAFE;
 }
 
 static int are_finite(const Real *x, Int n)
@@ -287,8 +397,7 @@ EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, Int n_moving,
     const int code = n_moving < 0 || n_moving > r->n_driven ? BAD_ARRAYS : place(r, q, turns);
     if (code != DONE)
         return code;
-    facts[0] = r->pivot;
-    facts[1] = solve_columns(r, n_moving, columns);
+    const Real pace = solve_columns(r, n_moving, columns);
     memset(v, 0, (size_t)nv * sizeof(Real));
     for (Int c = 0; c < n_moving; c++)
         for (Int i = 0; i < nv; i++)
@@ -296,6 +405,8 @@ EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, Int n_moving,
     for (Int i = 0; i < r->n_driven; i++)
         v[r->driven[i]] = speed[i];
     solve_acceleration(r, v, acceleration, a);
+    facts[0] = r->pivot;
+    facts[1] = lost(r, v, pace);
     return are_finite(v, nv) && are_finite(a, nv) ? DONE : NOT_FINITE;
 }
 
