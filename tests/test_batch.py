@@ -6,15 +6,13 @@ import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_closures import JOINTS, every_type, settle, somewhere, tree_with
+from test_closures import JOINTS, somewhere, tree_with
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation
-from spatial_pin.constraints.stacked import Batch
-from spatial_pin.constraints.vectorised_tree import FlatTree
 from spatial_pin.continuation.branch import Branch
 from spatial_pin.continuation.follow import Start
-from spatial_pin.numerics.linalg import StackedLU
+from spatial_pin.kernel.kernel import Kernel
 
 SEVERAL = 4
 TURN = np.linspace(0.0, 2.0 * np.pi, 500)
@@ -29,114 +27,40 @@ def assert_same(one: np.ndarray, other: np.ndarray, by: float = 1e-13) -> None:
     np.testing.assert_allclose(one, other, rtol=0, atol=by * (1.0 + np.abs(other).max(initial=0)))
 
 
-# ---------------------------------------------------------------- the tree
+# ---------------------------------------------------------------- configurations
 
 
-@pytest.mark.parametrize("joint", JOINTS)
-def test_flat_tree_is_pinocchios(tmp_path, joint):
-    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), "spherical", 5)
-    model, tree = mechanism.model, FlatTree(mechanism)
-    data = model.createData()
-    q = configurations(mechanism, 6)
-    v = rng.uniform(-1.0, 1.0, (model.nv, SEVERAL))
-    g = tree.place(q)
-    columns, (first, second) = tree.columns(g), tree.rates(g, v)
-    for k in range(SEVERAL):
-        pin.computeJointJacobians(model, data, q[:, k])
-        assert_same(columns[:, :, k], data.J.reshape(6, -1))
-        pin.forwardKinematics(model, data, q[:, k], v[:, k], 0.0 * v[:, k])
-        for i, at in enumerate(tree.carrier):
-            placement, twist, rate = data.oMi[i], data.v[i], data.a[i]
-            R = placement.rotation
-            assert_same(g[at, :3, :3, k].T, R)
-            assert_same(g[at, 3, :3, k], placement.translation)
-            assert_same(first[at, :, :3, k], np.array([R @ twist.angular, R @ twist.linear]))
-            classical = R @ (rate.linear + np.cross(twist.angular, twist.linear))
-            assert_same(second[at, :, :3, k], np.array([R @ rate.angular, classical]))
-
-
-@pytest.mark.parametrize("joint", JOINTS)
-def test_derivatives_of_the_entries_of_a_configuration(tmp_path, joint):
-    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), "spherical", 7)
-    model, tree = mechanism.model, FlatTree(mechanism)
-    q = configurations(mechanism, 8)
-    v, h = rng.uniform(-1.0, 1.0, (model.nv, SEVERAL)), 1e-3
-    first, second = tree.entry_rates(q, v, 0.0 * v)
-    for k in range(SEVERAL):
-        forth, back = (pin.integrate(model, q[:, k], s * h * v[:, k]) for s in (1, -1))
-        assert_same(first[:, k], (forth - back) / (2 * h), 1e-6)
-        assert_same(second[:, k], (forth - 2 * q[:, k] + back) / h**2, 1e-6)
-        small = tree.integrate(q, 1e-4 * v)[:, k]
-        assert_same(small, pin.integrate(model, q[:, k], 1e-4 * v[:, k]), 1e-11)
-
-
-# ---------------------------------------------------------------- the rows
-
-
-def check_rows(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarray) -> None:
-    evaluation = Evaluation(Constraints(mechanism))
-    batch = Batch(evaluation.constraints)
-    settle(evaluation, q[:, 0])
-    near = np.repeat(evaluation.turns[:, None], q.shape[1], axis=1)
-    placed = batch.place(q, near)
-    jacobian, (bias, _, _) = batch.jacobian(placed), batch.bias(placed, v)
+def check_kernel(mechanism: sp.Mechanism, q: np.ndarray) -> None:
+    """Placements and Jacobians of several configurations (nq, m) are those of Pinocchio."""
+    model, kernel = mechanism.model, Kernel(mechanism)
+    data, evaluation = model.createData(), Evaluation(Constraints(mechanism))
+    placements, jacobians = kernel.placements(q.T), kernel.jacobians(q.T)
     for k in range(q.shape[1]):
+        pin.forwardKinematics(model, data, q[:, k])
+        for i, own in enumerate(data.oMi):
+            assert_same(placements[k, i, :3].T, own.rotation)
+            assert_same(placements[k, i, 3], own.translation)
+        evaluation.turns[:] = 0.0
         evaluation.update(q[:, k])
-        assert_same(placed.residual[:, k], evaluation.residual)
-        assert_same(placed.angles[:, k], evaluation.angles)
-        assert_same(jacobian[:, :, k], evaluation.jacobian)
-        assert_same(bias[:, k], evaluation.bias(q[:, k], v[:, k]))
+        assert_same(jacobians[k], evaluation.jacobian)
 
 
-@every_type
 @pytest.mark.parametrize("joint", JOINTS)
-def test_rows_of_every_closure_on_every_joint(tmp_path, kind, joint):
-    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, 9)
-    v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
-    check_rows(mechanism, configurations(mechanism, 10), v)
+def test_several_configurations_are_each_pinocchios(tmp_path, joint):
+    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), "spherical", 5)
+    q = configurations(mechanism, 6)
+    check_kernel(mechanism, q)
+    steps = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL)) * [1.0, 0.1, 1e-4, 1e-9]
+    moved = Kernel(mechanism).displaced(q.T, steps.T)
+    for k in range(SEVERAL):
+        np.testing.assert_allclose(moved[k], pin.integrate(mechanism.model, q[:, k], steps[:, k]),
+                                   rtol=0, atol=3e-15)
 
 
 @pytest.mark.parametrize("name", sp.list_mechanisms())
-def test_rows_of_the_library(name):
+def test_several_configurations_of_the_library(name):
     mechanism = sp.load(name)
-    rng = np.random.default_rng(11)
-    v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
-    check_rows(mechanism, configurations(mechanism, 12), v)
-
-
-# ---------------------------------------------------------------- between nodes
-
-
-# ---------------------------------------------------------------- systems
-
-
-@pytest.mark.parametrize("n", [1, 2, 5, 14, 15])
-def test_stacked_systems_are_lapacks(n):
-    rng = np.random.default_rng(n)
-    matrices, rhs = rng.normal(size=(n, n, 40)), rng.normal(size=(n, 40))
-    matrices[:, :, 5] = np.eye(n)[::-1]  # needs other exchanges than the middle one
-    lu = StackedLU(matrices.copy())
-    x = lu.solve(rhs)
-    for k in range(40):
-        a = matrices[:, :, k]
-        sign, magnitude = np.linalg.slogdet(a)
-        assert lu.sign[k] == sign
-        assert lu.magnitude[k] == pytest.approx(magnitude, rel=1e-10, abs=1e-10)
-        expected = np.linalg.solve(a, rhs[:, k])
-        np.testing.assert_allclose(x[:, k], expected, rtol=0,
-                                   atol=1e-14 * np.linalg.cond(a) * np.abs(expected).max() * 30)
-
-
-@pytest.mark.parametrize("n", [3, 15])
-def test_a_singular_system_among_others_is_told(n):
-    rng = np.random.default_rng(n)
-    matrices, rhs = rng.normal(size=(n, n, 9)), rng.normal(size=(n, 9))
-    matrices[0, :, 3] = 0.0
-    lu = StackedLU(matrices.copy())
-    assert np.flatnonzero(lu.sign == 0.0).tolist() == [3]
-    x = lu.solve(rhs)
-    assert not np.isfinite(x[:, 3]).any()
-    assert np.isfinite(np.delete(x, 3, axis=1)).all()
+    check_kernel(mechanism, configurations(mechanism, 12))
 
 
 # ---------------------------------------------------------------- sweeps

@@ -144,3 +144,60 @@ def test_steps_are_shorter_where_the_branch_ends_at_nearby_dimensions():
     found = sp.sensitivity(mechanism, state, "slide", ["l"])
     wanted = coupler / np.sqrt(coupler**2 - (coupler - spare) ** 2)
     assert abs(abs(found.derivatives["l"]) - wanted) < min(1e-6 * wanted, found.errors["l"])
+
+
+# ---------------------------------------------------------------- over a motion
+
+
+OUTPUTS = ["rocker_pin", "rocker_pin.rate", "rocker_pin.acceleration", "rocker_pin.ratio",
+           "coupler.velocity", "rocker_pin.transmission_angle"]
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_of_a_motion_it_is_that_of_every_sample(output):
+    mechanism = sp.load("rssr")
+    motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 6.0, 5), 2.0, -1.0)
+    found = sp.sensitivity(mechanism, motion, output, ["b", "d"])
+    assert found.value == pytest.approx(motion.output(output).values, rel=1e-12, abs=1e-13)
+    assert found.unit == motion.output(output).unit and "d/d b" in str(found)
+    for k in range(len(motion)):
+        alone = sp.sensitivity(mechanism, motion.state(k), output, ["b", "d"])
+        for name in ("b", "d"):
+            size = np.abs(alone.derivatives[name]).max()
+            np.testing.assert_allclose(found.derivatives[name][k], alone.derivatives[name],
+                                       rtol=0, atol=1e-13 * size)
+            assert found.errors[name][k] == pytest.approx(alone.errors[name], rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "driver", "output", "dimension"), [
+    ("rssr", "crank", "rocker_pin", "a"), ("rspc", "crank", "rod.acceleration", "alpha"),
+    ("four_bar", "rocker_pin", "crank_pin.rate", "r2"),
+    ("stewart", "leg_1", "platform.position", "rb")])
+def test_of_a_motion_it_is_how_motions_of_changed_files_differ(name, driver, output, dimension):
+    """By differences of sweeps; a joint that is no driver is held too where it is swept."""
+    mechanism = sp.load(name)
+    start = sp.assemble(mechanism).coordinate(driver).value
+    values = start + 0.1 * np.linspace(0.1, 1.0, 4)
+    motion = sp.sweep(mechanism, driver, values, 1.5)
+    found = sp.sensitivity(mechanism, motion, output, [dimension]).derivatives[dimension]
+    own, h = mechanism.dimensions[dimension], 1e-3 * mechanism.dimensions[dimension]
+    others = []
+    for k in (-2, -1, 1, 2):
+        changed = sp.load(name, **{dimension: own + k * h})
+        drivers = {driver: start} if driver in mechanism.drivers else {}
+        guess = sp.assemble(changed, drivers, guess=motion.state(0))
+        others.append(sp.sweep(changed, driver, values, 1.5, guess=guess).output(output).values)
+    a, b, c, d = others
+    expected = (a - 8 * b + 8 * c - d) / (12 * h)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+    assert found.shape == motion.output(output).values.shape
+
+
+def test_wrong_names_are_refused_of_a_motion_too(rssr):
+    motion = sp.sweep(rssr[0], "crank", [1.0, 1.1])
+    with pytest.raises(sp.SpatialPinError, match="no dimension 'bb'"):
+        sp.sensitivity(rssr[0], motion, "rocker_pin", ["bb"])
+    with pytest.raises(sp.SpatialPinError, match="rocker_pin"):
+        sp.sensitivity(rssr[0], motion, "rocker_pim", ["b"])
+    with pytest.raises(TypeError, match="a State or Motion is needed"):
+        sp.sensitivity(rssr[0], 3.0, "rocker_pin")

@@ -8,10 +8,10 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.dimensions import sensitivity, variants
-from spatial_pin.dimensions.geometry import geometry_of, kind_of
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.formats.xacro.tracing import NUMPY, Tape, Traced, depends
+from spatial_pin.kernel.packing import packed
 
 EPS = np.finfo(float).eps
 AXES = ("rspc",)  # the directions of its joints follow from a dimension
@@ -33,9 +33,15 @@ def other(mechanism: sp.Mechanism, seed: int = 0) -> dict[str, float]:
 
 def same(one: sp.Mechanism, two: sp.Mechanism, length: float) -> None:
     """All that has a say in how they move is the same to round-off."""
-    a, b = (geometry_of(x, one.links[:0], length) for x in (one, two))
-    assert kind_of(one, []) == kind_of(two, [])
-    assert np.all(np.abs(a.numbers() - b.numbers()) <= 8 * EPS * a.sizes(length) + 1e-300)
+    (a, own), (b, other) = ((packed(x), x.model) for x in (one, two))
+    assert np.array_equal(a.ints, b.ints) and np.array_equal(a.carriers, b.carriers)
+    for x, y in ((a.parts(), b.parts()), (a.places(), b.places())):
+        for part in ("rotation", "translation", "local"):
+            assert getattr(x, part) == pytest.approx(getattr(y, part), abs=8 * EPS * (1 + length))
+    assert list(own.names) == list(other.names)
+    for x, y in zip(own.frames, other.frames, strict=True):
+        assert x.placement.translation == pytest.approx(y.placement.translation,
+                                                        abs=8 * EPS * length)
     assert one.characteristic_length == pytest.approx(two.characteristic_length, rel=8 * EPS)
     for name, inertia in one.inertias.items():
         assert two.inertias[name].lever == pytest.approx(inertia.lever, abs=8 * EPS * length)
@@ -77,7 +83,7 @@ def test_derivatives_are_those_of_loaded_mechanisms(name, monkeypatch):
         return [(x.derivatives[dimension], x.errors[dimension]) for x in found]
 
     new = derivatives()
-    monkeypatch.setattr(Variants, "_tree", None)
+    monkeypatch.setattr(Variants, "tree", None)
     for (a, error), (b, _) in zip(new, derivatives(), strict=True):
         assert a == pytest.approx(b, abs=3.0 * error)
 

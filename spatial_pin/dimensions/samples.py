@@ -1,268 +1,252 @@
-"""Many mechanisms that differ in their dimensions, closed together near one configuration.
+"""A mechanism at many sets of dimensions, closed together near a closed state of its own.
 
-`dimension_path` from that configuration is the specification: damped least motion, then Newton.
-Here all samples take the same steps over flat arrays (`constraints.stacked`), each with its own
-geometry (`dimensions.geometry`). A sample that does not go straight to its closed configuration is
-taken there by sets of dimensions between; one that comes to a singular configuration is left to
-`dimension_path`.
+Every sample is closed by the kernel as it would be by itself, the drivers held: by the least
+motion from the state. It is on the state's branch where it has not gone far, the linear equations
+explain the way there, and the determinant has about the state's size. Samples that are not go there
+by sets of dimensions between; those that come to a singular configuration are left to `homotopy`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import periodic
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.close import ITERATIONS
+from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.constraints.sample_coefficients import times
-from spatial_pin.constraints.stacked import Batch, Placed
-from spatial_pin.dimensions.geometry import Geometry, is_length
-from spatial_pin.numerics.linalg import Array, StackedLU, decompose, independent_rows
-from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.dimensions.drive import Drive
+from spatial_pin.dimensions.numbers import DimensionNumbers
+from spatial_pin.dimensions.variants import TracedGeometry, Variants
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
+from spatial_pin.mechanism.coordinates import coordinate_rates
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import FRAME_UNITS
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-DAMPING = 1e-2  # as `newton.close` begins with, and takes a tenth of after every step
-LEAST_DAMPING = 1e-9  # where rows are redundant
-STEPS = 12
-LONGEST = 0.25  # rad, characteristic lengths, that a joint may move from one set of dimensions
-WAY = 1.0  # the same of all joints together, which leaves axes pointing the same way
-CONTRACTION = 0.2  # a step may be this fraction of the one before
-CLOSED = 1e-13  # closure residual of a closed sample
-SINGULAR = 0.02  # part of the nominal determinant below which a sample is left to others
-REGULAR = 1e-4  # smallest over largest singular value of a nominal configuration fit for this
-OPENED = 1e-7  # part of the joint rates by which left-out rows may open, as in `rates`
+LONGEST = 0.25  # rad, characteristic lengths, that a joint may go at once: its cosine is still 0.97
+WAY = 1.0  # of all joints together: axes that agree cannot come to point opposite ways
+SINGULAR = 0.02  # of the state's determinant: digits that a sample may lose beside the state's
+PARTS = 1, 4, 16  # into which the way to a sample's dimensions is divided, one after the other
+COORDINATE_KINDS = ("rate", "acceleration", "ratio", "advantage")
+POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
 
 
-class Moving(NamedTuple):
-    """Closed samples and their rates.
+class _Wanted(NamedTuple):
+    """An output: which quantity of which coordinate, or of which point."""
 
-    Attributes:
-        batch: their closure equations.
-        placed: bodies and rows.
-        v, a: (nv, m) joint velocities and accelerations.
-        first, second: rates of `FlatTree.rates` at them, at zero joint acceleration.
-    """
-
-    batch: Batch
-    placed: Placed
-    v: Array
-    a: Array
-    first: Array | None
-    second: Array | None
+    name: str
+    kind: str
+    is_point: bool
 
 
-class Metric(NamedTuple):
-    """What makes rows and joint motions comparable in samples of several sizes.
+def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
+    """Read an output as `Motion.output` does; None if it takes one sample at a time."""
+    coordinates = {*mechanism.coordinate_table, *mechanism.drivers}
+    if spec in coordinates:
+        return _Wanted(spec, "value", False)
+    name, _, kind = spec.rpartition(".")
+    if name in coordinates and kind in COORDINATE_OUTPUTS:
+        return _Wanted(name, kind, False) if kind in COORDINATE_KINDS else None
+    if kind in FRAME_UNITS and name.removesuffix(".com") in mechanism.frame_ids:
+        return _Wanted(name, kind, True) if kind in POINT_KINDS else None
+    return None
 
-    Attributes:
-        rows: (n_rows, m or 1) factors for closure rows.
-        columns: (nv, m or 1) for scaled joint velocities.
-    """
 
-    rows: Array
-    columns: Array
-
-
-class Solver:
-    """Closes samples near a closed state, drivers held, and gives them the drivers' rates.
+class Samples:
+    """Outputs of a mechanism at many sets of its dimensions; make it by `of`.
 
     Args:
-        state: the nominal state.
-        speeds, accelerations: of the drivers; samples stand still if all are zero.
-
-    Raises:
-        SingularError: the drivers do not determine the rates at the state.
+        mechanism: at its own dimensions.
+        numbers: the kernel's, by dimensions.
+        variants: of the dimensions that change.
+        wanted: the outputs.
     """
 
     def __init__(
-        self, state: State, speeds: Mapping[str, float], accelerations: Mapping[str, float]
+        self, mechanism: Mechanism, variants: Variants, outputs: Sequence[str],
+        wanted: list[_Wanted],
     ) -> None:
-        self.mechanism = mechanism = state.mechanism
-        self.state = state
-        evaluation = Evaluation(constraints_of(mechanism))
-        evaluation.turns[:] = state.angles
-        evaluation.update(state.q)
-        self.batch = Batch(evaluation.constraints)
-        self.tolerance = Accuracy.named("engineering").tolerance
-        self.n = evaluation.constraints.n_rows
-        driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
-        self.free = np.ones(mechanism.model.nv, dtype=bool)
-        self.free[[c.v for c in driven]] = False
-        jacobian = evaluation.jacobian[: self.n, self.free]
-        self.rows = independent_rows(jacobian)
-        self.spare = decompose(jacobian[self.rows]).null_space
-        self._square = _determinant(np.vstack([jacobian[self.rows], self.spare]))
-        self._lengths = is_length(evaluation.constraints)
-        self._is_slide = np.array(
-            [c.unit == "m" for c in mechanism.coordinate_table.values()], dtype=bool)
-        singular = decompose(jacobian[self.rows]).s
-        self.is_regular = not singular.size or singular[-1] > REGULAR * singular[0]
-        self.moves = any(speeds.values()) or any(accelerations.values())
-        if self.moves:
-            self._set_rates(evaluation, speeds, accelerations)
+        assert variants.tree is not None
+        self.mechanism, self.outputs, self._wanted = mechanism, list(outputs), wanted
+        self._tree = variants.tree
+        self._points = list(dict.fromkeys(x.name for x in wanted if x.is_point))
+        self._numbers = DimensionNumbers(mechanism, self._tree, self._points)
+        self._own = np.array([[*self._tree.dimensions.values()]]).T
 
-    def _set_rates(
-        self, evaluation: Evaluation, speeds: Mapping[str, float],
-        accelerations: Mapping[str, float],
-    ) -> None:
-        mechanism = self.mechanism
-        self._system = SquareSystem(
-            evaluation, driven_coordinates(mechanism, [*speeds, *accelerations]), self.state.q)
-        self.is_regular = self.is_regular and self._system.pivots()[1] > REGULAR
-        self._whole = _determinant(self._system.matrix)
-        self._v, self._a = (
-            np.array([rates.get(c.name, 0.0) for c in self._system.driven]) for rates in (
-                {mechanism.driven_coordinate(k).name: x for k, x in given.items()}
-                for given in (speeds, accelerations)))
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, dimensions: Iterable[str], outputs: Iterable[str]
+    ) -> Samples | None:
+        """Return what closes samples together; None where each takes a mechanism of its own.
 
-    def solve(
-        self, geometry: Geometry, m: int, near: Placed | None = None
-    ) -> tuple[Moving, NDArray[np.bool_]]:
-        """Close m samples, from the state or from where they were at dimensions on the way.
-
-        Returns:
-            The samples, and which of them (m,) are good.
+        That is so where the file cannot be followed from its dimensions, and for outputs that are
+        more than rates of coordinates and points.
         """
-        batch = self.batch.of_other_dimensions(
-            geometry.joints, geometry.coefficients, times(geometry.constants, np.ones((1, m))))
-        metric = self._metric(geometry, m)
-        with np.errstate(all="ignore"):  # of samples that go astray
-            placed, good = self._closed(batch, metric, m, near)
-            good &= self._in_place(placed.q, geometry)
-            if not self.moves:
-                rest = np.zeros((self.batch.tree.nv, m))
-                return Moving(batch, placed, rest, rest, None, None), good
-            moving, regular = self._moving(batch, metric, placed)
-        return moving, good & regular
+        outputs, variants = list(outputs), Variants(mechanism, dimensions)
+        wanted = [_wanted(mechanism, spec) for spec in outputs]
+        if variants.tree is None or not wanted or None in wanted:
+            return None
+        try:
+            return cls(mechanism, variants, outputs, [x for x in wanted if x])
+        except SpatialPinError:  # an output that does not exist: whoever asks for it says so
+            return None
 
-    def _metric(self, geometry: Geometry, m: int) -> Metric:
-        """Return the factors that take the nominal characteristic length to each sample's own."""
-        ratio = np.ones(1)
-        if len(self.spare) or (self.moves and len(self._system.passive)):
-            points = times(geometry.points, np.eye(3)[:, :, None] * np.ones(m))
-            span = np.max([np.square(points - p).sum(axis=1).max(axis=0) for p in points], axis=0)
-            ratio = np.sqrt(span) / self.mechanism.characteristic_length
-        one = np.ones_like(ratio)
-        rows = np.where(self._lengths[:, None], one / ratio, one)
-        return Metric(rows, np.where(self._is_slide[:, None], ratio, one))
+    def near(self, state: State, drive: Drive) -> Near | None:
+        """Return what closes samples from a closed state; None where that is all but singular."""
+        found = _System.at(state, drive)
+        return Near(self, state, drive, found) if found is not None else None
 
-    # ------------------------------------------------------------ closing
+    def own_numbers(self) -> Numbers:
+        """Return what the mechanism itself is made of."""
+        return Numbers(self._numbers.base, np.empty(0, np.int64), np.empty((1, 0)))
 
-    def _closed(
-        self, batch: Batch, metric: Metric, m: int, begin: Placed | None
-    ) -> tuple[Placed, NDArray[np.bool_]]:
-        start = np.repeat(self.state.q[:, None], m, axis=1) if begin is None else begin.q
-        near = np.repeat(self.state.angles[:, None], m, axis=1) if begin is None else begin.angles
-        p = batch.place(start, near)
-        good, last, damping = np.ones(m, dtype=bool), np.full(m, np.inf), DAMPING
-        farthest, way = np.zeros(m), np.zeros(m)
-        for _ in range(STEPS):
-            error = np.linalg.norm(p.residual * metric.rows, axis=0)
-            is_open = error > self.tolerance
-            if not np.any(is_open & good):
+    def geometry(self, dimensions: Array) -> tuple[TracedGeometry, Numbers]:
+        """Return what m samples are made of, by dimensions (k, m)."""
+        with np.errstate(all="ignore"):  # of samples that are none
+            found = self._tree.at(dimensions)
+            return found, self._numbers.at(found)
+
+    def between(self, dimensions: Array, part: float) -> Array:
+        """Return dimensions (k, m) part of the way from the mechanism's own."""
+        found: Array = dimensions if part == 1.0 else self._own + part * (dimensions - self._own)
+        return found
+
+    def close(
+        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: _System
+    ) -> ClosedSamples:
+        """Close samples from where others are."""
+        with acquired(self.mechanism, "dimension closer",
+                  lambda: DimensionCloser(self.mechanism)) as closer:
+            closer.set_system(*system)
+            return closer.close(
+                start.q, start.angles, numbers, self._numbers.joints, rates,
+                Accuracy.named("engineering").tolerance, ITERATIONS)
+
+    def values(self, closed: ClosedSamples, drive: Drive) -> list[Array]:
+        """Return the outputs, each (m,) or (m, 3)."""
+        return [self._value(x, closed, drive) for x in self._wanted]
+
+    def _value(self, wanted: _Wanted, closed: ClosedSamples, drive: Drive) -> Array:
+        name, kind, is_point = wanted
+        if is_point:
+            return closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
+        rates = coordinate_rates(
+            self.mechanism, name, closed.q, closed.v, closed.a, continued=False)
+        if kind not in ("ratio", "advantage"):
+            value: Array = rates._asdict()[kind]
+            return value
+        speed = closed.v[:, self.mechanism.coordinate(drive.driver).v]
+        with np.errstate(divide="ignore"):
+            ratio: Array = rates.rate / speed if kind == "ratio" else speed / rates.rate
+        return ratio
+
+
+class _System(NamedTuple):
+    """The square system at a closed state: what `DimensionCloser.set_system` takes."""
+
+    chosen: NDArray[np.intp]
+    driven: list[int]
+    fill: Array
+    free: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, state: State, drive: Drive) -> _System | None:
+        """Return the system; None where its equations are not clearly independent."""
+        mechanism = state.mechanism
+        held = [mechanism.driven_coordinate(name) for name in drive.values]
+        driven = [*(c.v for c in held), *still_entries(mechanism, held)]
+        free = np.ones(mechanism.model.nv, dtype=bool)
+        free[[c.v for c in held]] = False
+        moving = free.copy()
+        moving[driven] = False
+        with evaluation_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            jacobian, n = evaluation.jacobian, evaluation.constraints.n_rows
+            chosen = independent_rows(jacobian[:n, moving])
+            rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
+        svd = decompose(rows)
+        if len(svd.s) < len(rows) or (
+                len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
+            return None
+        return cls(chosen, driven, svd.null_space, free)
+
+
+class Near:
+    """Closes samples near a closed state, the drivers held, and gives them the drivers' rates.
+
+    Attributes:
+        own: outputs at the mechanism's own dimensions, each (1,) or (1, 3).
+    """
+
+    def __init__(self, samples: Samples, state: State, drive: Drive, system: _System) -> None:
+        self._samples, self._state, self._drive, self._system = samples, state, drive, system
+        self._rates = None
+        if drive.moves:
+            still = [0.0] * (len(system.driven) - len(drive.values))
+            self._rates = np.array([[*rates.values(), *still]
+                                    for rates in (drive.speeds, drive.accelerations)])
+        self._own = samples.close(self._begin(1), samples.own_numbers(), self._rates, system)
+        self.own = samples.values(self._own, drive)
+
+    def _begin(self, m: int) -> ClosedSamples:
+        """Return the state as many times."""
+        q, angles = (np.repeat(x[None], m, axis=0) for x in (self._state.q, self._state.angles))
+        return ClosedSamples(q, angles, *[np.empty(0)] * (len(ClosedSamples._fields) - 2))
+
+    def solve(self, dimensions: Array) -> tuple[NDArray[np.bool_], list[Array]]:
+        """Return which samples (m,) are on the state's branch, and the outputs of all.
+
+        Args:
+            dimensions: (k, m) of the samples.
+        """
+        good, values = self._gone(dimensions, 1)
+        for parts in PARTS[1:]:
+            far = np.flatnonzero(~good)
+            if not len(far):
                 break
-            x = self._step(batch, p, metric, damping * error) * is_open
-            size = np.linalg.norm(x, axis=0)
-            good &= (size <= CONTRACTION * last) | ~is_open
-            last = np.where(is_open, size, last)
-            farthest, way = (far + x for far, x in zip(
-                (farthest, way), (np.abs(x).max(axis=0, initial=0.0), np.abs(x).sum(axis=0)),
-                strict=True))
-            p = batch.place(self._moved(batch, p.q, x * metric.columns[self.free]), near)
-            damping = max(0.1 * damping, 1e-12)
-        lu = self._regular(batch, p, metric)
-        x = lu.solve(self._right(-(p.residual * metric.rows)[self.rows], m))
-        p = batch.place(self._moved(batch, p.q, x * metric.columns[self.free]), near)
-        good &= np.abs(p.residual * metric.rows).max(axis=0, initial=0.0) <= CLOSED
-        return p, good & _is_alike(lu, *self._square) & (farthest <= LONGEST) & (way <= WAY)
+            good[far], found = self._gone(dimensions[:, far], parts)
+            for old, new in zip(values, found, strict=True):
+                old[far] = new
+        return good, values
 
-    def _jacobian(self, batch: Batch, p: Placed, metric: Metric) -> Array:
-        """Return (n_rows, free, m)."""
-        jacobian = batch.jacobian(p)[: self.n, self.free]
-        return jacobian * metric.rows[:, None] * metric.columns[self.free]
+    def _gone(self, dimensions: Array, parts: int) -> tuple[NDArray[np.bool_], list[Array]]:
+        """Take samples to their dimensions in some equal parts of the way."""
+        closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
+        for k in range(1, parts + 1):
+            between = self._samples.between(dimensions, k / parts)
+            geometry, numbers = self._samples.geometry(between)
+            closed = self._samples.close(
+                closed, numbers, self._rates if k == parts else None, self._system)
+            good &= geometry.holds & self._is_on_branch(closed) & self._in_place(closed, geometry)
+        return good, self._samples.values(closed, self._drive)
 
-    def _step(self, batch: Batch, p: Placed, metric: Metric, damping: Array) -> Array:
-        """Return scaled joint displacements (free, m): Newton's, or of damped least motion."""
-        jacobian, residual = self._jacobian(batch, p, metric), p.residual * metric.rows
-        if not len(self.spare):
-            return StackedLU(jacobian[self.rows]).solve(-residual[self.rows])
-        if len(self.rows) < self.n:
-            damping = np.maximum(damping, LEAST_DAMPING)
-        one_by_one = jacobian.transpose(2, 0, 1)
-        square = (one_by_one @ one_by_one.transpose(0, 2, 1)).transpose(1, 2, 0).copy()
-        at = np.arange(self.n)
-        square[at, at] += damping
-        return -np.einsum("nkm,nm->km", jacobian, StackedLU(square).solve(residual))
+    def _is_on_branch(self, closed: ClosedSamples) -> NDArray[np.bool_]:
+        """Whether samples (m,) are closed next to where they started."""
+        step = np.maximum(closed.farthest, TOLERANCES.nothing)
+        good: NDArray[np.bool_] = (
+            (closed.error <= TOLERANCES.zero) & (closed.farthest <= LONGEST) & (closed.way <= WAY)
+            & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
+            & (closed.magnitude > self._own.magnitude + np.log(SINGULAR))
+            & (closed.opened <= TOLERANCES.singular))
+        return good
 
-    def _regular(self, batch: Batch, p: Placed, metric: Metric) -> StackedLU:
-        """Return the factored independent rows with the nominal spare freedoms below."""
-        jacobian = self._jacobian(batch, p, metric)[self.rows]
-        spare = np.repeat(self.spare[:, :, None], jacobian.shape[2], axis=2)
-        return StackedLU(np.concatenate([jacobian, spare]))
-
-    def _right(self, values: Array, m: int) -> Array:
-        return np.concatenate([values, np.zeros((len(self.spare), m))])
-
-    def _moved(self, batch: Batch, q: Array, x: Array) -> Array:
-        step = np.zeros((batch.tree.nv, q.shape[1]))
-        step[self.free] = x * self.mechanism.velocity_scale[self.free, None]
-        return batch.tree.displace(q, step)
-
-    def _in_place(self, q: Array, geometry: Geometry) -> NDArray[np.bool_]:
-        """Whether `assembly.nearest_turn` would leave the angles as they are."""
-        turn, at = 2.0 * np.pi, [c.q for c in periodic(self.mechanism)]
-        lower, upper = times(geometry.limits, np.ones((1, q.shape[1])))
-        q = q[at]
-        leaves = ((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper))
-        return ~leaves.any(axis=0)
-
-    # ------------------------------------------------------------ rates
-
-    def _moving(
-        self, batch: Batch, metric: Metric, p: Placed
-    ) -> tuple[Moving, NDArray[np.bool_]]:
-        system, n, m = self._system, self.n, p.q.shape[1]
-        scale = self.mechanism.velocity_scale[:, None] * metric.columns
-        jacobian = batch.jacobian(p) * metric.columns
-        below = np.repeat(system.matrix[system.driver_rows.start :, :, None], m, axis=2)
-        lu = StackedLU(np.concatenate([jacobian[system.rows], jacobian[n:], below]))
-        good = _is_alike(lu, *self._whole)
-        right = np.zeros((len(scale), m))
-        right[system.driver_rows] = self._v[:, None] / scale[system.drive_at]
-        x = self._least(lu, lu.solve(right))
-        opening = np.abs(np.einsum("nvm,vm->nm", jacobian[:n], x)).max(axis=0, initial=0.0)
-        good &= opening <= OPENED * np.abs(x).max(axis=0, initial=0.0)
-        bias, first, second = batch.bias(p, scale * x)
-        right[system.closure_rows] = -bias[system.rows]
-        right[system.spin_rows] = -bias[n:]
-        right[system.driver_rows] = self._a[:, None] / scale[system.drive_at]
-        a = scale * self._least(lu, lu.solve(right))
-        return Moving(batch, p, scale * x, a, first, second), good
-
-    def _least(self, lu: StackedLU, x: Array) -> Array:
-        """Return the rates x (nv, m) without any of the freedoms that nothing prescribes."""
-        k = len(self._system.passive)
-        if not k:
-            return x
-        right = np.zeros((k, *x.shape))
-        right[np.arange(k), np.arange(-k, 0)] = 1.0
-        spare = np.array([lu.solve(r) for r in right])
-        gram = np.einsum("ivm,jvm->mij", spare, spare)
-        part = np.linalg.solve(gram, np.einsum("ivm,vm->mi", spare, x)[:, :, None])
-        return x - np.einsum("ivm,mi->vm", spare, part[:, :, 0])
-
-
-def _determinant(matrix: Array) -> tuple[float, float]:
-    lu = StackedLU(matrix[:, :, None].copy())
-    return float(lu.sign[0]), float(lu.magnitude[0])
-
-
-def _is_alike(lu: StackedLU, sign: float, magnitude: float) -> NDArray[np.bool_]:
-    """Whether determinants have the sign and about the size of the nominal one."""
-    alike: NDArray[np.bool_] = (lu.sign == sign) & (lu.magnitude > magnitude + np.log(SINGULAR))
-    return alike
+    def _in_place(self, closed: ClosedSamples, geometry: TracedGeometry) -> NDArray[np.bool_]:
+        """Whether `assembly.nearest_turn` would leave the angles (m,) as they are."""
+        model, turn = self._state.mechanism.model, 2.0 * np.pi
+        good = np.ones(len(closed.q), dtype=bool)
+        for at in (c.q for c in periodic(self._state.mechanism)):
+            lower, upper = (geometry.limits.get((bound, at), getattr(model, f"{bound}PositionLimit")
+                                                [at]) for bound in ("lower", "upper"))
+            q = closed.q[:, at]
+            good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
+        return good

@@ -15,14 +15,14 @@ import numpy as np
 
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, names_of
-from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dimensions.drive import Drive, end_of_range
+from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.limits import limits
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.rates import solve_rates, square_system
+from spatial_pin.rates.rates import prescribed_at, square_system
 
 STEP = 2e-3  # of the dimension; of the characteristic length (1 for angles) when it is zero
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
@@ -38,40 +38,46 @@ class Sensitivity:
 
     Attributes:
         output: its name.
-        value: the output itself, a number or (3,) [SI, rad].
+        value: the output itself, a number or (3,) [SI, rad]; (N,) or (N, 3) of a motion.
         derivatives: by dimension, shaped like the value [output unit per m or rad].
-        errors: estimated largest error of each derivative.
+        errors: estimated largest error of each derivative; (N,) of a motion.
         unit: of the value, "" or "1" when it has none.
     """
 
     output: str
     value: Any
     derivatives: dict[str, Any]
-    errors: dict[str, float]
+    errors: dict[str, Any]
     unit: str = ""
 
     def __str__(self) -> str:
         lines = [f"{self.output} = {np.array2string(np.asarray(self.value), precision=10)}"
                  f" {self.unit.removeprefix('1')}".rstrip()]
         for name, derivative in self.derivatives.items():
-            error = self.errors[name]
+            error = np.reshape(self.errors[name], np.shape(self.errors[name]) + (1,) * (
+                np.ndim(derivative) - np.ndim(self.errors[name])))
             d = np.where(np.abs(derivative) <= error, 0.0, derivative)  # what is left is noise
-            lines.append(f"  d/d {name} = {np.array2string(d, precision=10)}  (± {error:.0e})")
+            lines.append(f"  d/d {name} = {np.array2string(d, precision=10)}"
+                         f"  (± {np.max(error, initial=0.0):.0e})")
         return "\n".join(lines)
 
 
 @checked
 def sensitivity(
     mechanism: Mechanism,
-    state: State,
+    state: State | Motion,
     output: str,
     parameters: Iterable[str] | None = None,
 ) -> Sensitivity:
     """Differentiate an output with respect to dimensions, the drivers' motion being the same.
 
+    Of a motion the answer is that of each of its samples, as states by themselves, one below the
+    other: values and derivatives (N,) or (N, 3), errors (N,). Its driver is held, and the other
+    drivers.
+
     Args:
         mechanism: a mechanism with a xacro tree.
-        state: a closed state; its driver values, speeds and accelerations are kept.
+        state: a closed state, whose driver values, speeds and accelerations are kept; or a motion.
         output: as for `Motion.output` (`rocker_pin`, `rocker_pin.rate`, `coupler.com.velocity`,
             ...), or `limit.lower.DRIVER`, `limit.upper.DRIVER` for the ends of a driver's range.
         parameters: names of dimensions; default all.
@@ -83,7 +89,24 @@ def sensitivity(
         UnknownNameError: no such dimension or output.
         SpatialPinError: the branch ends, or the output does not exist, at a nearby dimension.
     """
-    return sensitivities(mechanism, state, [output], parameters)[0]
+    if not isinstance(state, Motion):
+        return sensitivities(mechanism, state, [output], parameters)[0]
+    own = state.mechanism
+    name = state.driver_name if state.driver is not None else ""
+    is_driver = not name or own.coordinate(name) in [
+        own.coordinate(d.joint) for d in own.drivers.values()]
+    asked = []
+    for k in range(len(state)):
+        one = state.state(k)
+        held = [] if is_driver else [c.name for c in prescribed_at(one, [name])]
+        asked.append((of_mechanism(mechanism, one), Drive.of(one, name, held)))
+    found = [x[0] for x in _differentiated(mechanism, asked, [output], parameters)]
+    unit = state.output(output).unit if not end_of_range(output) else found[0].unit
+    names = found[0].derivatives
+    return Sensitivity(
+        output, np.array([x.value for x in found]),
+        {name: np.array([x.derivatives[name] for x in found]) for name in names},
+        {name: np.array([x.errors[name] for x in found]) for name in names}, unit)
 
 
 def sensitivities(
@@ -93,6 +116,15 @@ def sensitivities(
     parameters: Iterable[str] | None = None,
 ) -> list[Sensitivity]:
     """Differentiate several outputs at the price of one; see `sensitivity`."""
+    state = of_mechanism(mechanism, state)
+    return _differentiated(mechanism, [(state, Drive.of(state))], outputs, parameters)[0]
+
+
+def _differentiated(
+    mechanism: Mechanism, asked: Sequence[tuple[State, Drive]], outputs: Iterable[str],
+    parameters: Iterable[str] | None,
+) -> list[list[Sensitivity]]:
+    """Differentiate outputs at states of one mechanism, each with its drivers' motion."""
     if mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     outputs = names_of(outputs, "outputs")
@@ -101,80 +133,104 @@ def sensitivities(
         if name not in mechanism.dimensions:
             raise UnknownNameError("dimension", name, mechanism.dimensions,
                                    f"mechanism {mechanism.name!r}: ")
-    state = of_mechanism(mechanism, state)
-    mechanism = state.mechanism
-    drive = Drive.of(mechanism, state)
-    found = [Sensitivity(output, value, {}, {}, _unit(mechanism, state, output))
-             for output, value in zip(outputs, drive.evaluate(mechanism, state, outputs),
-                                      strict=True)]
-    known, sizes = _known(mechanism, state), _sizes(mechanism, state)
-
-    def size(one: Sensitivity) -> float:
-        return max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
-
-    variants = Variants(mechanism, names)
-    for name in names:
-        around, h = _around(variants, state, drive, outputs, name)
-        for i, one in enumerate(found):
-            at = {k: np.asarray(values[i]) for k, values in around.items()}
-            one.derivatives[name], one.errors[name] = _derivative(at, h, known * size(one))
-    return found
+    around = _Around(asked[0][0].mechanism, names, outputs) if asked else None
+    return [around.differentiated(state, drive) for state, drive in asked] if around else []
 
 
-def _around(
-    variants: Variants, state: State, drive: Drive, outputs: Sequence[str], name: str
-) -> tuple[dict[int, list[Any]], float]:
-    """Return the outputs at eight values of a dimension about its own, and their step.
+class _Around:
+    """Outputs at eight values of each dimension about a mechanism's own.
 
-    Where the branch ends within them, the steps are shorter.
-
-    Raises:
-        SpatialPinError: it ends within the shortest.
+    Args:
+        mechanism: at its own dimensions.
+        names: of the dimensions.
+        outputs: as for `sensitivity`.
     """
-    mechanism = variants.mechanism
-    value = mechanism.dimensions[name]
-    step = STEP * (abs(value) or mechanism.characteristic_length)
-    first: SpatialPinError | None = None
-    for h in (step, step / 8.0, step / 64.0, step / 512.0):
-        try:
-            around = variants.several([{name: value + k * h} for k in AROUND])
-            return {k: drive.evaluate(there, state, outputs)
-                    for k, there in zip(AROUND, around, strict=True)}, h
-        except SpatialPinError as error:
-            first = first or error
-    assert first is not None
-    raise first
+
+    def __init__(self, mechanism: Mechanism, names: list[str], outputs: list[str]) -> None:
+        self._mechanism, self._names, self._outputs = mechanism, names, outputs
+        self._variants = Variants(mechanism, names)
+        self._samples = Samples.of(mechanism, names, outputs)
+        own = np.array([mechanism.dimensions[name] for name in names])
+        self._steps = STEP * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+        offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
+        self._dimensions = own[:, None] + offsets
+
+    def differentiated(self, state: State, drive: Drive) -> list[Sensitivity]:
+        """Return the derivatives of the outputs at a state."""
+        near = self._samples.near(state, drive) if self._samples else None
+        together = near.solve(self._dimensions) if near and self._names else None
+        values = ([_plain(x[0]) for x in near.own] if near else
+                  drive.evaluate(state.mechanism, state, self._outputs))
+        found = [Sensitivity(output, value, {}, {}, _unit(state, drive, output))
+                 for output, value in zip(self._outputs, values, strict=True)]
+        known, sizes = _known(state), _sizes(state)
+        for i, name in enumerate(self._names):
+            own = slice(len(AROUND) * i, len(AROUND) * (i + 1))
+            if together is not None and together[0][own].all():
+                around = {k: [x[at] for x in together[1]]
+                          for k, at in zip(AROUND, range(own.start, own.stop), strict=True)}
+                h = float(self._steps[i])
+            else:
+                around, h = self._one_by_one(state, drive, i)
+            for one, at in zip(found, zip(*around.values(), strict=True), strict=True):
+                size = max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
+                one.derivatives[name], one.errors[name] = _derivative(
+                    dict(zip(around, map(np.asarray, at), strict=True)), h, known * size)
+        return found
+
+    def _one_by_one(self, state: State, drive: Drive, i: int) -> tuple[dict[int, list[Any]], float]:
+        """Return the outputs at eight values of a dimension, and their step.
+
+        Where the branch ends within them, the steps are shorter.
+
+        Raises:
+            SpatialPinError: it ends within the shortest.
+        """
+        name, first = self._names[i], None
+        value = self._mechanism.dimensions[name]
+        for h in self._steps[i] / np.array([1.0, 8.0, 64.0, 512.0]):
+            try:
+                around = self._variants.several([{name: float(value + k * h)} for k in AROUND])
+                return {k: drive.evaluate(there, state, self._outputs)
+                        for k, there in zip(AROUND, around, strict=True)}, float(h)
+            except SpatialPinError as error:
+                first = first or error
+        assert first is not None
+        raise first
 
 
-def _known(mechanism: Mechanism, state: State) -> float:
+def _plain(value: Any) -> Any:
+    """Return a number as a float, a vector as it is."""
+    return float(value) if np.ndim(value) == 0 else value
+
+
+def _known(state: State) -> float:
     """Return the round-off of closed configurations [rad, characteristic lengths].
 
     What closure equations leave of it grows as the smallest pivot, by the largest, gets small.
     """
     try:
-        with square_system(state, [d.joint for d in mechanism.drivers.values()]) as system:
+        with square_system(state, [d.joint for d in state.mechanism.drivers.values()]) as system:
             return ROUND_OFF / system.pivots()[1]
     except SingularError:
         return ROUND_OFF
 
 
-def _sizes(mechanism: Mechanism, state: State) -> dict[str, float]:
+def _sizes(state: State) -> dict[str, float]:
     """Return how large outputs of a unit are, or may be at other dimensions."""
-    length = mechanism.characteristic_length
-    speed, acceleration = (float(np.abs(x / mechanism.velocity_scale).max(initial=0.0))
-                           for x in (state.v, state.a))
+    length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
+    speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
     return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
             "rad/s²": per_s2, "m/s²": per_s2 * length}
 
 
-def _unit(mechanism: Mechanism, state: State, output: str) -> str:
+def _unit(state: State, drive: Drive, output: str) -> str:
     """Return the unit of an output that exists."""
-    kind, _, rest = output.partition(".")
-    end, _, driver = rest.partition(".")
-    if kind == "limit" and end in ("lower", "upper"):
-        return mechanism.coordinate(driver).unit
-    return _single_row(mechanism, state).output(output).unit
+    end = end_of_range(output)
+    if end is not None:
+        return state.mechanism.coordinate(end[1]).unit
+    return drive.sample(state).output(output).unit
 
 
 def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
@@ -205,57 +261,4 @@ def _derivative(at: Mapping[int, Array], h: float, known: float) -> tuple[Any, f
     eighth, sixth = (np.asarray(sum(w * (at[k] - at[-k]) for k, w in weights.items())) / h
                      for weights in (EIGHTH, SIXTH))
     error = float(np.max(np.abs(eighth - sixth))) + known / h
-    return (float(eighth) if eighth.ndim == 0 else eighth), error
-
-
-@dataclass(frozen=True)
-class Drive:
-    """The drivers' motion of a state: values, speeds, accelerations by coordinate."""
-
-    values: dict[str, float]
-    speeds: dict[str, float]
-    accelerations: dict[str, float]
-
-    @classmethod
-    def of(cls, mechanism: Mechanism, state: State) -> Drive:
-        """Return the motion of a mechanism's drivers in a state."""
-        rates = {d.joint: state.coordinate(d.joint) for d in mechanism.drivers.values()}
-        return cls(*({name: r[k] for name, r in rates.items()} for k in range(3)))
-
-    def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
-        """Return outputs of a mechanism whose drivers move as here.
-
-        Args:
-            mechanism: the mechanism.
-            near: a closed state of it at these or other dimensions, whose branch is followed.
-            outputs: as for `sensitivity`.
-        """
-        row: Motion | None = None
-        found = []
-        for output in outputs:
-            kind, _, driver = output.partition(".")
-            end, _, driver = driver.partition(".")
-            if kind == "limit" and end in ("lower", "upper"):
-                bound = getattr(limits(mechanism, driver, near), end)
-                if bound.kind == "none":
-                    raise SpatialPinError(f"mechanism {mechanism.name!r}: {driver!r} has no limit")
-                found.append(bound.value)
-                continue
-            if row is None:
-                row = _single_row(mechanism, self._state(mechanism, near))
-            values = row.output(output).values[0]
-            found.append(float(values) if np.ndim(values) == 0 else values)
-        return found
-
-    def _state(self, mechanism: Mechanism, near: State) -> State:
-        state = followed(mechanism, self.values, near)
-        if any(self.speeds.values()) or any(self.accelerations.values()):
-            state = solve_rates(mechanism, state, self.speeds, self.accelerations)
-        return state
-
-
-def _single_row(mechanism: Mechanism, state: State) -> Motion:
-    driver = next(iter(mechanism.drivers), next(iter(mechanism.coordinates), ""))
-    value, speed, _ = state.coordinate(driver)
-    return Motion(mechanism, np.array([value]), driver, None, state.q[None], state.v[None],
-                  state.a[None], np.array([state.closure_error]), np.array([speed]))
+    return _plain(eighth), error

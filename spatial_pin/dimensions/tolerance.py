@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,23 +16,20 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of
-from spatial_pin.dimensions.sample_outputs import is_possible, output, points_of
-from spatial_pin.dimensions.samples import Solver
-from spatial_pin.dimensions.sensitivity import Drive, sensitivities, with_spread
-from spatial_pin.dimensions.surrogate import FittedGeometry, fit
+from spatial_pin.dimensions.drive import Drive
+from spatial_pin.dimensions.samples import Near, Samples
+from spatial_pin.dimensions.sensitivity import sensitivities, with_spread
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 
-CHUNK = 512  # samples that are solved together: their arrays fit a processor's cache
-LARGEST = 1e100  # deviation, whose square is a number [m, rad]
+CHUNK = 1024  # samples that are solved together: their numbers, 1 kB each, fit a processor's cache
 MOST_SAMPLES = 10_000_000  # which fit into a memory: spreads to 0.02 %
-LOADS = 0.25  # mechanisms to learn a geometry from, at most, by samples
-WAYS = 4, 16  # steps of the dimensions by which samples are tried that move far
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,20 +87,16 @@ def tolerance(
 ) -> Tolerance:
     """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
 
-    Where it pays, samples are solved together. A few dozen mechanisms (at most a quarter of the
-    number of samples) are made at the ends of the range of each dimension and between, and the
-    places and directions that the file computes are fitted by polynomials in the dimensions.
-    These must give the places and directions of other samples, the farthest among them, to 4e-15.
-    Then all samples take together Newton's steps from the state; those that move a joint by more
+    The file is expanded once with its dimensions traced, and samples are solved together in the
+    kernel: each is closed by the least motion from the state. Those that move a joint by more
     than 0.25 rad or characteristic lengths, or do not go straight, go again from the nominal
     dimensions to their own in 4 and then 16 steps. A sample is made and followed by itself, in
     as many steps of its dimensions as it takes, where that does not do either, or the determinant
     of the loops has less than a fiftieth of the state's size; so it is on the state's branch, or
-    fails because the branch ends before it, however far it moves. All samples are
-    solved one by one if they are few for the number of dimensions, if the file's formulas are not
-    smooth (an `if` or `max` that changes over among the samples), if the state is all but
-    singular, and for jerks, transmission angles and limits. Results agree to round-off. A change
-    of formula that concerns hardly any sample can be missed.
+    fails because the branch ends before it, however far it moves. Samples are made one by one
+    where the file decides otherwise at their dimensions (an `if` or `max` that changes over among
+    the samples); all are if the file rounds or prints what follows from a dimension, if the state
+    is all but singular, and for jerks, transmission angles and limits. Results agree to round-off.
 
     Args:
         mechanism: a mechanism with a xacro tree.
@@ -129,8 +122,9 @@ def tolerance(
     if any(x < 0.0 for x in spread.values()):
         raise ValueError("a standard deviation is negative")
     for name, x in spread.items():
-        if x > LARGEST:
-            raise ValueError(f"deviation of {name!r} is {x:.3g}; it is {LARGEST:g} at most")
+        if x > TOLERANCES.largest:
+            raise ValueError(
+                f"deviation of {name!r} is {x:.3g}; it is {TOLERANCES.largest:g} at most")
     if samples == 1 or not 0 <= samples <= MOST_SAMPLES:
         raise ValueError(f"samples is {samples}; it is 0 for none, or from 2, for a spread, to "
                          f"{MOST_SAMPLES}")
@@ -178,16 +172,16 @@ def _solved(
     drawn: Array, executor: Executor | None, progress: bool,
 ) -> tuple[dict[str, Array], NDArray[np.bool_]]:
     """Return (N, ...) values by output, and which samples (N,) could be closed."""
-    names, drive = list(nominal), Drive.of(mechanism, state)
+    names, drive = list(nominal), Drive.of(state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
-    together = _Together.of(mechanism, state, drive, names, list(spread), drawn)
-    if together:
+    near = _together(mechanism, state, drive, names, list(spread))
+    if near:
         for begin in range(0, len(drawn), CHUNK):
             some = slice(begin, begin + CHUNK)
-            is_closed[some], found = together.solve(drawn[some])
-            for name, x in found.items():
+            is_closed[some], together = near.solve(drawn[some].T)
+            for name, x in zip(names, together, strict=True):
                 values[name][some] = x
             bar.update(int(np.count_nonzero(is_closed[some])))
     rest = np.flatnonzero(~is_closed)
@@ -196,15 +190,23 @@ def _solved(
                  dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
     futures = [executor.submit(_sample, job) for job in jobs] if executor else []
-    rows = (future.result() for future in futures) if executor else map(_sample, jobs)
-    for k, row in zip(rest, rows, strict=True):
+    found = (future.result() for future in futures) if executor else map(_sample, jobs)
+    for k, sample in zip(rest, found, strict=True):
         bar.update()
-        if row is not None:
+        if sample is not None:
             is_closed[k] = True
-            for name, x in zip(names, row, strict=True):
+            for name, x in zip(names, sample, strict=True):
                 values[name][k] = x
     bar.close()
     return values, is_closed
+
+
+def _together(
+    mechanism: Mechanism, state: State, drive: Drive, outputs: list[str], dimensions: list[str]
+) -> Near | None:
+    """Return what solves samples together; None where it cannot be, as of a rounded file."""
+    samples = Samples.of(mechanism, dimensions, outputs) if state.mechanism is mechanism else None
+    return samples.near(state, drive) if samples else None
 
 
 class _Job(NamedTuple):
@@ -245,75 +247,3 @@ def _sample(job: _Job) -> list[Any] | None:
 def _loaded(path: str, parameters: bytes, names: tuple[str, ...], mark: str) -> Variants:
     """Load the nominal mechanism, once for all samples of one call, which has its own mark."""
     return Variants(load(path, **pickle.loads(parameters)), names)
-
-
-class _Together(NamedTuple):
-    """Solves samples together.
-
-    Attributes:
-        solver: of the mechanism.
-        geometry: by dimensions, which vary by `reach` (k,) at most from `nominal` (k,).
-        varies: which of the dimensions (k,) vary.
-        points: whose motion the outputs tell.
-        names: of the outputs.
-    """
-
-    solver: Solver
-    geometry: FittedGeometry
-    nominal: Array
-    reach: Array
-    varies: NDArray[np.bool_]
-    points: list[str]
-    names: Sequence[str]
-
-    @classmethod
-    def of(
-        cls, mechanism: Mechanism, state: State, drive: Drive, outputs: list[str],
-        dimensions: list[str], drawn: Array,
-    ) -> _Together | None:
-        """Return a solver for samples, None where it does not pay or cannot be."""
-        nominal = np.array([mechanism.dimensions[name] for name in dimensions])
-        reach = np.abs(drawn - nominal).max(axis=0)
-        varies = reach > 0.0
-        if not varies.any() or not is_possible(mechanism, outputs):
-            return None
-        points = points_of(mechanism, outputs)
-        try:
-            solver = Solver(state, drive.speeds, drive.accelerations)
-        except SpatialPinError:  # each sample will tell
-            return None
-        names = [name for name, x in zip(dimensions, varies, strict=True) if x]
-        centre, half = nominal[varies], reach[varies]
-
-        variants = Variants(mechanism, names)
-
-        def at(x: Array) -> Mechanism:
-            return variants.at(dict(zip(names, (centre + half * x).tolist(), strict=True)))
-
-        geometry = fit(mechanism, at, (drawn[:, varies] - centre) / half, points,
-                       int(LOADS * len(drawn))) if solver.is_regular else None
-        if geometry is None:
-            return None
-        return cls(solver, geometry, centre, half, varies, points, outputs)
-
-    def solve(self, drawn: Array) -> tuple[NDArray[np.bool_], dict[str, Array]]:
-        """Return which samples (m,) are good, and the outputs of all, (m, ...)."""
-        x = ((drawn[:, self.varies] - self.nominal) / self.reach).T
-        good, values = self._way(x, 1)
-        for steps in WAYS:
-            far = np.flatnonzero(~good)
-            if not len(far):
-                break
-            good[far], found = self._way(x[:, far], steps)
-            for name, some in found.items():
-                values[name][far] = some
-        return good, values
-
-    def _way(self, x: Array, steps: int) -> tuple[NDArray[np.bool_], dict[str, Array]]:
-        """Solve samples at fitted dimensions (k, m), going there in equal steps from nominal."""
-        good, placed = np.ones(x.shape[1], dtype=bool), None
-        for k in range(1, steps + 1):
-            geometry = self.geometry(x * (k / steps))
-            moving, closed = self.solver.solve(geometry, x.shape[1], placed)
-            good, placed = good & closed, moving.placed
-        return good, {name: output(moving, geometry, self.points, name) for name in self.names}

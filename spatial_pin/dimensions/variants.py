@@ -9,9 +9,9 @@ otherwise at those dimensions, the mechanism is loaded.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +21,6 @@ from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.expansion import parse_urdf, traced
 from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -52,23 +51,95 @@ class Variants:
         Raises:
             SpatialPinError: one cannot be loaded.
         """
-        tree = self._tree
-        if tree is None or any(name not in tree.dimensions for x in many for name in x):
+        tree = self.tree
+        if tree is None or tree.turns_axes or any(
+                name not in tree.dimensions for x in many for name in x):
             return [varied(self.mechanism, x) for x in many]
-        numbers, holds = tree.numbers(many)
-        return [tree.mechanism_at(x, column) if good else varied(self.mechanism, x)
-                for x, column, good in zip(many, numbers.T, holds, strict=True)]
+        own = tree.dimensions.items()
+        found = tree.at(np.array([[x.get(name, value) for x in many] for name, value in own]))
+        return [tree.mechanism_at(x, found, k) if good else varied(self.mechanism, x)
+                for k, (x, good) in enumerate(zip(many, found.holds, strict=True))]
 
-    @cached_property
-    def _tree(self) -> _TracedTree | None:
-        try:
-            return _TracedTree(self.mechanism, self.names)
-        except (_Untraced, SpatialPinError, ValueError):  # a number's text was part of another's
-            return None
+    @property
+    def tree(self) -> TracedTree | None:
+        """The mechanism's traced tree, made once; None where the file cannot be followed."""
+        key = "traced tree", tuple(self.names)
+        if key not in self.mechanism.memo:
+            self.mechanism.memo[key] = _traced(self.mechanism, self.names)
+        found: TracedTree | None = self.mechanism.memo[key]
+        return found
+
+
+def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
+    """Return a mechanism of the same parts, but for those that are changed."""
+    own = mechanism.__dict__  # geometry is left unread
+    given = {name: own[name] if name[-6:] == "_model" else getattr(mechanism, name)
+             for name in FIELDS}
+    return Mechanism(**{**given, **changed})
+
+
+def _traced(mechanism: Mechanism, names: list[str]) -> TracedTree | None:
+    try:
+        return TracedTree(mechanism, names)
+    except (_Untraced, SpatialPinError, ValueError):  # a number's text was part of another's
+        return None
 
 
 class _Untraced(Exception):
     """Something of a mechanism cannot be followed from the dimensions."""
+
+
+class Pose(NamedTuple):
+    """Placements at m sets of dimensions, or one that is the same at all.
+
+    Attributes:
+        rotation: (m or 1, 3, 3).
+        translation: (m or 1, 3) [m].
+    """
+
+    rotation: Array
+    translation: Array
+
+    @classmethod
+    def of(cls, placement: pin.SE3) -> Pose:
+        """Return one that is the same at all."""
+        return cls(placement.rotation[None], placement.translation[None])
+
+    def at(self, k: int) -> pin.SE3:
+        """Return that at one set of dimensions."""
+        return pin.SE3(*(x[k if len(x) > 1 else 0] for x in self))
+
+    def act(self, points: Array) -> Array:
+        """Return points (m or 1, 3) of its axes in those that it is given in."""
+        return np.einsum("mij,mj->mi", *_alike(self.rotation, points)) + self.translation
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.rotation @ other.rotation, self.act(other.translation))
+
+
+def _alike(*arrays: Array) -> list[Array]:
+    """Return arrays (m or 1, ...) as if all were of m."""
+    m = max(map(len, arrays))
+    return [np.broadcast_to(x, (m, *x.shape[1:])) for x in arrays]
+
+
+class TracedGeometry(NamedTuple):
+    """What follows from dimensions at m sets of them; what is left out does not depend on them.
+
+    Attributes:
+        holds: (m,) whether the file leads there without deciding otherwise.
+        joints, frames: by number in the model, their placements in what carries them.
+        turns: by joint, the least rotations that take its axis to where it is then.
+        levers: (m or 1, 3) by link, its centre of mass [m].
+        limits: (m,) by bound ("lower" or "upper") and place in q.
+    """
+
+    holds: NDArray[np.bool_]
+    joints: dict[int, Pose]
+    frames: dict[int, Pose]
+    turns: dict[int, Pose]
+    levers: dict[str, Array]
+    limits: dict[tuple[str, int], Array]
 
 
 class _Words(NamedTuple):
@@ -83,11 +154,18 @@ class _Words(NamedTuple):
     places: NDArray[np.intp]
 
     def at(self, numbers: Array) -> Array:
-        """Return the numbers (k,) for others in the place of the traced ones."""
-        return np.where(self.places >= 0, numbers[self.places], self.values)
+        """Return the numbers (m or 1, k) for others (n, m) in the place of the traced ones."""
+        if not self.vary:
+            return self.values[None]
+        return np.where(self.places >= 0, numbers[self.places].T, self.values)
+
+    @property
+    def vary(self) -> bool:
+        """Whether one of them depends on dimensions."""
+        return bool(np.any(self.places >= 0))
 
 
-class _TracedTree:
+class TracedTree:
     """Which numbers of a mechanism's tree follow from its dimensions, and how.
 
     Attributes:
@@ -105,6 +183,7 @@ class _TracedTree:
         text, self._tape = traced(file, m.parameters, self.dimensions, m.trusted, m.packages)
         self._mechanism, self._places = mechanism, [0]
         self._origins: dict[str, tuple[_Words, _Words]] = {}
+        self._axes: dict[int, _Words] = {}
         self._levers: dict[str, _Words] = {}
         self._limits: dict[str, list[_Words]] = {}
         self._read(parse_urdf(text, file))
@@ -115,22 +194,39 @@ class _TracedTree:
     def _read(self, robot: ET.Element) -> None:
         """Find the traced numbers of the text that have a say in how the mechanism moves."""
         for element in robot:
-            name, rest = element.get("name", ""), []
-            for part in element:
-                if element.tag == "joint" and part.tag == "origin":
-                    self._origins[name] = self._words(part, "xyz"), self._words(part, "rpy")
-                elif element.tag == "joint" and part.tag == "limit":
-                    self._limits[name] = [self._words(part, key) for key in ("lower", "upper")]
-                elif element.tag == "link" and part.tag == "inertial":
-                    origin = part.find("origin")
-                    if origin is not None:
-                        self._levers[name] = self._words(origin, "xyz")
-                elif part.tag not in WITHOUT_MOTION:
-                    rest.append(part)
+            name = element.get("name", "")
+            rest = [part for part in element if not self._read_part(element.tag, name, part)]
             if depends(name) or any(depends(_texts(x)) for x in rest):
                 raise _Untraced
         if not self._tape.is_whole:
             raise _Untraced
+
+    def _read_part(self, of: str, name: str, part: ET.Element) -> bool:
+        """Read a part of a link or joint; whether it is one of which all is known then."""
+        if (of, part.tag) == ("joint", "origin"):
+            self._origins[name] = self._words(part, "xyz"), self._words(part, "rpy")
+        elif (of, part.tag) == ("joint", "axis"):
+            self._read_axis(name, self._words(part, "xyz"))
+        elif (of, part.tag) == ("joint", "limit"):
+            self._limits[name] = [self._words(part, key) for key in ("lower", "upper")]
+        elif (of, part.tag) == ("link", "inertial"):
+            origin = part.find("origin")
+            if origin is not None:
+                self._levers[name] = self._words(origin, "xyz")
+        else:
+            return part.tag in WITHOUT_MOTION
+        return True
+
+    def _read_axis(self, joint: str, words: _Words) -> None:
+        """Note an axis that follows from dimensions; refuse one that is not just the joint's."""
+        if not words.vary:
+            return
+        model = self._mechanism.model
+        i = model.getJointId(joint) if model.existJointName(joint) else 0
+        own = _axis_of(model.joints[i])
+        if own is None or np.abs(own - _unit(words.values)).max() > SAME:
+            raise _Untraced
+        self._axes[i] = words
 
     def _words(self, element: ET.Element, key: str) -> _Words:
         words = element.get(key, "0 0 0" if key in ("xyz", "rpy") else "0").split()
@@ -143,85 +239,122 @@ class _TracedTree:
 
     def _check(self) -> None:
         """Refuse a model that was not made of the text alone, as where a reader turns joints."""
-        own, holds = self.numbers([{}])
-        model, placed = self._mechanism.model, self._placed(own[:, 0])
-        size = max((float(np.abs(x.translation).max()) for x in model.jointPlacements), default=1.0)
-        size = max(size, *(float(np.abs(f.placement.translation).max()) for f in model.frames))
-        if not holds[0] or any(
-                np.abs(new.translation - old.translation).max() > SAME * size
-                or np.abs(new.rotation - old.rotation).max() > SAME
-                for old, new in zip((*model.jointPlacements, *(f.placement for f in model.frames)),
-                                    (*placed[0], *placed[1]), strict=True)):
+        model, own = self._mechanism.model, self.own()
+        old = [*model.jointPlacements], [frame.placement for frame in model.frames]
+        size = max(float(np.abs(x.translation).max()) for x in (*old[0], *old[1]))
+        if not own.holds[0] or any(
+                np.abs(new.translation - was[i].translation).max() > SAME * size
+                or np.abs(new.rotation - was[i].rotation).max() > SAME
+                for was, found in zip(old, (own.joints, own.frames), strict=True)
+                for i, new in found.items()):
             raise _Untraced
 
     # ------------------------------------------------------------ other dimensions
 
-    def numbers(self, many: Sequence[Mapping[str, float]]) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the traced numbers at several sets of dimensions, and where they hold."""
-        given = np.array([[x.get(name, own) for x in many]
-                          for name, own in self.dimensions.items()])
-        return self._tape.at(given.reshape(len(self.dimensions), len(many)), self._places)
+    @property
+    def turns_axes(self) -> bool:
+        """Whether axes of joints depend on dimensions, which no copy of a model can have turned."""
+        return bool(self._axes)
 
-    def mechanism_at(self, dimensions: Mapping[str, float], numbers: Array) -> Mechanism:
-        """Return the mechanism with other numbers in the place of the traced ones."""
+    def own(self) -> TracedGeometry:
+        """Return what follows from the mechanism's own dimensions."""
+        return self.at(np.array([[*self.dimensions.values()]]).T)
+
+    def at(self, given: Array) -> TracedGeometry:
+        """Return what follows from dimensions (k, m), in the order of `dimensions`."""
+        numbers, holds = self._tape.at(np.asarray(given, np.float64), self._places)
+        return TracedGeometry(
+            holds, *self._placed(numbers),
+            {i: _turning(_unit(words.values), _unit(words.at(numbers)))
+             for i, words in self._axes.items()},
+            {name: words.at(numbers) for name, words in self._levers.items() if words.vary},
+            dict(self._limits_at(numbers)))
+
+    def mechanism_at(
+        self, dimensions: Mapping[str, float], found: TracedGeometry, k: int
+    ) -> Mechanism:
+        """Return the mechanism at the k-th of some sets of dimensions, which has these."""
         m = self._mechanism
-        given = {name: getattr(m, name) if name[-6:] != "_model" else m.__dict__[name]
-                 for name in FIELDS}
-        other = Mechanism(**{**given, "model": self._model(numbers),
-                             "inertias": self._inertias(numbers),
-                             "parameters": {**m.parameters, **dimensions}})
+        model, inertias = m.model.copy(), dict(m.inertias)
+        for i, pose in found.joints.items():
+            model.jointPlacements[i] = pose.at(k)
+        for i, pose in found.frames.items():
+            model.frames[i].placement = pose.at(k)
+        for (bound, place), values in found.limits.items():
+            getattr(model, f"{bound}PositionLimit")[place] = values[k]
+        for name, lever in found.levers.items():
+            if name in inertias:
+                inertias[name] = inertia_as_given(
+                    inertias[name].mass, lever[k], inertias[name].inertia)
+        other = copied(m, model=model, inertias=inertias,
+                       parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
         return other
 
-    def _model(self, numbers: Array) -> pin.Model:
-        """Return the model with other numbers."""
-        model = self._mechanism.model.copy()
-        joints, frames = self._placed(numbers)
-        for i, placement in enumerate(joints):
-            model.jointPlacements[i] = placement
-        for frame, placement in zip(model.frames, frames, strict=True):
-            frame.placement = placement
+    def _limits_at(self, numbers: Array) -> Iterator[tuple[tuple[str, int], Array]]:
+        model = self._mechanism.model
         for name, words in self._limits.items():
             joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
             for bound, word in zip(("lower", "upper"), words, strict=True):
-                bounds = getattr(model, f"{bound}PositionLimit")
-                if joint is not None and joint.nq == 1 and bounds[joint.idx_q] == word.values[0]:
-                    bounds[joint.idx_q] = word.at(numbers)[0]
-        return model
+                if word.vary and joint is not None and joint.nq == 1 and (
+                        getattr(model, f"{bound}PositionLimit")[joint.idx_q] == word.values[0]):
+                    yield (bound, joint.idx_q), word.at(numbers)[:, 0]
 
-    def _inertias(self, numbers: Array) -> dict[str, pin.Inertia]:
-        """Return the inertias of links, moved to their centres of mass."""
-        inertias = dict(self._mechanism.inertias)
-        for name, words in self._levers.items():
-            if name in inertias and np.any(words.places >= 0):
-                inertias[name] = inertia_as_given(
-                    inertias[name].mass, words.at(numbers), inertias[name].inertia)
-        return inertias
-
-    def _placed(self, numbers: Array) -> tuple[list[pin.SE3], list[pin.SE3]]:
+    def _placed(self, numbers: Array) -> tuple[dict[int, Pose], dict[int, Pose]]:
         """Return placements of joints in their parents, and of frames in their joints."""
-        model = self._mechanism.model
-        joints, frames = list(model.jointPlacements), [f.placement for f in model.frames]
-        was, moved = list(frames), [False] * len(frames)
+        model, joints, frames = self._mechanism.model, {}, dict[int, Pose]()
+        was = [frame.placement for frame in model.frames]
         for i, frame in enumerate(model.frames):
             above, is_joint = frame.parentFrame, frame.type == pin.FrameType.JOINT
             words = self._origins.get(frame.name, ()) if frame.type in ORIGINS else ()
-            if not any(np.any(w.places >= 0) for w in words) and not (moved[above] and i):
+            if not any(w.vary for w in words) and (above not in frames or not i):
                 continue
-            old = joints[frame.parentJoint] if is_joint else was[i]
-            own = _origin(*(w.at(numbers) for w in words)) if words else was[above].actInv(old)
+            old = model.jointPlacements[frame.parentJoint] if is_joint else was[i]
+            own = (_origin(*(w.at(numbers) for w in words)) if words
+                   else Pose.of(was[above].actInv(old)))
+            found = frames.get(above, Pose.of(was[above])) @ own
             if is_joint:
-                joints[frame.parentJoint] = frames[above] * own
+                joints[frame.parentJoint] = found
             else:
-                frames[i], moved[i] = frames[above] * own, True
+                frames[i] = found
         return joints, frames
 
 
 ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
 
 
-def _origin(xyz: Array, rpy: Array) -> pin.SE3:
-    return pin.SE3(pin.rpy.rpyToMatrix(*map(float, rpy)), xyz)
+def _axis_of(joint: pin.JointModel) -> Array | None:
+    """Return the axis (3,) of a joint that turns about one or slides along one."""
+    name = joint.shortname().removeprefix("JointModel")
+    if joint.nv != 1 or name[0] not in "RP":
+        return None
+    own = joint.extract()
+    found: Array = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
+    return found
+
+
+def _turning(axis: Array, others: Array) -> Pose:
+    """Return the least rotations that take a unit axis (3,) to others (m, 3)."""
+    across = np.cross(axis, others)
+    x, y, z = across.T
+    skew = np.zeros((len(others), 3, 3))
+    skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -z, y, -x
+    skew -= skew.transpose(0, 2, 1)
+    part = 1.0 / (1.0 + others @ axis)
+    return Pose(np.eye(3) + skew + part[:, None, None] * (skew @ skew), np.zeros((1, 3)))
+
+
+def _unit(vectors: Array) -> Array:
+    """Return vectors (..., 3) of length one."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def _origin(xyz: Array, rpy: Array) -> Pose:
+    """Return placements from places (m or 1, 3) and roll, pitch and yaw (m or 1, 3)."""
+    (a, b, c), (s, t, u) = np.cos(rpy.T), np.sin(rpy.T)  # yaw after pitch after roll
+    return Pose(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
+                          [u * b, u * t * s + c * a, u * t * a - c * s],
+                          [-t, b * s, b * a]]).transpose(2, 0, 1), xyz)
 
 
 def _texts(element: ET.Element) -> list[str]:

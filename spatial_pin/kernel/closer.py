@@ -41,12 +41,14 @@ class Closer:
         pinned: names of components of balls and floating joints.
 
     Attributes:
+        kernel: whose memory holds what it works with.
+        handle: of the C structure.
         knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
             those of which only some equations are kept.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
-        self._kernel = kernel = Kernel(mechanism)  # whose memory holds this one's
+        self.kernel = kernel = Kernel(mechanism)
         self._library = kernel.library
         rotations = np.array(list(_rotations(mechanism)), np.int64).reshape(-1, 2).T.copy()
         pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
@@ -56,7 +58,7 @@ class Closer:
         check(self._library.closer_create(
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
             ctypes.byref(handle)))
-        self._handle = handle
+        self.handle = handle
         self._q, self._free = np.empty(kernel.nq), np.empty(kernel.nv, np.int64)
         self._turns, self._pinned = np.empty(kernel.n_angles), np.empty(len(pins))
         self._error, self._mirrored = np.empty(1), np.empty(1, np.int64)
@@ -82,7 +84,7 @@ class Closer:
         """
         self._take(free, turns, pinned)
         self._q[:] = q
-        self._library.closer_close(self._handle, 1, *self._at, tolerance, iterations, cut,
+        self._library.closer_close(self.handle, 1, *self._at, tolerance, iterations, cut,
                                    *self._ends)
         return Closed(self._q.copy(), self._error.item(),
                       not self.knows_mirrors or bool(self._mirrored[0]))
@@ -95,7 +97,7 @@ class Closer:
         self._take(free, turns, pinned)
         q, errors = np.array(q, order="C"), np.empty(len(q))
         mirrored = np.empty(len(q), np.int64)
-        self._library.closer_close(self._handle, len(q), address(q), *self._at[1:], tolerance,
+        self._library.closer_close(self.handle, len(q), address(q), *self._at[1:], tolerance,
                                    iterations, cut, address(errors), address(mirrored))
         return [Closed(*row) for row in zip(
             q, errors.tolist(), ((mirrored != 0) | (not self.knows_mirrors)).tolist(),
@@ -115,7 +117,7 @@ class Closer:
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
         self._free[:] = free
-        self._library.closer_descend(self._handle, len(q), address(q), self._at[1], tolerance,
+        self._library.closer_descend(self.handle, len(q), address(q), self._at[1], tolerance,
                                      iterations, address(errors))
         return q, errors
 

@@ -103,6 +103,32 @@ class Kernel:
         in_pin = np.einsum("jki,jlk->jil", rotations, self.packed.frames)[carriers]
         return Evaluated(in_pin, translations[carriers], residual, angles, jacobian, bias)
 
+    def placements(self, q: Array) -> Array:
+        """Return the joint placements (m, njoints, 4, 3) at q (m, nq): columns of R, then p."""
+        m, n = len(q), len(self.packed.frames)
+        q, carriers = numbers(q, (m, self.nq)), self.packed.carriers
+        rotations, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 1, 3))
+        self.library.kernel_evaluate_all(
+            self.handle, m, address(q), address(rotations), address(translations), None)
+        columns = self.packed.frames[carriers] @ rotations[:, carriers]  # turned to z, and back
+        return np.concatenate([columns, translations[:, carriers]], axis=2)
+
+    def jacobians(self, q: Array) -> Array:
+        """Return (m, n_rows + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
+        q = numbers(q, (len(q), self.nq))
+        found = np.empty((len(q), self.n_rows + self.n_passive, self.nv))
+        self.library.kernel_evaluate_all(
+            self.handle, len(q), address(q), None, None, address(found))
+        return found
+
+    def displaced(self, q: Array, steps: Array) -> Array:
+        """Return q (m, nq) moved by joint displacements (m, nv), as `pin.integrate`."""
+        q = np.array(numbers(q, (len(q), self.nq)))
+        steps = numbers(steps, (len(q), self.nv))
+        for own, step in zip(q, steps, strict=True):
+            self.library.kernel_integrate(self.handle, address(own), address(step))
+        return q
+
     def set_numbers(self, reals: Array) -> None:
         """Take the numbers of other dimensions, as `packed` gives them for such a mechanism."""
         reals = numbers(reals, self.packed.reals.shape)

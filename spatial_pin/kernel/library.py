@@ -57,6 +57,8 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.kernel_create.argtypes = [POINTER, INT, POINTER, INT, POINTER]
     found.kernel_set_numbers.argtypes = [POINTER, POINTER, INT]
     found.kernel_evaluate.argtypes = [POINTER] * 10
+    found.kernel_evaluate_all.restype = None
+    found.kernel_evaluate_all.argtypes = [POINTER, INT, *[POINTER] * 4]
     found.kernel_integrate.argtypes = [POINTER] * 3
     found.kernel_solve.argtypes = [POINTER] * 4
     found.system_set.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, INT]
@@ -67,6 +69,7 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.closer_close.restype = found.closer_descend.restype = None
     found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, *[POINTER] * 2]
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
+    found.dimensions_close.argtypes = [POINTER, POINTER, POINTER, INT, POINTER]
     found.path_create.argtypes = [POINTER] * 3
     found.path_destroy.restype = None
     found.path_destroy.argtypes = [POINTER]

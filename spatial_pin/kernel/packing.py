@@ -53,6 +53,7 @@ class Packed(NamedTuple):
             Pinocchio's joint rotation is the kernel's times the transpose.
         carriers: (njoints,) joint of the kernel that carries the body of each joint of the model.
         fixed_in: (n_vectors,) what each vector is fixed in: `frame` of its `Term`.
+        is_point: (n_vectors,) whether it leads to a point, or is a direction.
     """
 
     ints: Ints
@@ -60,6 +61,7 @@ class Packed(NamedTuple):
     frames: Array
     carriers: NDArray[np.intp]
     fixed_in: Ints
+    is_point: NDArray[np.bool_]
 
     def parts(self) -> Parts:
         """Return views of the numbers, one kind after the other."""
@@ -69,6 +71,11 @@ class Packed(NamedTuple):
             self.reals, ends)
         return Parts(rotation.reshape(n, 3, 3), translation.reshape(n, 3), mass,
                      com.reshape(n, 3), inertia.reshape(n, 3, 3), gravity, local.reshape(-1, 3))
+
+    def places(self) -> Parts:
+        """Return where the numbers stand among all."""
+        places: Any = np.arange(len(self.reals))
+        return self._replace(reals=places).parts()
 
 
 def packed(mechanism: Mechanism, idle: bool = True) -> Packed:
@@ -107,7 +114,8 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
                 products.a_factor, products.b_factor, products.x_factor, constraints.constants,
                 constraints.factors, products.sign, reals),
-        tree.frames, carriers, np.array(vectors.fixed_in, np.int64))
+        tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
+        np.array(vectors.flag, bool))
 
 
 def with_masses(found: Packed, model: pin.Model) -> Packed:

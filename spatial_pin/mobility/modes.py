@@ -20,8 +20,6 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, generator, mapping, positive_number
-from spatial_pin.constraints.closure_equations import Constraints
-from spatial_pin.constraints.stacked import Batch
 from spatial_pin.errors import AssemblyError, ContinuumError
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.mechanism.coordinates import (
@@ -207,18 +205,15 @@ class _Search:
     def __init__(self, check: Check, core: Core, all_copies: bool) -> None:
         self.check, self.core, self.all_copies = check, core, all_copies
         mechanism, model = check.mechanism, core.mechanism.model
-        constraints = Constraints(core.mechanism)
-        if not isinstance(constraints.c_abx, np.ndarray):
-            constraints.c_abx = constraints.c_abx.toarray()
-        self.batch = Batch(constraints)
         self.closer = Closer(core.mechanism)
+        self.kernel = self.closer.kernel
         self.base = with_values(
             mechanism, _read_guess(mechanism, mechanism.start(check.held)).q, check.held)
         table = core.mechanism.coordinate_table
         self.held = {name: x for name, x in check.held.items() if name in table}
         self.free = np.ones(model.nv, dtype=bool)
         self.free[[table[name].v for name in self.held]] = False
-        self.most = int(np.clip(LARGEST // max(1, constraints.n_rows * model.nv), 1, MOST))
+        self.most = int(np.clip(LARGEST // max(1, self.kernel.n_rows * model.nv), 1, MOST))
         self.size = min(FEWEST, self.most)
         self.slides = [at for c in table.values() if c.unit == "m" and c.name not in self.held
                        and (at := core.mechanism.place_of(c)) >= 0]
@@ -365,7 +360,7 @@ class _Search:
         step = np.zeros((len(scale), q.shape[1]))
         step[self.free] = vectors.T
         step *= PROBES[1] / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
-        pushed = self.batch.tree.displace(q, scale * step)
+        pushed = self.kernel.displaced(q.T, (scale * step).T).T
         found, error = self._descended(pushed)
         left = _apart(self._signatures(found), signatures)
         asked = _apart(self._signatures(pushed), signatures)
@@ -398,15 +393,13 @@ class _Search:
 
     def _jacobian(self, q: Array) -> Array:
         """Return (m, n_rows, free) derivatives of the core's rows at configurations q (nq, m)."""
-        near = np.zeros((self.batch.constraints.n_angles, q.shape[1]))
-        p = self.batch.place(q, near)
-        return self.batch.jacobian(p)[: len(p.residual), self.free].transpose(2, 0, 1)
+        return self.kernel.jacobians(q.T)[:, : self.kernel.n_rows, self.free]
 
     def _signatures(self, q: Array) -> Array:
         """Return (m, rows, 3) what tells configurations q (nq, m) apart."""
-        g = self.batch.tree.place(q)[self.batch.tree.carrier][:, :, :3]
-        flat = g.reshape(4 * len(g), 3 * q.shape[1])
-        return (self.rows @ flat).reshape(len(self.rows), 3, q.shape[1]).transpose(2, 0, 1)
+        placed = self.kernel.placements(q.T)
+        found: Array = self.rows @ placed.reshape(len(placed), -1, 3)
+        return found
 
     # ------------------------------------------------------------ the answer
 

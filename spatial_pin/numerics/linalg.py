@@ -17,10 +17,8 @@ Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
 RANK_TOLERANCE = TOLERANCES.rank
 ROUND_OFF = TOLERANCES.zero
-LARGEST_STACKED = 14  # rows of matrices that are factored together faster than one by one
 NOT_FINITE = ("the equations have entries that are no finite numbers: a position or a rate has "
               "grown beyond all numbers")
-GROWN = 30.0  # entries of L above which rows should have been exchanged otherwise
 
 
 class Decomposition(NamedTuple):
@@ -129,12 +127,6 @@ def aligned(rows: Array, reference: Array) -> Array:
     """
     u, _, vt = np.linalg.svd(reference @ rows.T)
     return u @ vt @ rows
-
-
-def condition(a: Array) -> float:
-    """Return the ratio of the largest to the smallest singular value (inf when singular)."""
-    s = np.linalg.svd(a, compute_uv=False)
-    return float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
 
 
 def least_squares(a: Array, b: Array) -> Array:
@@ -278,83 +270,3 @@ def determinant_sign_of(a: Array) -> int:
     """Return the sign (-1, 0, 1) of the determinant of `a` (n, n)."""
     lu, order, _ = dense.lu(a)
     return pivots_of(lu, order)[0]
-
-
-class StackedLU:
-    """LU factors of many small matrices of one kind, the matrices along the last axis.
-
-    Rows are exchanged alike in all of them, as partial pivoting exchanges those of the middle
-    one; where that lets factors grow, NumPy takes over, matrix by matrix.
-
-    Attributes:
-        sign: (m,) of the determinants, 0 where singular.
-        magnitude: (m,) logarithm of their sizes.
-
-    Args:
-        matrices: (n, n, m), overwritten.
-    """
-
-    def __init__(self, matrices: Array) -> None:
-        n, _, m = matrices.shape
-        self._whole: Array | None = None
-        if n > LARGEST_STACKED:
-            self._whole, self._apart = matrices, np.arange(m)
-            self.sign, self.magnitude = _slogdet(matrices)
-            return
-        order, parity = _pivot_order(matrices[:, :, m // 2])
-        self._order, self._lu = order, (lu := matrices[order])
-        growth = np.ones(m)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for k in range(n - 1):
-                factors = lu[k + 1 :, k]
-                factors /= lu[k, k]
-                for factor in factors:
-                    np.maximum(growth, np.abs(factor), out=growth)
-                lu[k + 1 :, k + 1 :] -= factors[:, None] * lu[k, None, k + 1 :]
-            diagonal = np.diagonal(lu).T
-            self.magnitude = np.log(np.abs(diagonal)).sum(axis=0)
-        self.sign = parity * np.sign(diagonal).prod(axis=0)
-        self._apart = np.flatnonzero(~(growth < GROWN) | ~np.isfinite(self.magnitude))
-        if self._apart.size:
-            self._whole = matrices[:, :, self._apart]
-            self.sign[self._apart], self.magnitude[self._apart] = _slogdet(self._whole)
-
-    def solve(self, rhs: Array) -> Array:
-        """Return the solutions (n, m) for right-hand sides (n, m); NaN where singular."""
-        if self._whole is not None and len(self._apart) == rhs.shape[1]:
-            return _solve_apart(self._whole, rhs, self.sign)
-        lu, n = self._lu, len(rhs)
-        x = rhs[self._order]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for k in range(n - 1):
-                x[k + 1 :] -= lu[k + 1 :, k] * x[k]
-            for k in range(n - 1, -1, -1):
-                x[k] /= lu[k, k]
-                x[:k] -= lu[:k, k] * x[k]
-        if self._whole is not None:
-            at = self._apart
-            x[:, at] = _solve_apart(self._whole, rhs[:, at], self.sign[at])
-        return x
-
-
-def _pivot_order(a: Array) -> tuple[NDArray[np.intp], float]:
-    """Return the order of rows that partial pivoting chooses, and the sign of that permutation."""
-    order, parity = np.arange(len(a)), 1.0
-    for i, p in enumerate(dense.lu(a)[1].tolist()):
-        if i != p:
-            order[[i, p]] = order[[p, i]]
-            parity = -parity
-    return order, parity
-
-
-def _slogdet(matrices: Array) -> tuple[Array, Array]:
-    sign, magnitude = np.linalg.slogdet(matrices.transpose(2, 0, 1))
-    sign[~np.isfinite(magnitude)] = 0.0
-    return sign, magnitude
-
-
-def _solve_apart(matrices: Array, rhs: Array, sign: Array) -> Array:
-    a = matrices.transpose(2, 0, 1).copy()
-    a[sign == 0.0] = np.eye(a.shape[1])  # leave something regular to do
-    x = np.linalg.solve(a, rhs.T[:, :, None])[:, :, 0].T
-    return np.where(sign == 0.0, np.nan, x)

@@ -12,6 +12,7 @@
 #include <float.h>
 #include <string.h>
 
+#include "closing.h"
 #include "envelope.h"
 #include "far_rotations.h"
 #include "least_motion.h"
@@ -38,7 +39,7 @@ typedef struct {
     Int q, v, component, turns; /* first place of its kind, x y or z, whether of the rotation */
 } Pin;
 
-typedef struct {
+struct Closer {
     Kernel *k;
     Rotations rotations;
     Int n_pins;
@@ -56,7 +57,7 @@ typedef struct {
     const Real *wanted;  /* values of pinned coordinates */
     Real cut;            /* size of equations, by the largest, that move nothing */
     int squares;         /* whether steps are worked out by squares */
-} Closer;
+};
 
 /* How a descent ends, and what leads it. */
 typedef struct {

@@ -15,7 +15,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
                            Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias)
 {
     if (k->n_angles)
-        memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+        memmove(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
     equations_values(k, q);
     copy_out(R, k->R, 9 * k->n_joints);
     copy_out(p, k->p, 3 * k->n_joints);
@@ -34,6 +34,20 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
         copy_out(bias, k->bias, k->n_equations);
     }
     return isfinite(equations_error(k)) ? DONE : NOT_FINITE;
+}
+
+/* Placements and dense Jacobians, as above, of m configurations one after the other; angles of
+ * screws count from zero. */
+EXPORT void kernel_evaluate_all(Kernel *k, Int m, const Real *q, Real *R, Real *p, Real *jacobian)
+{
+    if (k->n_angles)
+        memset(k->turns, 0, (size_t)k->n_angles * sizeof *k->turns);
+    for (Int i = 0; i < m; i++, q += k->nq) {
+        kernel_evaluate(k, q, NULL, k->turns, R, p, NULL, NULL, jacobian, NULL);
+        R += R ? 9 * k->n_joints : 0;
+        p += p ? 3 * k->n_joints : 0;
+        jacobian += jacobian ? k->n_equations * k->nv : 0;
+    }
 }
 
 /* Move q by a joint displacement, as `pin.integrate`. */

@@ -1,0 +1,88 @@
+"""The drivers' motion of a state, which other dimensions do not change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.limits import limits
+from spatial_pin.motion.motion import Motion
+from spatial_pin.rates.rates import solve_rates
+
+
+def end_of_range(output: str) -> tuple[str, str] | None:
+    """Return which end ("lower" or "upper") of which driver's range an output is; None if none."""
+    kind, _, rest = output.partition(".")
+    end, _, driver = rest.partition(".")
+    return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The drivers' motion of a state: values, speeds, accelerations by coordinate.
+
+    Attributes:
+        driver: whose speed ratios are relative to.
+    """
+
+    driver: str
+    values: dict[str, float]
+    speeds: dict[str, float]
+    accelerations: dict[str, float]
+
+    @classmethod
+    def of(cls, state: State, driver: str = "", held: Iterable[str] = ()) -> Drive:
+        """Return the motion of a mechanism's drivers, or of what else is held, in a state."""
+        mechanism = state.mechanism
+        names = list(held) or [d.joint for d in mechanism.drivers.values()]
+        rates = {name: state.coordinate(name) for name in names}
+        first = driver or next(iter(mechanism.drivers), next(iter(mechanism.coordinates), ""))
+        return cls(first, *({name: r[k] for name, r in rates.items()} for k in range(3)))
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything does."""
+        return any(self.speeds.values()) or any(self.accelerations.values())
+
+    def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
+        """Return outputs of a mechanism whose drivers move as here.
+
+        Args:
+            mechanism: the mechanism.
+            near: a closed state of it at these or other dimensions, whose branch is followed.
+            outputs: as for `sensitivity`.
+        """
+        sample: Motion | None = None
+        found = []
+        for output in outputs:
+            end = end_of_range(output)
+            if end is not None:
+                bound = getattr(limits(mechanism, end[1], near), end[0])
+                if bound.kind == "none":
+                    raise SpatialPinError(f"mechanism {mechanism.name!r}: {end[1]!r} has no limit")
+                found.append(bound.value)
+                continue
+            if sample is None:
+                sample = self.sample(self._state(mechanism, near))
+            values = sample.output(output).values[0]
+            found.append(float(values) if np.ndim(values) == 0 else values)
+        return found
+
+    def _state(self, mechanism: Mechanism, near: State) -> State:
+        state = followed(mechanism, self.values, near)
+        return solve_rates(mechanism, state, self.speeds, self.accelerations) if (
+            self.moves) else state
+
+    def sample(self, state: State) -> Motion:
+        """Return a state as a motion of one sample."""
+        value, speed, _ = state.coordinate(self.driver)
+        return Motion(state.mechanism, np.array([value]), self.driver, None, state.q[None],
+                      state.v[None], state.a[None], np.array([state.closure_error]),
+                      np.array([speed]))

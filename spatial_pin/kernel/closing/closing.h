@@ -1,0 +1,15 @@
+/* Closing the loops from a guess, by the least motion: see closing.c. */
+#ifndef SPATIAL_PIN_CLOSING_H
+#define SPATIAL_PIN_CLOSING_H
+
+#include "kernel.h"
+
+typedef struct Closer Closer;
+
+EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
+                         Int n_pins, Closer **out);
+EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *free, const Real *pinned,
+                         const Real *turns, Real tolerance, Int iterations, Real cut, Real *error,
+                         Int *mirrored);
+
+#endif

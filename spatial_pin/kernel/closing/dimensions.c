@@ -1,0 +1,288 @@
+/* Many mechanisms that differ in their dimensions, each closed near a configuration by itself.
+ *
+ * A sample is a set of numbers in the place of the kernel's own. It is closed from where it starts
+ * by the least motion (closing.c), as one mechanism by itself would be; then its rates follow from
+ * the square system of `system_set`, K v = drive and K a = drive' - bias(v). What tells whether it
+ * is on the branch of its start is written down, and judged by the caller: how far it has gone, how
+ * little of the way the linear equations at its end leave unexplained, and the determinant. */
+#include <string.h>
+
+#include "closing.h"
+
+#define FACTS 7 /* what is written down of each sample, see `dimensions_close` */
+
+/* Samples and what becomes of them: m of each. */
+typedef struct {
+    const Real *base;   /* (n_reals + 3 n_points) numbers, then points in the axes of their joints */
+    const Int *place;   /* (n_varied) which of them differ from sample to sample */
+    const Real *varied; /* (m, n_varied) */
+    const Int *free;    /* (nv) velocities that may move */
+    const Int *joint;   /* (n_points) that carry the points */
+    const Real *speed, *acceleration; /* (n_driven) of the driven freedoms; NULL of what stands */
+    Real *q;            /* (m, nq) starts, then closed */
+    Real *angle;        /* (m, n_angles) from which angles of screws count, then those reached */
+    Real *v, *a;        /* (m, nv) */
+    Real *point;        /* (m, n_points, 5, 3) position, velocity, acceleration, w, w' */
+    Real *fact;         /* (m, FACTS) */
+    Int n_reals, n_varied, n_points, iterations;
+    Real tolerance, cut;
+} Samples;
+
+typedef struct {
+    Kernel *k;
+    Closer *closer;
+    const Samples *s;
+    Real *numbers;        /* (n_reals + 3 n_points) of the sample */
+    Real *q, *way, *open; /* (nq) start; (nv) scaled way from there; (n_closure) residual there */
+    Real *idle;           /* (n_fill, nv) orthonormal motions that nothing prescribes */
+} Work;
+
+/* ---------------------------------------------------------------- the way */
+
+/* Rotation vector from one unit quaternion to another, in the axes of either. */
+static void turn_between(const Real *from, const Real *to, Real *turn)
+{
+    Real cross[3];
+    cross3(to, from, cross);
+    for (int i = 0; i < 3; i++)
+        turn[i] = from[3] * to[i] - to[3] * from[i] + cross[i];
+    const Real cosine = dot3(from, to) + from[3] * to[3], sine = sqrt(dot3(turn, turn));
+    const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(cosine)) / sine : 2.0;
+    for (int i = 0; i < 3; i++)
+        turn[i] *= cosine < 0.0 ? -factor : factor;
+}
+
+/* Scaled joint displacements from the start to q; of a free joint's position to first order. */
+static void measure_way(Work *w, const Real *q)
+{
+    const Kernel *k = w->k;
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Real *from = w->q + k->iq[j], *to = q + k->iq[j];
+        Real *way = w->way + k->iv[j];
+        if (k->kind[j] < BALL) {
+            way[0] = to[0] - from[0];
+        } else if (k->kind[j] == BALL) {
+            turn_between(from, to, way);
+        } else {
+            Real R[9], moved[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
+            quaternion_rotation(from + 3, R);
+            rotate_back3(R, moved, way);
+            turn_between(from + 3, to + 3, way + 3);
+        }
+    }
+    for (Int v = 0; v < k->nv; v++)
+        w->way[v] /= k->scale[v];
+}
+
+static Real entry_times(const Kernel *k, Int equation, const Real *x)
+{
+    Real sum = 0.0;
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        sum += k->entry[e] * x[k->entry_v[e]];
+    return sum;
+}
+
+static Real largest(const Real *x, Int n)
+{
+    Real size = 0.0;
+    for (Int i = 0; i < n; i++)
+        if (fabs(x[i]) > size || isnan(x[i]))
+            size = fabs(x[i]); /* which NaN stays */
+    return size;
+}
+
+/* Newton's step back to the start less the way there: by how much the way is bent. */
+static Real bend(Work *w)
+{
+    const Kernel *k = w->k;
+    Real *x = k->right;
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_chosen; i++)
+        x[i] = w->open[k->chosen[i]] + entry_times(k, k->chosen[i], w->way);
+    system_solve(k, x);
+    return largest(x, k->nv);
+}
+
+/* ---------------------------------------------------------------- rates */
+
+static void take_off(const Real *direction, Int n, Real *x)
+{
+    Real part = 0.0;
+    for (Int v = 0; v < n; v++)
+        part += direction[v] * x[v];
+    for (Int v = 0; v < n; v++)
+        x[v] -= part * direction[v];
+}
+
+/* Orthonormal motions that leave all equations and drivers alone, by Gram and Schmidt. */
+static void find_idle(Work *w)
+{
+    const Kernel *k = w->k;
+    for (Int i = 0; i < k->n_fill; i++) {
+        Real *x = w->idle + i * k->nv, square = 0.0;
+        memset(x, 0, (size_t)k->nv * sizeof *x);
+        x[k->nv - k->n_fill + i] = 1.0;
+        system_solve(k, x);
+        for (Int j = 0; j < i; j++)
+            take_off(w->idle + j * k->nv, k->nv, x);
+        for (Int v = 0; v < k->nv; v++)
+            square += x[v] * x[v];
+        for (Int v = 0; v < k->nv; v++)
+            x[v] /= sqrt(square);
+    }
+}
+
+/* Solve for rates of the least norm: right sides in x, scaled velocities out. */
+static void solve_least(const Work *w, Real *x)
+{
+    const Kernel *k = w->k;
+    system_solve(k, x);
+    for (Int i = 0; i < k->n_fill; i++)
+        take_off(w->idle + i * k->nv, k->nv, x);
+}
+
+static void put_driven(const Kernel *k, const Real *rate, Real *x)
+{
+    for (Int i = 0; i < k->n_driven; i++)
+        x[k->n_chosen + k->n_idle + i] = rate[i] / k->scale[k->driven[i]];
+}
+
+static void scale_out(const Kernel *k, const Real *x, const Real *rate, Real *out)
+{
+    for (Int v = 0; v < k->nv; v++)
+        out[v] = k->scale[v] * x[v];
+    for (Int i = 0; i < k->n_driven; i++)
+        out[k->driven[i]] = rate[i]; /* as asked for, to the last digit */
+}
+
+/* Velocities and accelerations at the factored configuration; by how much the fastest joint would
+   open equations that are left out. */
+static Real solve_rates(Work *w, Real *v, Real *a)
+{
+    Kernel *k = w->k;
+    Real *x = k->right, opened = 0.0;
+    find_idle(w);
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    put_driven(k, w->s->speed, x);
+    solve_least(w, x);
+    for (Int i = 0; i < k->n_closure; i++)
+        opened = fmax(opened, fabs(entry_times(k, i, x)));
+    const Real fastest = largest(x, k->nv);
+    scale_out(k, x, w->s->speed, v);
+    equations_bias(k, v);
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_chosen; i++)
+        x[i] = -k->bias[k->chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        x[k->n_chosen + i] = -k->bias[k->n_closure + i];
+    put_driven(k, w->s->acceleration, x);
+    solve_least(w, x);
+    scale_out(k, x, w->s->acceleration, a);
+    return fastest > 0.0 ? opened / fastest : 0.0;
+}
+
+/* Motion of the points fixed in bodies, world axes. */
+static void write_points(Work *w, const Real *v, const Real *a, Real *out)
+{
+    Kernel *k = w->k;
+    tree_rates(k, v, a);
+    for (Int i = 0; i < w->s->n_points; i++, out += 15) {
+        const Int at = 3 * w->s->joint[i];
+        Real arm[3], swing[3], more[3];
+        rotate3(k->R + 3 * at, w->numbers + w->s->n_reals + 3 * i, arm);
+        cross3(k->omega + at, arm, swing);
+        copy3(k->p + at, out);
+        add3(1.0, arm, out);
+        copy3(k->velocity + at, out + 3);
+        add3(1.0, swing, out + 3);
+        copy3(k->acceleration + at, out + 6);
+        cross3(k->alpha + at, arm, more);
+        add3(1.0, more, out + 6);
+        cross3(k->omega + at, swing, more);
+        add3(1.0, more, out + 6);
+        copy3(k->omega + at, out + 9);
+        copy3(k->alpha + at, out + 12);
+    }
+}
+
+/* ---------------------------------------------------------------- one sample after the other */
+
+static void take_numbers(Work *w, Int i)
+{
+    const Samples *s = w->s;
+    memcpy(w->numbers, s->base, (size_t)(s->n_reals + 3 * s->n_points) * sizeof(Real));
+    for (Int n = 0; n < s->n_varied; n++)
+        w->numbers[s->place[n]] = s->varied[i * s->n_varied + n];
+}
+
+static int close_sample(Work *w, Int i)
+{
+    const Samples *s = w->s;
+    Kernel *k = w->k;
+    const size_t angles = (size_t)k->n_angles * sizeof(Real);
+    Real *q = s->q + i * k->nq, *angle = s->angle + i * k->n_angles, *fact = s->fact + i * FACTS;
+    Int mirrored = 0;
+    take_numbers(w, i);
+    int code = kernel_set_numbers(k, w->numbers, s->n_reals);
+    if (code != DONE)
+        return code;
+    memcpy(w->q, q, (size_t)k->nq * sizeof *q);
+    memcpy(k->turns, angle, angles);
+    equations_values(k, q);
+    memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
+    closer_close(w->closer, 1, q, s->free, NULL, angle, s->tolerance, s->iterations, s->cut, fact,
+                 &mirrored);
+    equations_values(k, q);
+    equations_jacobian(k);
+    memcpy(angle, k->angle, angles);
+    measure_way(w, q);
+    fact[1] = largest(w->way, k->nv);
+    fact[2] = 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        fact[2] += fabs(w->way[v]);
+    code = system_factor(k);
+    const int solved = code == DONE;
+    fact[3] = solved ? k->sign : 0.0;
+    fact[4] = log(k->mantissa) + (Real)k->exponent * log(2.0);
+    fact[5] = solved ? bend(w) : INFINITY;
+    fact[6] = 0.0;
+    Real *v = s->v + i * k->nv, *a = s->a + i * k->nv;
+    memset(v, 0, (size_t)k->nv * sizeof *v);
+    memset(a, 0, (size_t)k->nv * sizeof *a);
+    if (solved && s->speed)
+        fact[6] = solve_rates(w, v, a);
+    write_points(w, v, a, s->point + 15 * i * s->n_points);
+    return code == SINGULAR ? DONE : code;
+}
+
+static int is_sound(const Kernel *k, const Samples *s)
+{
+    for (Int i = 0; i < s->n_points; i++)
+        if (!within(s->joint[i], k->n_joints))
+            return 0;
+    for (Int i = 0; i < s->n_varied; i++)
+        if (!within(s->place[i], s->n_reals + 3 * s->n_points))
+            return 0;
+    return k->n_chosen + k->n_idle + k->n_driven + k->n_fill == k->nv;
+}
+
+/* Close m samples with the square system of the kernel, whose numbers are the last sample's then.
+
+   work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). The facts: closure error; the
+   longest way of a joint and that of all together [rad, characteristic lengths]; sign and natural
+   logarithm of the determinant, 0 of a singular one; by how much the way is bent; the part of the
+   rates by which equations left out would open. */
+EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, Real *work)
+{
+    if (!is_sound(k, s))
+        return BAD_ARRAYS;
+    Work w = {.k = k, .closer = closer, .s = s, .numbers = work};
+    w.q = w.numbers + s->n_reals + 3 * s->n_points;
+    w.way = w.q + k->nq;
+    w.open = w.way + k->nv;
+    w.idle = w.open + k->n_closure;
+    int code = DONE;
+    for (Int i = 0; i < m && code == DONE; i++)
+        code = close_sample(&w, i);
+    return code;
+}

@@ -1,0 +1,140 @@
+"""Many mechanisms that differ in their dimensions, closed in the kernel, see `dimensions.c`."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.kernel.closer import Closer
+from spatial_pin.kernel.kernel import address, check, numbers
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+class Numbers(NamedTuple):
+    """What m samples are made of.
+
+    Attributes:
+        base: (n,) the numbers of a kernel, then (3,) of each point in the axes of the kernel's
+            joint that carries it.
+        places: (k,) which of them differ from sample to sample.
+        varied: (m, k) what they are.
+    """
+
+    base: Array
+    places: NDArray[np.int64]
+    varied: Array
+
+
+class ClosedSamples(NamedTuple):
+    """Where m samples have come to, and how.
+
+    Attributes:
+        q: (m, nq) configurations; angles: (m, n_angles) of screw closures [rad].
+        v, a: (m, nv) joint velocities and accelerations.
+        points: (m, n_points, 5, 3) position, velocity, acceleration, angular velocity and angular
+            acceleration of what the points are fixed in, world axes.
+        error: (m,) closure errors.
+        farthest, way: (m,) how far the joint that has moved farthest has gone, and all together
+            [rad, characteristic lengths].
+        sign, magnitude: (m,) of the determinant of the square system; natural logarithm.
+        bend: (m,) Newton's step from the end back to the start, less the way.
+        opened: (m,) equations left out would open by that part of the fastest joint's rate.
+    """
+
+    q: Array
+    angles: Array
+    v: Array
+    a: Array
+    points: Array
+    error: Array
+    farthest: Array
+    way: Array
+    sign: Array
+    magnitude: Array
+    bend: Array
+    opened: Array
+
+
+class _Samples(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in (
+        "base", "place", "varied", "free", "joint", "speed", "acceleration", "q", "angle", "v",
+        "a", "point", "fact")]
+    _fields_ += [(name, ctypes.c_int64) for name in (
+        "n_reals", "n_varied", "n_points", "iterations")]
+    _fields_ += [(name, ctypes.c_double) for name in ("tolerance", "cut")]
+
+
+class DimensionCloser:
+    """Closes samples of a mechanism that differ in their dimensions; one caller at a time.
+
+    Its kernel has the numbers of the last sample, and is nobody else's.
+
+    Args:
+        mechanism: the mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._closer = Closer(mechanism)
+        self._kernel = kernel = self._closer.kernel
+        self._free = np.ones(kernel.nv, np.int64)
+        self._n_fill = 0
+
+    def set_system(
+        self, chosen: NDArray[np.intp], driven: Sequence[int], fill: Array,
+        free: NDArray[np.bool_],
+    ) -> None:
+        """Take a square system: chosen closure equations, idle rotations, driven and filled rows.
+
+        Args:
+            chosen: the equations.
+            driven: places in the velocity vector.
+            fill: (k, nv) rows that passive freedoms answer with the least motion.
+            free: (nv,) velocities that may move to close the loops.
+        """
+        rows, at = np.array(chosen, np.int64), np.array(driven, np.int64)
+        fill = numbers(fill, (len(fill), self._kernel.nv))
+        check(self._kernel.library.system_set(
+            self._kernel.handle, address(rows), len(rows), address(at), len(at), address(fill),
+            len(fill)))
+        self._free[:], self._n_fill = free, len(fill)
+
+    def close(
+        self, q: Array, angles: Array, made_of: Numbers, joints: Sequence[int],
+        rates: Array | None, tolerance: float, iterations: int,
+    ) -> ClosedSamples:
+        """Close samples, each from its own start, and give them the rates of what is driven.
+
+        Args:
+            q: (m, nq) starts.
+            angles: (m, n_angles) from which those of screws count [rad].
+            made_of: the samples.
+            joints: of the model, that carry the points.
+            rates: (2, n_driven) speeds and accelerations of what is driven; None: all stand still.
+            tolerance: as for `Closer.close`.
+            iterations: damped steps at most.
+        """
+        kernel, m, nv = self._kernel, len(q), self._kernel.nv
+        q, angles = np.array(q, order="C"), np.array(angles, order="C")
+        places, reals = np.array(made_of.places, np.int64), kernel.packed.reals.size
+        at = kernel.packed.carriers[np.array(joints, np.int64)].astype(np.int64)
+        base = numbers(made_of.base, (reals + 3 * len(at),))
+        varied = numbers(made_of.varied, (m, len(places)))
+        v, a, facts = np.empty((m, nv)), np.empty((m, nv)), np.empty((m, 7))
+        points = np.empty((m, len(at), 5, 3))
+        work = np.empty(len(base) + kernel.nq + nv + kernel.n_rows + self._n_fill * nv)
+        speed, acceleration = (None, None) if rates is None else (
+            np.ascontiguousarray(x, float) for x in rates)
+        asked = _Samples(
+            *(None if x is None else address(x) for x in (
+                base, places, varied, self._free, at, speed, acceleration, q, angles, v, a,
+                points, facts)),
+            reals, len(places), len(at), iterations, tolerance, TOLERANCES.rank)
+        check(kernel.library.dimensions_close(
+            kernel.handle, self._closer.handle, ctypes.byref(asked), m, address(work)))
+        return ClosedSamples(q, angles, v, a, points, *facts.T)
