@@ -13,7 +13,7 @@ import spatial_pin as sp
 from spatial_pin.dynamics.simulation.events import Watch
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.simulate import _independent
-from spatial_pin.kernel.integrating import Explicit
+from spatial_pin.kernel.integrating import RungeKutta
 
 ONE_LOOP = [n for n in sp.list_mechanisms() if n not in ("swash_plate", "crank_collar")]
 
@@ -93,7 +93,7 @@ def swing(t, y):
 def test_adaptive_methods_step_as_scipys(method):
     """The same steps, ends and values between them, up to the order of sums."""
     y0, tolerance = np.array([0.4, 1.1]), 1e-9
-    ours = Explicit(method, swing, 0.0, y0, 20.0, 0.01, np.inf, tolerance, np.full(2, tolerance))
+    ours = RungeKutta(method, swing, 0.0, y0, 20.0, 0.01, np.inf, tolerance, np.full(2, tolerance))
     theirs = getattr(integrate, method)(swing, 0.0, y0, 20.0, first_step=0.01, rtol=tolerance,
                                         atol=tolerance)
     for _ in range(12):  # what round-off adds up to would choose other steps in the end
@@ -115,7 +115,7 @@ def test_the_fixed_method_is_of_fourth_order():
                                 method="DOP853").y[:, -1]
     errors = []
     for count in (20, 40):
-        solver = Explicit("RK4", swing, 0.0, np.array([0.4, 1.1]), 2.0, count, np.inf, 1e-6,
+        solver = RungeKutta("RK4", swing, 0.0, np.array([0.4, 1.1]), 2.0, count, np.inf, 1e-6,
                           np.full(2, 1e-6))
         while solver.status == "running":
             solver.step()
@@ -129,7 +129,7 @@ def test_what_a_function_raises_is_raised():
             raise KeyError("late")
         return -y
 
-    solver = Explicit("DOP853", breaks, 0.0, np.ones(1), 1.0, 0.1, 0.1, 1e-6, np.full(1, 1e-6))
+    solver = RungeKutta("DOP853", breaks, 0.0, np.ones(1), 1.0, 0.1, 0.1, 1e-6, np.full(1, 1e-6))
     with pytest.raises(KeyError, match="late"):
         for _ in range(20):
             solver.step()

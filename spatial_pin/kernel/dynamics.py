@@ -10,14 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.kernel.integrating import Asking, view
+from spatial_pin.kernel.integrating import LOST, Asking, view
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import INT, POINTER, REAL, library
 from spatial_pin.kernel.packing import Ints, Packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-LOST = 20
 MOST_CROSSINGS = 64  # in one step
 
 _EFFORTS = ctypes.CFUNCTYPE(ctypes.c_int, REAL, POINTER, POINTER, POINTER, POINTER)

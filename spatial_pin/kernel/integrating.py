@@ -1,4 +1,4 @@
-"""Explicit integrators of the kernel: of a mechanism in the kernel, or of a function of Python."""
+"""Integrators of the kernel: of a mechanism in the kernel, or of a function of Python."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from spatial_pin.kernel.kernel import address, check
 from spatial_pin.kernel.library import INT, POINTER, REAL, library
 from spatial_pin.numerics.linalg import Array
 
-METHODS = ("DOP853", "RK45", "RK4")  # in the order of METHODS in integrating.c
+METHODS = ("DOP853", "RK45", "RK4", "Gauss")  # in the order of METHODS in integrating.c
 STATUS = ("running", "finished", "failed")
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, POINTER, REAL, POINTER, POINTER)
-ASK_FAILED = 21
+LOST, ASK_FAILED = 20, 21
 
 
 class _Integrator(ctypes.Structure):
@@ -63,22 +63,19 @@ def view(pointer: int | None, n: int) -> Array:
     return np.frombuffer(block)
 
 
-class Explicit:
-    """An explicit Runge-Kutta method, with what SciPy's solvers have.
+class RungeKutta:
+    """A Runge-Kutta method, with what SciPy's solvers have.
 
     Args:
-        method: "DOP853", "RK45" or "RK4".
+        method: one of METHODS.
         fun: dy/dt of (t, y); in the kernel where it has a `kernel_handle`.
         t0: where it begins.
         y0: (n,) unknowns there.
         t_end: where it ends.
-        step: first step; of RK4 the number of steps.
+        step: first step; of RK4 and Gauss the number of steps.
         longest: longest step.
         rtol: relative tolerance.
         atol: (n,) absolute ones.
-
-    Attributes:
-        used: the method, once it has taken a step.
     """
 
     def __init__(
@@ -89,8 +86,9 @@ class Explicit:
         n, rates, context = len(y0), None, getattr(fun, "kernel_handle", None)
         if context is None:
             def evaluate(_: int, t: float, y: int, out: int) -> int:
-                view(out, n)[:] = fun(t, view(y, n).copy())
-                return 0
+                found = view(out, n)
+                found[:] = fun(t, view(y, n).copy())
+                return 0 if np.isfinite(found).all() else LOST
             rates = self._rates = RATES(self._asking.safely(evaluate))
         else:
             self._asking = fun.asking
@@ -103,25 +101,19 @@ class Explicit:
         if self._asking.settle(code) != ASK_FAILED:
             check(code)
         self._c = _Integrator.from_address(handle.value or 0)
-        self.n, self.method, self.used = n, method, list[str]()
+        self.n, self.method = n, method
         self._y, self._y_old, self._f = (view(p, n) for p in (self._c.y, self._c.y_old, self._c.f))
 
     def step(self) -> None:
         """Take one step."""
         self._asking.settle(self._library.integrator_step(self._handle))
-        self._note()
 
     def run(self, run: Any) -> int:
         """Take many steps of a mechanism in the kernel with their samples; why it paused."""
         why = self._library.integrator_run(
             self._handle, self._fun.kernel_handle, ctypes.byref(run))
         self._asking.settle(why)
-        self._note()
         return int(why)
-
-    def _note(self) -> None:
-        if self._c.steps and not self.used:
-            self.used.append(self.method)
 
     def dense_output(self) -> Callable[[Any], Array]:
         """Return the interpolant of the last step, of a time or of times (N,): (n,) or (n, N)."""
@@ -134,11 +126,6 @@ class Explicit:
                 found[:] = math.nan
             return found.T if np.ndim(times) else found[0]
         return at
-
-    @property
-    def in_kernel(self) -> Explicit:
-        """What takes many steps in one go."""
-        return self
 
     @property
     def evaluations(self) -> int:

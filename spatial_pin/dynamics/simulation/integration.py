@@ -16,7 +16,13 @@ from spatial_pin.dynamics.simulation.events import Found, Watch
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.dynamics.simulation.integrators import AUTOMATIC, FIXED, STEPPERS
+from spatial_pin.dynamics.simulation.integrators import (
+    AUTOMATIC,
+    EXPLICIT,
+    FIXED,
+    STEPPERS,
+    successor,
+)
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
@@ -36,6 +42,7 @@ from spatial_pin.errors import (
 )
 from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, WORN, Samples
 from spatial_pin.kernel.dynamics import Run as KernelRun
+from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
 from spatial_pin.motion.joint_limits import Passing
 from spatial_pin.motion.motion import Event
@@ -141,8 +148,8 @@ class Run:
         self._solver: Any = None
         self._projections: list[Projection] = []  # of systems that were given up
         self._largest, self._creeping, self._standing = np.zeros(2), 0, 0
-        self._begun_at, self._failed_at, self._warned = 0.0, -1.0, False
-        self._has_failed = False
+        self._begun_at, self._failed_at = 0.0, -1.0
+        self._has_failed = self._warned = self._is_short = False
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self.integrators: list[str] = []
         self._began = time.perf_counter()
@@ -175,14 +182,26 @@ class Run:
     def _integrator(self, system: System, longest: float = np.inf) -> Any:
         """Return an integrator at the present place, its errors counted in natural units."""
         q, _ = system.place(self.t, self.y)
-        units = natural_units(system, self.t, self.y, q, self.end - self.t)
-        return STEPPERS[self.accuracy.integrator](
-            system, self.t, self.y, self.end, self.accuracy, units, longest)
+        self._units, chosen = natural_units(
+            system, self.t, self.y, q, self.end - self.t), self.accuracy.integrator
+        return self._made(EXPLICIT if chosen == AUTOMATIC else chosen, system, longest)
+
+    def _made(self, method: str, system: System, longest: float = np.inf) -> Any:
+        self._method, self._easy = method, 0
+        return STEPPERS[method](
+            system, self.t, self.y, self.end, self.accuracy, self._units, longest)
+
+    def _succeeded(self, system: System, solver: Any) -> Any:
+        """Return the integrator that is to go on: another one where this one is the wrong one."""
+        if self.accuracy.integrator != AUTOMATIC:
+            return solver
+        method, self._easy = successor(solver, self._units.unknowns, self._easy)
+        return solver if method == self._method else self._made(method, system, solver.max_step)
 
     def _steps(self, system: System) -> Iterator[bool]:
         """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
         self._solver = solver = self._integrator(system)
-        held = self._has_failed = False
+        self._has_failed = False
         while solver.status == "running":
             why = self._leap(system, solver)
             if why is None:
@@ -197,33 +216,28 @@ class Run:
                 if why == WORN:
                     break
                 continue
-            if isinstance(system, Projected):
-                opened = system.settle(solver)
-                if opened > 1.0:
-                    self._solver = solver = self._shortened(system, solver.t - self.t)
-                    held = True
-                    continue
-                if held and opened < LITTLE:
-                    solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
-                self._refuse_to_lose_energy(solver.t, system.energies(solver.t, solver.y))
+            if isinstance(system, Projected) and not self._is_projected(system, solver):
+                self._solver = solver = self._shortened(system, solver.t - self.t)
+                continue
             self._refuse_to_creep(system, solver)
             self._note_integrator(system, solver)
             before = self.y if why is None else solver.y_old
             self.t, self.y = solver.t, solver.y
             yield self._take(system, solver, before)
             self._refuse_to_go_on_for_ever(solver)
-            if solver.status == "running" and system.is_worn(self.t, solver.y):
-                break
+            if solver.status == "running":
+                if system.is_worn(self.t, solver.y):
+                    break
+                self._solver = solver = self._succeeded(system, solver)
 
     def _leap(self, system: System, solver: Any) -> int | None:
         """Take many steps with their samples in the kernel; why it paused, None if it cannot.
 
         Where that is no routine, the last step is still to be looked at, its samples with it.
         """
-        inner = getattr(solver, "in_kernel", None)
-        if inner is None or not isinstance(system, Independent):
+        if not isinstance(solver, RungeKutta) or not isinstance(system, Independent):
             return None
-        rows, before, bounds = self.rows, inner.steps, self.watch.bounds
+        rows, before, bounds = self.rows, solver.steps, self.watch.bounds
         rows.put(rows.until(self.end))
         most = min(TRIED - self.steps % TRIED, max(self.accuracy.most_steps - self.steps, 1))
         times = np.ascontiguousarray(rows.times)
@@ -234,12 +248,12 @@ class Run:
             limit_v=address(bounds.v), limit_side=address(bounds.side),
             limit_value=address(bounds.value), limit_before=address(bounds.before))
         try:
-            why: int = inner.run(run)
+            why = solver.run(run)
         finally:
             rows.filled = run.row
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
             self._note_crossing(system.coordinate_at(x), row)
-        taken = inner.steps - before
+        taken = solver.steps - before
         if taken > 1:
             self._creeping = self._standing = 0
         self._largest = np.array([run.largest_pivot, run.largest_step])
@@ -302,9 +316,8 @@ class Run:
     def _note_integrator(self, system: System, solver: Any) -> None:
         """Keep the names of integrators used; warn once of an explicit one that only creeps."""
         chosen = self.accuracy.integrator
-        for name in getattr(solver, "used", [chosen]):
-            if name not in self.integrators:
-                self.integrators.append(name)
+        if self._method not in self.integrators:
+            self.integrators.append(self._method)
         if self._warned or chosen == AUTOMATIC or not getattr(solver, "creeps", False):
             return
         self._warned = True
@@ -325,6 +338,17 @@ class Run:
         at = int(slopes.argmax())
         damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
         return f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
+
+    def _is_projected(self, system: Projected, solver: Any) -> bool:
+        """Take the last step back to closed loops; whether it has not opened them too far."""
+        opened = system.settle(solver)
+        if opened > 1.0:
+            self._is_short = True
+            return False
+        if self._is_short and opened < LITTLE:
+            solver.max_step = min(2.0 * solver.max_step, self.accuracy.step or np.inf)
+        self._refuse_to_lose_energy(solver.t, system.energies(solver.t, solver.y))
+        return True
 
     def _shortened(self, system: System, step: float) -> Any:
         """Return an integrator that begins a step [s] anew, with half of it at most.

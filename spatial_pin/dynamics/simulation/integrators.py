@@ -4,14 +4,12 @@ To add one, add an entry to STEPPERS: a function (fun, t0, y0, t_end, settings, 
 an object that steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running",
 "finished" or "failed") and `dense_output()`, a function of the time, or of times (N,), over the
 last step that returns unknowns (n,) or (n, N). `units` say what counts as one of every unknown,
-`longest` is the longest step [s]. An explicit one has `creeps`: whether it is not errors but its
-stability that has kept its steps short for a while, as a stiff motion does.
+`longest` is the longest step [s].
 
-1. "DOP853" and "RK45" (explicit, adaptive) and "RK4" (the classical method, fixed step) are the
-   kernel's; "automatic": DOP853, and Radau as long as that would creep.
+1. "DOP853" and "RK45" (explicit, adaptive), "RK4" (the classical method) and "Gauss" (two stages,
+   implicit, symmetric) with a fixed step are the kernel's.
 2. SciPy's "Radau" and "BDF" (stiff), "LSODA" (either).
-3. "Gauss": two-stage Gauss, fourth order, implicit, symmetric: a reversible motion keeps its
-   energy for ever to the order of the step [HairerLubichWanner2006, II.1].
+3. "automatic" begins as DOP853; `successor` tells when Radau is to go on, and when DOP853 again.
 """
 
 from __future__ import annotations
@@ -23,91 +21,17 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.dynamics.simulation.scales import Units
-from spatial_pin.kernel.integrating import Explicit
+from spatial_pin.kernel.integrating import METHODS, RungeKutta
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 Function = Callable[[float, Array], Array]
 
-MOST_ITERATIONS = 60
 FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
 LONG = 15  # steps of an implicit method that an explicit one would take too
 SLOW = 1.0  # step, by the fastest decay, at which an explicit method would do
 DIFFERENCE = 1e-7  # step of the differences for implicit methods, by the units of unknowns
 HUGE = 1e100  # rate that stands for none, where loops cannot be closed
-ROOT3 = np.sqrt(3.0)
-GAUSS_A = np.array([[0.25, 0.25 - ROOT3 / 6], [0.25 + ROOT3 / 6, 0.25]])
-GAUSS_C = np.array([0.5 - ROOT3 / 6, 0.5 + ROOT3 / 6])
-
-
-class _Fixed:
-    """A method of fixed step; the last step is cut to end on time."""
-
-    def __init__(
-        self, fun: Function, t0: float, y0: Array, t_end: float, step: float, units: Array
-    ) -> None:
-        self.fun, self.t, self.y, self.t_end = fun, t0, np.array(y0), t_end
-        self.units = units
-        count = max(1, int(np.ceil((t_end - t0) / step * (1 - 1e-12))))
-        self.h, self.left = (t_end - t0) / count, count
-        self.t_begin, self.done = t0, 0
-        self.t_old: float | None = None
-        self.status = "running"
-        self.f = fun(t0, self.y)
-        self.nfev = 1
-
-    def step(self) -> None:
-        """Take one step."""
-        self._before = self.t, self.y, self.f
-        y = self._advance(self.t, self.y, self.f, self.h)
-        self.done += 1
-        self.t_old = self.t
-        self.t = self.t_begin + self.done * self.h if self.done < self.left else self.t_end
-        self.y = y
-        self.f = self.fun(self.t, y)
-        self.nfev += 1
-        if not np.all(np.isfinite(self.f)):
-            self.status = "failed"
-        elif self.done >= self.left:
-            self.status = "finished"
-
-    def _advance(self, t: float, y: Array, f: Array, h: float) -> Array:
-        raise NotImplementedError
-
-    def dense_output(self) -> Callable[[Any], Array]:
-        """Return the cubic Hermite interpolant of the last step."""
-        (t, y, f), h = self._before, self.t - self._before[0]
-        moved, first, last = self.y - y, h * f, h * self.f
-        second, third = 3.0 * moved - 2.0 * first - last, first + last - 2.0 * moved
-
-        def at(times: Any) -> Array:
-            x = np.expand_dims((np.asarray(times) - t) / h, -1)
-            found: Array = (y + x * (first + x * (second + x * third))).T
-            return found
-
-        return at
-
-
-class Gauss(_Fixed):
-    """Two-stage Gauss method, solved by fixed-point iteration to round-off."""
-
-    _k: Array | None = None  # slopes of the last step, to begin the iteration with
-
-    def _advance(self, t: float, y: Array, f: Array, h: float) -> Array:
-        k = np.stack([f, f]) if self._k is None else self._k
-        last = np.inf
-        for _ in range(MOST_ITERATIONS):
-            stages = y + h * (GAUSS_A @ k)
-            new = np.stack([self.fun(t + c * h, stage)
-                            for c, stage in zip(GAUSS_C, stages, strict=True)])
-            self.nfev += 2
-            change = float((np.abs(new - k) / self.units).max()) * h
-            k = new
-            if not np.isfinite(change) or (change >= last and change < 1e-10) or change == 0.0:
-                break
-            last = change
-        self._k = k
-        return y + 0.5 * h * (k[0] + k[1])
 
 
 class Differences:
@@ -191,19 +115,19 @@ def _scipy(name: str) -> Callable[..., Any]:
     return make
 
 
-def _explicit(name: str) -> Callable[..., Any]:
+def _in_kernel(name: str) -> Callable[..., Any]:
     def make(
         fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
         longest: float = math.inf,
-    ) -> Explicit:
+    ) -> RungeKutta:
         tolerance, span = max(accuracy.time_tolerance, FINEST), t_end - t0
         longest = min(longest, accuracy.step or math.inf)
         if name in FIXED:
             step = float(_count(name, span, longest))
         else:
             step = first_step(fun, t0, y0, min(span, longest), ORDERS[name], tolerance, units)
-        return Explicit(name, fun, t0, y0, t_end, step, longest, tolerance,
-                        tolerance * units.unknowns)
+        return RungeKutta(name, fun, t0, y0, t_end, step, longest, tolerance,
+                          tolerance * units.unknowns)
     return make
 
 
@@ -218,102 +142,27 @@ def _count(name: str, span: float, step: float) -> int:
     return max(1, int(np.ceil(span / step * (1 - 1e-12))))
 
 
-class Automatic:
-    """DOP853, and Radau as long as that would creep.
+def successor(solver: Any, units: Array, easy: int) -> tuple[str, int]:
+    """Return the method that is to go on in the place of "automatic", and new easy steps.
 
     Args:
-        make: makes a method by its name, at a time and place.
+        solver: the one that has taken a step.
         units: (n,) of the unknowns.
-
-    Attributes:
-        used: names of the methods that have taken steps.
+        easy: steps in a row of an implicit method that could have been an explicit one's.
     """
-
-    def __init__(self, make: Callable[..., Any], units: Array) -> None:
-        self._make, self._units, self._easy = make, units, 0
-        self._inner = make(EXPLICIT)
-        self.used: list[str] = []
-
-    @property
-    def in_kernel(self) -> Explicit | None:
-        """The method of the kernel that is next to take steps, if it is one."""
-        inner = self._inner
-        if not isinstance(inner, Explicit) or inner.creeps:
-            return None
-        self._note(EXPLICIT)
-        return inner
-
-    def step(self) -> None:
-        """Take one step, with the other method if this one has been the wrong one for a while."""
-        if isinstance(self._inner, Explicit):
-            if self._inner.creeps:
-                self._go_on_with(IMPLICIT)
-        elif self._easy >= LONG:
-            self._go_on_with(EXPLICIT)
-        self._inner.step()
-        if self._inner.status == "failed":
-            return
-        is_explicit = isinstance(self._inner, Explicit)
-        self._note(EXPLICIT if is_explicit else IMPLICIT)
-        self._easy = 0 if is_explicit or not self._is_easy() else self._easy + 1
-
-    def _note(self, name: str) -> None:
-        if name not in self.used:
-            self.used.append(name)
-
-    def _go_on_with(self, name: str) -> None:
-        longest = self._inner.max_step
-        self._inner, self._easy = self._make(name, self.t, self.y), 0
-        self._inner.max_step = longest
-
-    def _is_easy(self) -> bool:
-        """Whether the step of the implicit method could have been an explicit one's."""
-        inner, units = self._inner, self._units
-        rates = np.linalg.eigvals(inner.J * units / units[:, None])
-        fastest = float(np.abs(rates).max(initial=0.0))
-        return bool((inner.t - inner.t_old) * fastest < SLOW)
-
-    def dense_output(self) -> Callable[[Any], Array]:
-        """Return what interpolates the last step."""
-        found: Callable[[Any], Array] = self._inner.dense_output()
-        return found
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.__dict__["_inner"], name)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in ("y", "f", "max_step"):
-            setattr(self._inner, name, value)
-        else:
-            object.__setattr__(self, name, value)
-
-
-def _automatic(
-    fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-    longest: float = math.inf,
-) -> Automatic:
-    def at(method: str, t: float = t0, y: Array = y0) -> Any:
-        return STEPPERS[method](fun, t, y, t_end, accuracy, units, longest)
-    return Automatic(at, units.unknowns)
-
-
-def _fixed(method: type[_Fixed]) -> Callable[..., Any]:
-    def make(
-        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-        longest: float = math.inf,
-    ) -> Any:
-        if accuracy.step is None:
-            raise ValueError(f"integrator {method.__name__!r} needs a step: Accuracy(step=...)")
-        return method(fun, t0, y0, t_end, min(longest, accuracy.step), units.unknowns)
-    return make
+    if isinstance(solver, RungeKutta):
+        return (IMPLICIT if solver.creeps else EXPLICIT), 0
+    rates = np.linalg.eigvals(solver.J * units / units[:, None])
+    is_easy = (solver.t - solver.t_old) * float(np.abs(rates).max(initial=0.0)) < SLOW
+    easy = easy + 1 if is_easy else 0
+    return (EXPLICIT, 0) if easy >= LONG else (IMPLICIT, easy)
 
 
 AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
 FIXED = ("RK4", "Gauss")  # those that keep to the step given
 
 STEPPERS: dict[str, Callable[..., Any]] = {
-    AUTOMATIC: _automatic,
-    **{name: _explicit(name) for name in ("DOP853", "RK45", "RK4")},
+    **{name: _in_kernel(name) for name in METHODS},
     **{name: _scipy(name) for name in ("Radau", "BDF", "LSODA")},
-    "Gauss": _fixed(Gauss),
+    AUTOMATIC: _in_kernel(EXPLICIT),
 }

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "dynamics.h"
+#include "tolerances.h"
 
 #define MOST_CORRECTIONS 8
 #define CONTRACTION 0.3      /* a correction may be this fraction of the one before */
@@ -19,7 +20,7 @@
 #define OLD_FACTORS_DO 1e-6  /* residual that the last factors reduce below round-off's square root */
 #define CLOSED 1e-11         /* residual that ends a contraction by round-off */
 #define WORN 1e-2            /* of the pivots where equations were chosen: there others are tried */
-#define LEFT_OUT 1e-9        /* residual of equations left out, above which others do better */
+#define LEFT_OUT 1e-9        /* residual of equations left out, with which no step is accepted */
 
 /* ---- the chart ---- */
 
@@ -324,7 +325,7 @@ static int is_worn(const Dynamics *d)
     if (k->n_chosen == k->n_closure)
         return 0;
     return k->pivot_ratio < WORN * d->first_pivot ||
-           equations_error(k) > 10.0 * d->spare + LEFT_OUT + d->tolerance;
+           equations_error(k) > 10.0 * d->spare + TOLERANCE_TIGHT + d->tolerance;
 }
 
 static void accept(Dynamics *d, const Real *x)

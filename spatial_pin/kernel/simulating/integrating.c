@@ -1,9 +1,12 @@
-/* Explicit Runge-Kutta methods: steps, error control and dense output.
+/* Runge-Kutta methods: steps, error control and dense output.
  *
  * A method is one entry of METHODS: its coefficients (tableaus.h), how its error is estimated and
  * how the last step is interpolated. Adaptive steps are controlled as SciPy's: the error is the root
  * mean square of that of every unknown, by rtol times its size and atol. Whether stability, not
- * accuracy, bounds the steps is told by two stages at one time [HairerWanner1996, IV.2]. */
+ * accuracy, bounds the steps is told by two stages at one time [HairerWanner1996, IV.2].
+ *
+ * Gauss's method of two stages is implicit, of fourth order and symmetric: a reversible motion keeps
+ * its energy for ever to the order of the step [HairerLubichWanner2006, II.1]. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -38,7 +41,7 @@ typedef struct {
     void (*between)(const Integrator *, Real part, Real *y);
     Int extra;      /* stages more that dense output wants */
     Int first, second; /* two stages at one time, and the weights of their difference */
-    Real stable;    /* longest stable step, by the fastest decay */
+    Real stable;    /* longest stable step, by the fastest decay; 0: any is stable */
     Int patience;   /* steps beyond that before the motion is called stiff */
 } Method;
 
@@ -168,6 +171,51 @@ static void between_4(const Integrator *g, Real part, Real *y)
     }
 }
 
+/* ---- Gauss's method ---- */
+
+#define MOST_ITERATIONS 60
+#define SETTLED 1e-10 /* change of a slope, times the step: what grows below it is round-off */
+
+/* Slopes 3, 4 at the stages that slopes 1, 2 lead to; how far these change, in natural units. */
+static int iterate_gauss(Integrator *g, Real h, Real *change)
+{
+    const Real apart = sqrt(3.0) / 6.0;
+    const Real weights[2][3] = {{0.0, 0.25, 0.25 - apart}, {0.0, 0.25 + apart, 0.25}};
+    const Int n = g->n;
+    for (int s = 0; s < 2; s++) {
+        combine(g, g->y, weights[s], 3, h, g->trial);
+        const int code = ask(g, g->t + (s ? 0.5 + apart : 0.5 - apart) * h, g->trial,
+                             g->slope + (3 + s) * n);
+        if (code != DONE)
+            return code;
+    }
+    *change = 0.0;
+    for (Int i = 0; i < 2 * n; i++)
+        *change = fmax(*change, h * fabs(g->slope[3 * n + i] - g->slope[n + i]) * g->rtol /
+                                    g->atol[i % n]);
+    memcpy(g->slope + n, g->slope + 3 * n, (size_t)(2 * n) * sizeof(Real));
+    return DONE;
+}
+
+/* Slopes by fixed-point iteration to round-off, begun with those of the last step. */
+static int try_gauss(Integrator *g, Real t_new, Real h)
+{
+    const size_t size = (size_t)g->n * sizeof(Real);
+    Real last = INFINITY, change = 0.0;
+    memcpy(g->slope, g->f, size);
+    for (Int s = 1; g->steps == 0 && s < 3; s++)
+        memcpy(g->slope + s * g->n, g->f, size);
+    for (int i = 0; i < MOST_ITERATIONS; i++, last = change) {
+        const int code = iterate_gauss(g, h, &change);
+        if (code != DONE)
+            return code;
+        if ((change >= last && change < SETTLED) || change == 0.0)
+            break;
+    }
+    combine(g, g->y, GAUSS_B, 3, h, g->ended);
+    return ask(g, t_new, g->ended, g->slope + 4 * g->n);
+}
+
 /* ---- the table ---- */
 
 static const Method METHODS[] = {
@@ -175,6 +223,7 @@ static const Method METHODS[] = {
      LONG},
     {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 0, 5, 6, 3.25, LONG},
     {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 0, 1, 2, 2.78, 2},
+    {4, NULL, GAUSS_B, NULL, 0.0, NULL, prepare_none, between_4, 0, 0, 0, 0.0, 0},
 };
 enum { N_METHODS = sizeof METHODS / sizeof *METHODS };
 
@@ -214,6 +263,8 @@ static void look_at_stiffness(Integrator *g, Real h)
 static int try_step(Integrator *g, Real t_new, Real h)
 {
     const Method *m = method_of(g);
+    if (!m->a)
+        return try_gauss(g, t_new, h);
     memcpy(g->slope, g->f, (size_t)g->n * sizeof *g->f);
     for (Int s = 1; s < m->stages; s++) {
         combine(g, g->y, m->a[s], s, h, g->trial);
@@ -235,6 +286,8 @@ static void accept(Integrator *g, Real t_new)
     memcpy(g->f, g->slope + m->stages * g->n, (size_t)g->n * sizeof *g->f);
     g->is_dense = 0;
     g->steps++;
+    if (m->stable == 0.0)
+        return;
     if (m->order == 0.0 || g->many_long > 0 || g->steps % SELDOM == 0)
         look_at_stiffness(g, g->t - g->t_old);
 }

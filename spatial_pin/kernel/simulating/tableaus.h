@@ -97,6 +97,7 @@ static const Real RK45_P[][4] = {
 };
 
 static const Real RK4_A[][MOST_STAGES] = {{0.0}, {0.5}, {0.0, 0.5}, {0.0, 0.0, 1.0}};
+static const Real GAUSS_B[3] = {0.0, 0.5, 0.5}; /* of the slopes after the first */
 static const Real RK4_B[] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
 static const Real RK4_C[] = {0.0, 0.5, 0.5, 1.0};
 
