@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 
 import mechanisms
 import numpy as np
+import pinocchio as pin
 import pytest
 from test_seven_bodies import rsup
 
@@ -386,3 +387,24 @@ def test_verify_tells_where_both_end_and_what_it_cannot_compare():
 def test_outputs_that_are_no_names_are_refused(outputs, error):
     with pytest.raises(error, match="outputs is"):
         sp.reduce(sp.load("slider_crank"), outputs)
+
+
+def test_a_mechanism_made_in_code_is_reduced_as_one_that_was_loaded(tmp_path):
+    """Links that are fixed to a body may stand before the one that its joint moves."""
+    model, one = pin.Model(), pin.SE3.Identity()
+    beyond = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
+    ends = []
+    for name, at in (("crank", 0.0), ("rocker", 0.8)):
+        here = pin.SE3(np.eye(3), np.array([at, 0.0, 0.0]))
+        joint = model.addJoint(0, pin.JointModelRZ(), here, f"{name}_pin")
+        ends.append(model.addFrame(pin.Frame(f"{name}_end", joint, 0, beyond, pin.FrameType.BODY)))
+        model.addFrame(pin.Frame(name, joint, 0, one, pin.FrameType.BODY))
+    full = sp.Mechanism.from_model(
+        model, [sp.closures.distance("crank_end", "rocker_end", length=0.8, name="rod")],
+        drivers={"motor": "crank_pin"}, guess={"crank_pin": 1.0, "rocker_pin": 1.0})
+    reduced = sp.reduce(full, ["rocker_end"])
+    assert {"crank_end", "rocker_end", "rocker"} <= set(reduced.links)
+    assert reduced.verify(values=np.linspace(1.0, 1.3, 9)).worst < 1e-12
+    again = sp.load(reduced.save(tmp_path))
+    np.testing.assert_allclose(sp.sweep(again, "motor", [1.0, 1.2]).q,
+                               sp.sweep(reduced, "motor", [1.0, 1.2]).q, rtol=0, atol=1e-13)

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.formats.export import content_of
-from spatial_pin.formats.files import from_text
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
-from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Z, closure_geometry
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.files import Tree, relation_table
 from spatial_pin.reduction.influence import Asked, Influence, Kept
 from spatial_pin.reduction.legs import leg_of
 from spatial_pin.reduction.links import Bodies, Pin, Place, Relation, Surroundings, reach, relation
+from spatial_pin.reduction.tree import Tree
 
 # Random configurations of the open tree at which derivatives are looked at: one that vanishes by
 # chance at one of them does not at four.
@@ -54,7 +52,8 @@ class Model:
                                         if not self._is_locked(mechanism.closures[k])]
         self.relations: list[tuple[str, Relation]] = []
         self.masses: list[tuple[str, Place, float]] = []
-        self.tables: dict[str, dict[str, Any]] = {}
+        self.turns: dict[str, Array] = {}  # of closures' axes
+        self.equations: dict[str, tuple[int, ...]] = {}  # that are needed, where not all are
         self.notes: list[Omitted] = []
         self.around = Surroundings(mechanism, list(self._open()))
 
@@ -225,7 +224,7 @@ class Model:
 
     def drop_equations(self) -> None:
         """Leave out equations whose derivative is zero wherever the joints are put."""
-        made = self.mechanism(frozenset())
+        made = self.mechanism()
         slopes = _slopes(made)
         for closure in made.closures:
             if closure.type != COUPLING and closure.equations is None:
@@ -233,15 +232,15 @@ class Model:
 
     def _drop_equations(self, closure: Closure, slopes: Array) -> None:
         """Leave out equations of one closure, its axes turned so that as many as can be go."""
-        turn = _turned(closure, slopes)
+        turn = _turn(closure, slopes)
         if turn is not None:
-            self.tables[closure.name] = {"turn": turn}
-            slopes = _slopes(self.mechanism(frozenset()))[closure.name]
+            self.turns[closure.name] = turn
+            slopes = _slopes(self.mechanism())[closure.name]
         needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > TOLERANCES.tight).tolist())
         if len(needed) == len(slopes):
-            self.tables.pop(closure.name, None)
+            self.turns.pop(closure.name, None)
             return
-        self.tables.setdefault(closure.name, {})["equations"] = list(needed)
+        self.equations[closure.name] = needed
         gone = len(slopes) - len(needed)
         self.notes.append((
             "equations", closure.name,
@@ -250,45 +249,35 @@ class Model:
 
     # ------------------------------------------------------------ the mechanism
 
-    def mechanism(self, locked: frozenset[int]) -> Mechanism:
+    def mechanism(self) -> Mechanism:
         """Return the mechanism as it stands."""
-        full = self.full
-        content = content_of(full)
-        content["drivers"] = {d.name: {"joint": d.joint} for d in full.drivers.values()}
+        full, passives = self.full, [p for p in self.full.passives if self.keeps_spin(p)]
         named = {f for c in self.closures for f in (*c.frames, *c.between)}
         named |= {name for name in self.asked.frames if name in full.frame_ids}
         if self.dynamics:
             named |= {f for s in full.springs for f in s.frames}
-        put_in = self._frames(named)
-        links = {self._carrier(name) for name in named}
-        weighed = None if self.dynamics else frozenset(self.asked.frames)
-        tree = Tree(full, self.q, frozenset(self.moving), frozenset(self.welded), links, weighed)
-        content["passive"] = dict(self._passives(tree))
-        closures = [dict(table) for table in content.get("closures", ())
-                    if table["name"] in {c.name for c in self.closures}]
-        for table in closures:
-            self._turn(table, tree)
-            self._fix_length(table)
-        for name, made in self.relations:
-            frames = [tree.add(f"{name}_{k}", place) for k, place in enumerate(made.places, 1)]
-            ends = [tree.add(f"{name}_end_{k}", place) for k, place in enumerate(made.between, 1)]
-            closures.append(dict(relation_table(name, made, frames, ends)))
+        tree = Tree(full, self.bodies, self.moving)
+        tree.hold({*map(self._carrier, named), *(p.body for p in passives)}, self.welded,
+                  full.inertias if self.dynamics else self.asked.frames)
+        parts = {
+            "passives": tuple(self._passive(p, tree) for p in passives),
+            "closures": tuple(self._closures(tree)),
+            "drivers": {name: d for name, d in full.drivers.items()
+                        if full.joint_id(full.coordinate(d.joint).joint) in self.moving},
+            "springs": full.springs if self.dynamics else (),
+        }
         for name, place, mass in self.masses:
             tree.add(name, place, mass)
-        for table in closures:
-            table.update({k: v for k, v in self.tables.get(table["name"], {}).items()
-                          if k != "turn"})
-        content["closures"] = [t for t in closures if t.get("equations") != []]
-        names = {full.model.names[i] for i in self.moving}
-        content["joints"] = {k: v for k, v in content.get("joints", {}).items() if k in names}
-        content["order"] = [name for name in content.get("order", ()) if name in names]
-        content["drivers"] = {k: v for k, v in content.get("drivers", {}).items()
-                              if full.coordinate(v["joint"]).joint in names}
-        if not self.dynamics:
-            content["springs"] = []
-        content["guess"] = {}
-        content["frames"] = {k: v for k, v in content.get("frames", {}).items() if k in put_in}
-        return from_text(tree.text(), content, f"{full.name} (reduced)")
+        return tree.mechanism(self._frames(named), **parts)
+
+    def _closures(self, tree: Tree) -> Iterator[Closure]:
+        """Yield the closures that are kept, and those that stand for links."""
+        made = [self._turned(self._with_length(c), tree) for c in self.closures]
+        made += [_closure(name, relation, tree) for name, relation in self.relations]
+        for closure in made:
+            needed = self.equations.get(closure.name, closure.equations)
+            if needed != ():
+                yield replace(closure, equations=needed)
 
     def _frames(self, named: set[str]) -> set[str]:
         """Return those of the named that the URDF does not have, and what they are fixed to."""
@@ -309,50 +298,51 @@ class Model:
         return next(n for n in self.full.links if self.full.frame_on_joint(n)[0] == joint
                     and self.full.frame_on_joint(n)[1] == placement)
 
-    def _fix_length(self, table: dict[str, Any]) -> None:
-        """Make a distance plain if one of its two pairs of frames moves as one body by now."""
-        pairs = [table["frames"], table["length_between"]] if "length_between" in table else []
-        for k, rigid in enumerate(pairs):
+    def _with_length(self, closure: Closure) -> Closure:
+        """Return a distance as a plain one if a pair of its frames moves as one body by now."""
+        pairs = [closure.frames, closure.between] if closure.between else []
+        for rigid, other in zip(pairs, pairs[::-1], strict=True):
             (first, at_1), (second, at_2) = map(self.bodies.frame, rigid)
             if first == second:
-                del table["length_between"]
-                table["frames"] = pairs[1 - k]
-                table["length"] = float(np.linalg.norm(at_2.translation - at_1.translation))
-                return
+                length = float(np.linalg.norm(at_2.translation - at_1.translation))
+                return replace(closure, frames=other, between=(),
+                               geometry=closure_geometry(closure.pair, length=length))
+        return closure
 
-    def _turn(self, table: dict[str, Any], tree: Tree) -> None:
-        """Put frames under a closure whose axes are turned."""
-        turn = self.tables.get(table["name"], {}).get("turn")
-        if turn is None:
-            return
-        closure = next(c for c in self.closures if c.name == table["name"])
+    def _turned(self, closure: Closure, tree: Tree) -> Closure:
+        """Return a closure between frames of its own where its axes are turned."""
+        if closure.name not in self.turns:
+            return closure
         assert closure.geometry is not None
         frames = []
         for k, (name, axes) in enumerate(zip(
                 closure.frames, (closure.geometry.axes1, closure.geometry.axes2), strict=True), 1):
             body, placement = self.bodies.frame(name)
-            rotation = placement.rotation @ axes @ turn
+            rotation = placement.rotation @ axes @ self.turns[closure.name]
             frames.append(tree.add(f"{closure.name}_{k}", Place(
                 body, placement.translation, rotation[:, 2], rotation[:, 0])))
-        table["frames"] = frames
-        table.update({"axis": [0.0, 0.0, 1.0]} if "axis" in table else {})
+        return replace(closure, frames=tuple(frames), geometry=closure_geometry(closure.pair, Z))
 
     def keeps_spin(self, passive: Passive) -> bool:
         """Whether the body of a passive freedom still turns as it did."""
         joint = self.full.frame_on_joint(passive.body)[0]
         return joint not in self.lengthening and self.bodies.of(joint)[0] in self.moving
 
-    def _passives(self, tree: Tree) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield the passive freedoms of what is kept, their axes between frames that exist."""
-        for passive in self.full.passives:
-            if not self.keeps_spin(passive):
-                continue
-            joint = self.full.frame_on_joint(passive.body)[0]
-            tree.links.add(passive.body)
-            axis = [tree.add(f"{passive.name}_{k}", Place(
-                joint, point_on_body(self.full, joint, name)))
-                for k, name in enumerate(passive.axis, 1)]
-            yield passive.name, {"body": passive.body, "axis": axis}
+    def _passive(self, passive: Passive, tree: Tree) -> Passive:
+        """Return a passive freedom, its axis between frames that exist."""
+        joint = self.full.frame_on_joint(passive.body)[0]
+        first, second = (
+            tree.add(f"{passive.name}_{k}", Place(joint, point_on_body(self.full, joint, name)))
+            for k, name in enumerate(passive.axis, 1))
+        return replace(passive, axis=(first, second))
+
+
+def _closure(name: str, made: Relation, tree: Tree) -> Closure:
+    """Return a relation as a closure between z axes of frames of its own."""
+    frames = tuple(tree.add(f"{name}_{k}", place) for k, place in enumerate(made.places, 1))
+    ends = tuple(tree.add(f"{name}_end_{k}", place) for k, place in enumerate(made.between, 1))
+    geometry = closure_geometry(PAIRS[made.type], Z, Z, length=0.0 if ends else made.length)
+    return Closure(name, made.type, frames, geometry, between=ends)
 
 
 def _words(made: Relation, others: str, count: int) -> str:
@@ -383,7 +373,7 @@ def _random(mechanism: Mechanism) -> Iterator[Array]:
         yield pin.integrate(model, mechanism.neutral, rng.uniform(-2.0, 2.0, model.nv) * scale)
 
 
-def _turned(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:
+def _turn(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:
     """Return the turn of a closure's axes that brings one into the normal of its loop's plane."""
     count = {"prismatic": 2, "cylindrical": 2, "weld": 3, "spherical": 3}.get(closure.type)
     if count is None or np.abs(slopes[:count]).max(axis=1).min() <= TOLERANCES.tight:

@@ -233,7 +233,7 @@ def reduce(
         if simplest:
             model.replace_links()
             model.drop_equations()
-        made = model.mechanism(locks.joints)
+        made = model.mechanism()
         if _agrees(made, influence):
             break
     else:

@@ -39,7 +39,7 @@ def mechanism_of(
     title = _text(given.name if name is None else name) or "mechanism"
     where = f"{WHERE} {title!r}"
     tree = pair_tree(given, where)
-    bodies = _Completed(tree.model).bodies()
+    bodies = Completed(tree.model).bodies()
     names = _Names(tree.model, bodies, where)
     names.keep_frames()
     for key, place in _mapping(frames, "frames").items():
@@ -129,7 +129,7 @@ def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin
 # ---------------------------------------------------------------- links
 
 
-class _Completed:
+class Completed:
     """A model in which every joint has its frame and a link, and every other link a fixed joint."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -160,7 +160,7 @@ class _Completed:
         above = self.joint_frames.get(self.names[i]) if i else 0
         if above is None:
             above = self._add(self.names[i], i, 0, here, pin.FrameType.JOINT)
-        main = next((k for k in self.links[i] if _is_identity(self.model.frames[k].placement)),
+        main = next((k for k in self.links[i] if is_identity(self.model.frames[k].placement)),
                     None)
         if main is None:
             main = self._add(self._link_name(i), i, above, here, pin.FrameType.BODY)
@@ -189,7 +189,8 @@ class _Completed:
         return int(frame.parentFrame)
 
 
-def _is_identity(placement: pin.SE3) -> bool:
+def is_identity(placement: pin.SE3) -> bool:
+    """Whether a placement is the identity to the last digit."""
     return bool(np.array_equal(placement.homogeneous, np.eye(4)))
 
 
@@ -212,7 +213,7 @@ def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:
         if rest is None:
             parts, rest = {}, total
         if rest.mass or np.any(rest.inertia):
-            mine = first.placement.actInv(rest) if not _is_identity(first.placement) else rest
+            mine = first.placement.actInv(rest) if not is_identity(first.placement) else rest
             parts[first.name] = parts[first.name] + mine if first.name in parts else mine
         found.update({k: pin.Inertia(x) for k, x in parts.items()})
     return found
@@ -270,7 +271,7 @@ class _Names:
         for k, place in enumerate(places, 1):
             on, placement = (place, None) if isinstance(place, str) else place
             names.append(self.link(on))
-            if placement is not None and not _is_identity(placement):
+            if placement is not None and not is_identity(placement):
                 names[-1] = fresh(f"{owner}_{k}", self.taken)
                 self.new[names[-1]] = _frame(names[-1], self.link(on), placement)
         return tuple(names)

@@ -70,7 +70,7 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
         pair, joint = _recognised(given, i, f"{where}: joint {given.names[i]!r}")
         new.addJoint(given.parents[i], joint, given.jointPlacements[i], given.names[i])
         pairs.append(pair)
-        _copy_numbers(given, new, i)
+        copy_numbers(given, i, new, i)
     _check_numbers(new, where)
     for i, inertia in enumerate(given.inertias):
         new.inertias[i] = inertia
@@ -212,11 +212,18 @@ KINDS: dict[str, Callable[[Any], Recognised | None]] = {  # by how names begin, 
 # ---------------------------------------------------------------- numbers
 
 
-def _copy_numbers(given: pin.Model, new: pin.Model, i: int) -> None:
-    """Copy limits of joint i, infinite where there are none, what resists and adds inertia."""
+def copy_numbers(given: pin.Model, i: int, new: pin.Model, k: int) -> None:
+    """Copy limits, infinite where there are none, what resists and adds inertia.
+
+    Args:
+        given: the model that joint i is in.
+        i: the joint.
+        new: the model that the same joint is in, as joint k.
+        k: the joint there.
+    """
     for names, at, counts in ((V_ARRAYS, "idx_vs", "nvs"), (Q_ARRAYS, "idx_qs", "nqs")):
-        there, here = int(getattr(given, at)[i]), int(getattr(new, at)[i])
-        had, has = int(getattr(given, counts)[i]), int(getattr(new, counts)[i])
+        there, here = int(getattr(given, at)[i]), int(getattr(new, at)[k])
+        had, has = int(getattr(given, counts)[i]), int(getattr(new, counts)[k])
         free = 0 if had == 0 else 2 * (had != has)  # cosine and sine, which have no limits
         for name in names:
             values = getattr(given, name)[there : there + had - free]
