@@ -18,7 +18,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import (
     EPS,
-    ROUND_OFF,
     Array,
     Factors,
     aligned,
@@ -29,21 +28,16 @@ from spatial_pin.numerics.linalg import (
     rows_factored,
     rows_solved,
 )
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-# A closed configuration is known to round-off over s, s being the smallest over the largest pivot,
-# and its rates to round-off over s squared: below this nothing is left of them.
-SINGULAR_PIVOT = 1e-7
-NEARLY = 1e-5  # singular values below this fraction of the largest are all but zero
-CLEAR = 1e-4  # pivots with which all rows are independent without a closer look
-# A trial step from a configuration: long beside the square root of round-off, to which singular
-# ones are known, and short beside the way to other branches.
-STEP = 1e-2  # rad, characteristic lengths
-MOVED = 0.3  # part of it that is left after closing if it is a motion
-SHUT = 1e-11  # closure error on the surface of independent rows where all loops are closed
-CORRECTIONS = 8  # Newton steps to it, of which four do as a rule
-TRIALS = 4  # of which one nearly always closes
-SURE = 0.25  # part of the way on which the rows would turn to dependence that one is sure of
-FARTHEST = 0.1  # rad, characteristic lengths, of it at most
+SINGULAR_PIVOT = TOLERANCES.singular
+STEP = TOLERANCES.trial_step
+CORRECTIONS = 8  # Newton steps of a trial: four square a hundredth down to round-off
+REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
+# Part of the way on which equations would turn to dependence, by how they turn over a trial step,
+# on which none is looked for again: they may turn faster farther on, but not four times.
+SURE_WAY = 0.25
+LONGEST_SURE = 0.1  # rad, characteristic lengths, of it at most: ten trial steps
 
 
 class SquareSystem:
@@ -144,7 +138,7 @@ class SquareSystem:
             SingularError: as `select`.
         """
         self.evaluation.update(q)
-        if self._whole and self.factor() and self.pivots()[1] > CLEAR:
+        if self._whole and self.factor() and self.pivots()[1] > TOLERANCES.regular:
             return
         self.select(q)
 
@@ -164,7 +158,8 @@ class SquareSystem:
         freedom = closures.shape[1] - decompose(closures).rank
         moving = drive @ decompose(closures).null_space.T
         if freedom < len(self.driven):
-            if closures.shape[1] - decompose(closures, NEARLY).rank >= len(self.driven):
+            rank = decompose(closures, TOLERANCES.near_singular).rank
+            if closures.shape[1] - rank >= len(self.driven):
                 return (f"{where}singular configuration: branches cross so near that round-off "
                         "hides which equations depend on others; start further from it")
             kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
@@ -175,7 +170,7 @@ class SquareSystem:
                     "which the others move")
         moved = np.abs(moving).max(axis=1, initial=0.0)
         stuck = ", ".join(repr(c.name) for c, m in zip(self.driven, moved, strict=True)
-                          if m < NEARLY)
+                          if m < TOLERANCES.near_singular)
         if stuck:
             return (f"{where}singular configuration: {stuck} is at a limit position (dead centre) "
                     "there, where no speed of it moves the mechanism; start beside it, or "
@@ -228,7 +223,7 @@ class SquareSystem:
         evaluation = self.evaluation
         n = evaluation.constraints.n_rows
         held = np.abs(evaluation.jacobian[:n] @ self.passive.T).max(axis=1, initial=0.0)
-        if held.max(initial=0.0) > ROUND_OFF:
+        if held.max(initial=0.0) > TOLERANCES.zero:
             mechanism, row = evaluation.mechanism, int(held.argmax())
             sizes = np.abs(self.passive).max(axis=0)
             names = [c for c, s in zip(mechanism.coordinates, sizes, strict=True) if s > 1e-6]
@@ -401,11 +396,11 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
     jacobian, error = evaluation.jacobian[:n].copy(), evaluation.closure_error
     svd = decompose(jacobian[independent_rows(jacobian)])
     opened = _opened(evaluation, q, svd.null_space)
-    shut = max(SHUT, 2.0 * error)
+    shut = max(TOLERANCES.closed, 2.0 * error)
     if opened is not None and opened < shut:
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
-        radius = SURE * svd.s[-1] / max(turned, EPS) if rank else 0.0
-        evaluation.regular = Regular(q.copy(), rank, min(float(radius), FARTHEST))
+        radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
+        evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
         evaluation.update(q)
         return 0
     lost = _generic_rank(evaluation, q) - rank
@@ -428,7 +423,7 @@ def _opened(evaluation: Evaluation, q: Array, freedoms: Array) -> float | None:
         evaluation.update(there)
         residual = evaluation.residual[rows]
         size = float(np.abs(residual).max(initial=0.0))
-        if size <= EPS or (size <= SHUT and size > 0.5 * last):
+        if size <= EPS or (size <= TOLERANCES.closed and size > 0.5 * last):
             return evaluation.closure_error
         last = size
         rhs[: len(rows)] = -residual
@@ -445,10 +440,10 @@ def _generic_rank(evaluation: Evaluation, q: Array) -> int:
     free = np.ones(model.nv, dtype=bool)
     rng = np.random.default_rng(3)
     best = 0
-    for _ in range(TRIALS):
+    for _ in range(REGULAR_TRIALS):
         step = evaluation.mechanism.velocity_scale * rng.uniform(-0.02, 0.02, model.nv)
-        _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
-        if error <= 1e-11:
+        _, error = close(evaluation, pin.integrate(model, q, step), free, TOLERANCES.zero)
+        if error <= TOLERANCES.closed:
             best = max(best, len(independent_rows(evaluation.jacobian[:n])))
     return best
 
@@ -460,15 +455,15 @@ def _ways(evaluation: Evaluation, q: Array) -> int:
     freedoms = decompose(evaluation.jacobian[:n]).null_space
     free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
     left = []
-    for _ in range(TRIALS * len(freedoms)):
+    for _ in range(REGULAR_TRIALS * len(freedoms)):
         v = rng.standard_normal(len(freedoms)) @ freedoms
         start = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
-        there, error = close(evaluation, start, free, 1e-13)
+        there, error = close(evaluation, start, free, TOLERANCES.zero)
         moved = pin.difference(evaluation.model, q, there) / (scale * STEP)
-        if error <= 1e-11 and np.linalg.norm(moved) > MOVED:
+        if error <= TOLERANCES.closed and np.linalg.norm(moved) > TOLERANCES.moved:
             left.append(moved / np.linalg.norm(moved))
     evaluation.update(q)
-    return int(np.count_nonzero(decompose(np.array(left)).s > MOVED)) if left else 0
+    return int(np.count_nonzero(decompose(np.array(left)).s > TOLERANCES.moved)) if left else 0
 
 
 def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:

@@ -17,13 +17,17 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-STILL = 1e-8  # twist of a body that rests, by that of the one that moves most
+# Twist of a body that rests relative to that of the one that moves most: null vectors are known to
+# round-off over the least singular value, which `near_singular` leaves: 2e-11; far above that, and
+# below what the shortest lever makes that files with six digits have.
+RESTING = 1e-8
 WELDS = ("weld", "fixed")
 HINGES = ("revolute", "universal")  # pairs that a chain is made of
-LIGHT = 1e-6  # mass of a link of a chain, at most, by that of the heaviest body
-MEETING = 1e-9  # characteristic lengths between the centres of the pairs of a chain
-PARALLEL = 1e-6  # least sine of the angle between its axes
+# Mass of a link of a chain, at most, relative to the heaviest body: what files give links that are
+# there for their joint only, a gram in a ton.
+WITHOUT_MASS = 1e-6
 
 
 def driven_groups(
@@ -118,7 +122,7 @@ def _chain_links(mechanism: Mechanism) -> frozenset[int]:
                 closures.setdefault(mechanism.frame_on_joint(frame)[0], []).append(closure)
     found = []
     for i in range(1, model.njoints):
-        light = masses[i] <= LIGHT * masses.max()
+        light = masses[i] <= WITHOUT_MASS * masses.max()
         if not light or counted[i] != 2 or mechanism.pairs[i - 1] not in HINGES:
             continue
         joints = {model.names[i], *(model.names[k] for k in model.children[i])}
@@ -142,10 +146,11 @@ def _meets(mechanism: Mechanism, body: int, closures: Iterable[Closure]) -> bool
         axes = closure.geometry.axes2 if mine[0] else closure.geometry.axes1
         axis = place.rotation @ axes[:, 2]
     if kind not in HINGES or np.linalg.norm(place.translation) > (
-            MEETING * mechanism.characteristic_length):
+            TOLERANCES.nothing * mechanism.characteristic_length):
         return False
     if kind == mechanism.pairs[body - 1] == "revolute":
-        return bool(np.linalg.norm(np.cross(axis, _axis(mechanism, body))) > PARALLEL)
+        sine = np.linalg.norm(np.cross(axis, _axis(mechanism, body)))
+        return bool(sine > TOLERANCES.half_precision)
     return True
 
 
@@ -176,7 +181,7 @@ def passive_freedoms(
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)
     groups = np.array(driven_groups(mechanism, driven)[1:])
-    moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL
+    moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING
     chains = chain_links(mechanism)
     inside = np.isin(np.arange(1, len(groups) + 1), list(chains))
     found: list[tuple[str, Array]] = []
@@ -186,11 +191,11 @@ def passive_freedoms(
         if len(null_space) == 1 and len(others):
             continue
         svd = decompose(others)
-        still = int(np.count_nonzero(svd.s > STILL))
+        still = int(np.count_nonzero(svd.s > RESTING))
         alone = svd.vt[still:]
         if chains and group not in chains and len(alone):  # without what moves chains only
             own = decompose(twists[groups == group].reshape(-1, len(null_space)) @ alone.T)
-            alone = own.vt[: np.count_nonzero(own.s > STILL)] @ alone
+            alone = own.vt[: np.count_nonzero(own.s > RESTING)] @ alone
         if len(alone):
             found.append((mechanism.model.names[group], alone @ null_space))
     return found
@@ -199,7 +204,7 @@ def passive_freedoms(
 def moved_bodies(evaluation: Evaluation, velocities: Array) -> list[int]:
     """Return the bodies, by joint, that joint velocities (k, nv) move at the evaluation."""
     twists = _twists(evaluation, velocities)
-    return (np.flatnonzero(np.abs(twists).max(axis=(1, 2), initial=0.0) > STILL) + 1).tolist()
+    return (np.flatnonzero(np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING) + 1).tolist()
 
 
 def _twists(evaluation: Evaluation, velocities: Array) -> Array:

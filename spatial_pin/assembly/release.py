@@ -18,13 +18,16 @@ from spatial_pin.assembly.close import close, pinned_rows, scaled_row
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.mechanism.coordinates import coordinate_bias, coordinate_value
 from spatial_pin.numerics.linalg import EPS, Array, decompose, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-MAX_STEP = 0.5  # rad, or characteristic lengths, in one of them
-STEPS = 60  # of Newton's method; a minimum takes five to ten
-FLAT = 1e-8  # curvature of the motion, of its largest or of 1, below which nothing is told by it
-SLOW = 1e-4  # speed of drivers, by that of all joints, at which they stand at a dead centre
+NEWTON_STEPS = 60  # a minimum takes five to ten, a start far from it as many for its way
+# Curvature of the motion, of its largest or of 1, below which it is round-off: it has second
+# derivatives by central differences, which are known to the two thirds power of epsilon, 4e-11.
+FLAT_CURVATURE = 1e-8
+# Speed of drivers relative to that of all joints at which they stand at a dead centre: loops closed
+# to 1e-11 leave its square root at a dead centre, 3e-6.
+STANDING_SPEED = 1e-4
 ASIDE = EPS ** (1.0 / 3.0)  # step of central differences, whose round-off is as large as the rest
-LEVEL = 1e-11  # slope of the motion that is round-off of closing the loops
 
 
 def can_stand(
@@ -66,7 +69,7 @@ def can_move(
     """
     null_space = decompose(pinned_rows(evaluation, free, pinned)[0]).null_space
     moved = null_space @ _rows(evaluation, drivers)[:, free].T
-    return bool(decompose(moved).s.min(initial=1.0) > SLOW)
+    return bool(decompose(moved).s.min(initial=1.0) > STANDING_SPEED)
 
 
 def least_motion(
@@ -90,8 +93,8 @@ def least_motion(
     evaluation.update(q)
     error, motion = evaluation.closure_error, goal.motion(q)
     slope, step = goal.newton(q)
-    for _ in range(STEPS):
-        if slope <= LEVEL:
+    for _ in range(NEWTON_STEPS):
+        if slope <= TOLERANCES.closed:
             break
         for _ in range(30):
             there, open_by = close(evaluation, pin.integrate(evaluation.model, q, step), free,
@@ -153,10 +156,10 @@ class _Goal:
         curvature = moved @ moved.T + self._bending(q, tangents, gaps, multipliers)
         values, vectors = np.linalg.eigh(curvature)
         along = vectors.T @ slopes
-        flat = np.abs(values) <= FLAT * max(1.0, float(np.abs(values).max(initial=0.0)))
+        flat = np.abs(values) <= FLAT_CURVATURE * max(1.0, float(np.abs(values).max(initial=0.0)))
         sizes = np.where(flat, 1.0, np.abs(values))  # downhill at saddles too
         step = -(along / sizes) @ vectors.T @ tangents
-        step *= min(1.0, MAX_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        step *= min(1.0, TOLERANCES.damped_step / max(float(np.abs(step).max(initial=0.0)), 1e-300))
         return float(np.abs(slopes).max(initial=0.0)), step * self.scale
 
     def _bending(self, q: Array, tangents: Array, gaps: Array, multipliers: Array) -> Array:

@@ -35,27 +35,36 @@ from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Equations
 from spatial_pin.numerics.linalg import (
-    RANK_TOLERANCE,
     Array,
     null_space,
     singular_values,
     weighty_rows,
 )
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-WIDE = 10.0  # singular values of equations that rounding opens by a gap are below so many gaps
-SOFT = 1e-5  # singular values, columns alike, of loops that close, above which none are rounding
-EVERY = 4  # configurations, from one of which it is seen whether all equations can be closed
-CLEAR = 3.0  # cuts, above which all singular values are where a mechanism is regular
-LOOKED_AT = 48  # configurations on the way, of which half must be reached
+CLOSED, SOFT = TOLERANCES.closed, TOLERANCES.near_singular
+# Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
+# rounding of one number, an equation is made of about ten.
+WIDE = 10.0
+# Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
+# as each takes as many steps as a start may.
+EVERY = 4
+CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
+ON_THE_WAY = 48  # configurations looked at, of which half must be reached: more than one turn then
 STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns in all
-MOVED = 0.3  # part of it that is left after closing if the mechanism moves
-STARTS = 8  # where the guess of the file does not close
-ABOVE = 10.0  # singular values and gaps found on the way, below which those of other places are
-GOOD = 0.2  # independence, by that of all equations, with which a choice is left at that
-FEW = 300  # choices of equations that are all looked at
-KEPT = 1e3  # weight of rows that are kept if they can: those of screws and couplings
-OPEN = 1e-11  # closure error that is more than round-off
+# Starts where the guess of the file does not close: one in two closes elsewhere, as a rule.
+BEGINNINGS = 8
+# Singular values and gaps found on the way, below which those of other places are: rounding is the
+# same there, and levers differ by less than that.
+ABOVE = 10.0
+# Independence relative to that of all equations, with which a choice is left at that: a better one
+# gains less than a digit.
+GOOD = 0.2
+FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
+# Weight of equations that are kept if they can, those of screws and couplings: no other is as well
+# conditioned as to outweigh it.
+KEPT = 1e3
 
 
 class Sample(NamedTuple):
@@ -98,7 +107,7 @@ def may_be_rounded(evaluation: Evaluation, gap: float) -> bool:
     known: tuple[tuple[bytes, float], bool] | None = memo.get("may be rounded")
     if known is None or known[0] != place:  # a motion begins where loops have been closed
         s = _even(jacobian)
-        known = place, bool(np.any((s > RANK_TOLERANCE * s[0]) & (s < min(gap, SOFT) * s[0])))
+        known = place, bool(np.any((s > TOLERANCES.rank * s[0]) & (s < min(gap, SOFT) * s[0])))
         memo["may be rounded"] = known
     return known[1]
 
@@ -130,8 +139,8 @@ def as_meant(mechanism: Mechanism, gap: float) -> Mechanism:
     """
     free, q = np.ones(mechanism.model.nv, dtype=bool), _guess(mechanism)
     with evaluation_of(mechanism) as evaluation:
-        _, error = close(evaluation, q, free, OPEN)
-        if error <= OPEN and not may_be_rounded(evaluation, gap):
+        _, error = close(evaluation, q, free, CLOSED)
+        if error <= CLOSED and not may_be_rounded(evaluation, gap):
             return mechanism
     return rounded(mechanism, gap) or mechanism
 
@@ -149,7 +158,7 @@ def closed_there(mechanism: Mechanism, q: Array) -> Mechanism:
     with evaluation_of(mechanism) as evaluation:
         evaluation.update(q)
         if mechanism.whole is not None or evaluation.closure_error > gap or (
-                evaluation.closure_error <= OPEN and not may_be_rounded(evaluation, gap)):
+                evaluation.closure_error <= CLOSED and not may_be_rounded(evaluation, gap)):
             return mechanism
     return rounded(mechanism, gap) or mechanism
 
@@ -178,16 +187,16 @@ def _found(mechanism: Mechanism, gap: float) -> Rounded | None:
 def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:
     cut = WIDE * gap
     first = next(_beginnings(evaluation, cut, gap), None)
-    if first is None or first.error <= OPEN:  # a loop that fits at one place may hold there only
+    if first is None or first.error <= CLOSED:  # a loop that fits at one place may hold there only
         return None
     reached = [first, *_on_the_way(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
-    samples = [x for x in reached if _rank(x.s, CLEAR * cut) == rank]
-    if not samples or (len(samples) <= LOOKED_AT // 2 and rank < evaluation.model.nv):
+    samples = [x for x in reached if _rank(x.s, CLEAR_OF_CUT * cut) == rank]
+    if not samples or (len(samples) <= ON_THE_WAY // 2 and rank < evaluation.model.nv):
         return None
     soft = max(float(x.s[rank:].max(initial=0.0)) / x.s[0] for x in samples)
     opened = max(x.error for x in samples)
-    if (soft <= RANK_TOLERANCE and opened <= OPEN) or soft >= cut:
+    if (soft <= TOLERANCES.rank and opened <= CLOSED) or soft >= cut:
         return None
     softest = max(float(x.even[rank:].max(initial=0.0)) / x.even[0] for x in samples)
     if softest > SOFT and any(_closes(evaluation, x.q) for x in samples[::EVERY]):
@@ -195,13 +204,13 @@ def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:
     mechanism = evaluation.mechanism
     kept = (_independent(mechanism, samples, rank) if rank else
             Equations(*[((),) * len(mechanism.closures)] * 2))
-    least = max(ABOVE * max(soft, opened), RANK_TOLERANCE)
+    least = max(ABOVE * max(soft, opened), TOLERANCES.rank)
     return Rounded(mechanism.with_equations(kept), min(least, cut))
 
 
 def _closes(evaluation: Evaluation, q: Array) -> bool:
     """Whether all equations can be closed from q (nq,), however far that leads."""
-    return close(evaluation, q, np.ones(evaluation.model.nv, dtype=bool), OPEN)[1] <= OPEN
+    return close(evaluation, q, np.ones(evaluation.model.nv, dtype=bool), CLOSED)[1] <= CLOSED
 
 
 def _even(jacobian: Array) -> Array:
@@ -210,7 +219,7 @@ def _even(jacobian: Array) -> Array:
     What rounding makes of equations stays as small.
     """
     sizes = np.linalg.norm(jacobian, axis=0)
-    return singular_values(jacobian / np.where(sizes > RANK_TOLERANCE, sizes, 1.0))
+    return singular_values(jacobian / np.where(sizes > TOLERANCES.rank, sizes, 1.0))
 
 
 def _rank(s: Array, cut: float) -> int:
@@ -220,7 +229,7 @@ def _rank(s: Array, cut: float) -> int:
 def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample | None:
     """Close the loops from q (nq,) as well as they can; None where that is not to the gap."""
     free = np.ones(evaluation.model.nv, dtype=bool)
-    q, error = close(evaluation, q, free, OPEN, cut=cut)
+    q, error = close(evaluation, q, free, CLOSED, cut=cut)
     if error > gap or evaluation.mirrored():
         return None
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
@@ -232,7 +241,7 @@ def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Samp
     mechanism, model = evaluation.mechanism, evaluation.model
     q = _guess(mechanism)
     rng = np.random.default_rng(20111)
-    for k in range(STARTS):
+    for k in range(BEGINNINGS):
         shaken = rng.uniform(-1.0, 1.0, model.nv) * mechanism.velocity_scale * min(k, 3)
         found = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
         if found is not None:
@@ -245,7 +254,7 @@ def _on_the_way(
     """Yield configurations that the mechanism goes through, closed to the gap."""
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, here, ahead = np.random.default_rng(20112), first, np.zeros(model.nv)
-    for _ in range(LOOKED_AT):
+    for _ in range(ON_THE_WAY):
         tangents = null_space(here.jacobian, cut)
         if not len(tangents):
             return
@@ -257,7 +266,7 @@ def _on_the_way(
             ahead = -ahead
             continue
         moved = pin.difference(model, here.q, found.q) / scale
-        if np.abs(moved).max() < MOVED * STRIDE:
+        if np.abs(moved).max() < TOLERANCES.moved * STRIDE:
             ahead = -ahead
             continue
         here, ahead = found, moved / np.linalg.norm(moved)
@@ -306,7 +315,7 @@ def _choice(
     """
     n = len(weights)
     stacked = np.array(jacobians)
-    if comb(n, rank) <= FEW:
+    if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
         places = [*jacobians, np.hstack(jacobians)]

@@ -17,8 +17,11 @@ from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates,
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-LOST = 1e-10  # round-off of rates, by their size, that is worth a word
+# Round-off of rates, relative to their size, that is worth a word: ten digits are more than one has
+# of any dimension.
+WORTH_A_WORD = 1e-10
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -265,7 +268,7 @@ class State:
 
     def __repr__(self) -> str:
         drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
-        lost = f", rates to {self.rate_error:.0e}" if self.rate_error > LOST else ""
+        lost = f", rates to {self.rate_error:.0e}" if self.rate_error > WORTH_A_WORD else ""
         rounded = f", gap {float(self.gap):.1e}" if self.gap else ""
         return (f"State({self.mechanism.name!r}: {drivers}; closure error "
                 f"{self.closure_error:.1e}{rounded}{lost})")
@@ -326,7 +329,7 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
     if same and state.angles.size == evaluation.turns.size:
         evaluation.turns[:] = state.angles
         evaluation.update(state.q)
-        if evaluation.closure_error <= max(1e-9, 2.0 * state.closure_error):
+        if evaluation.closure_error <= max(TOLERANCES.nothing, 2.0 * state.closure_error):
             return State(mechanism, state.q, state.v, state.a,
                          closure_error=evaluation.closure_error, angles=state.angles,
                          branch=state.branch, released=state.released, in_time=state.in_time)

@@ -16,7 +16,6 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
 RANK_TOLERANCE = TOLERANCES.rank
-ROUND_OFF = TOLERANCES.zero
 NOT_FINITE = ("the equations have entries that are no finite numbers: a position or a rate has "
               "grown beyond all numbers")
 
