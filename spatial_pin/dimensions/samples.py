@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import periodic
-from spatial_pin.assembly.close import ITERATIONS
+from spatial_pin.assembly.close import MOST_STEPS
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -130,7 +130,7 @@ class Samples:
             closer.set_system(*system)
             return closer.close(
                 start.q, start.angles, numbers, self._numbers.joints, rates,
-                Accuracy.named("engineering").tolerance, ITERATIONS)
+                Accuracy.named("engineering").tolerance, MOST_STEPS)
 
     def values(self, closed: ClosedSamples, drive: Drive) -> list[Array]:
         """Return the outputs, each (m,) or (m, 3)."""
