@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
     from spatial_pin.motion.sweep import sweep
     from spatial_pin.motion.trace import trace
+    from spatial_pin.proximity.clearance import Clearance, Contact, PairClearance, clearance
     from spatial_pin.rates.jacobians import (
         Influence,
         closure_jacobian,
@@ -110,6 +111,7 @@ _ON_USE = {
     "motion.motion": "Event FrameMotion Motion Output",
     "motion.sweep": "sweep",
     "motion.trace": "trace",
+    "proximity.clearance": "Clearance Contact PairClearance clearance",
     "rates.jacobians": "Influence closure_jacobian influence jacobian jacobian_rate",
     "rates.jerks": "Jerks solve_jerks",
     "rates.rates": "solve_rates",
@@ -126,8 +128,10 @@ __all__ = [
     "Accuracy",
     "AssemblyError",
     "AssemblyModes",
+    "Clearance",
     "Closure",
     "ClosureTypeError",
+    "Contact",
     "Continuum",
     "ContinuumError",
     "Coordinate",
@@ -158,6 +162,7 @@ __all__ = [
     "Motion",
     "Omission",
     "Output",
+    "PairClearance",
     "Passing",
     "Passive",
     "PassiveFreedom",
@@ -183,6 +188,7 @@ __all__ = [
     "Viewer",
     "assemble",
     "assembly_modes",
+    "clearance",
     "closure_jacobian",
     "closures",
     "dead_centres",

@@ -107,6 +107,7 @@ MADE_BY = {
               "makes one",
     "Vectors": "spatial_pin.Vectors(...) makes one",
     "Look": "sp.Look(...) makes one",
+    "Clearance": "sp.clearance(motion) makes one",
     "Accuracy": "give it as spatial_pin.Accuracy, for example Accuracy.named('engineering')",
 }
 

@@ -23,7 +23,7 @@ LAYERS = {
     "": ["errors", "lazy", "methods", "outputs", "progress", "checks", "settings", "units",
          "kernel.sources", "kernel.library", "numerics", "operators", "mechanism", "formats",
          "constraints", "kernel", "assembly", "rates", "mobility", "continuation", "motion",
-         "dimensions", "dynamics", "reduction", "accuracy", "view", "cli", "__main__"],
+         "proximity", "dimensions", "dynamics", "reduction", "accuracy", "view", "cli", "__main__"],
     "formats": ["xacro", "meshes", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],
     "formats.dialects": ["beside"],

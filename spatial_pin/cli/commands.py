@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,11 @@ def _unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> d
     return values
 
 
-def _look(options: argparse.Namespace) -> sp.Look:
+def _look(
+    options: argparse.Namespace, clearance: sp.Clearance | None = None
+) -> sp.Look:
     return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
-                   arrows=tuple(options.arrow), centres=options.centres)
+                   arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
 
 
 def _load(options: argparse.Namespace) -> sp.Mechanism:
@@ -238,26 +240,41 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
 
 def _write(options: argparse.Namespace, motion: sp.Motion) -> None:
     """Say what a motion is, and write it as asked."""
-    if options.json != "-":
+    is_said = options.json != "-"
+    if is_said:
         print(motion_summary(motion))
-    written = []
+    found = sp.clearance(motion, progress=True) if options.clearance else None
+    if is_said and found is not None:
+        print(found)
+    written = list(_written(options, motion, found))
+    if is_said:
+        print("".join(f"wrote {path}\n" for path in written), end="")
+
+
+def _written(
+    options: argparse.Namespace, motion: sp.Motion, found: sp.Clearance | None
+) -> Iterator[Path | str]:
+    """Write what was asked for, and yield the files."""
     if options.csv:
-        written.append(motion.to_csv(options.csv))
+        yield motion.to_csv(options.csv)
     if options.npz:
-        written.append(motion.save(options.npz))
+        yield motion.save(options.npz)
     if options.plot:
         sp.plot(motion, options.output or _with_ratios(motion), options.plot)
-        written.append(options.plot)
+        yield options.plot
     if options.html:
-        written.append(sp.export_html(motion, options.html, look=_look(options)))
+        yield sp.export_html(motion, options.html, look=_look(options, found))
     if options.json:
-        columns = {name: column.tolist() for name, column in motion.columns().items()}
-        _write_json({"mechanism": motion.mechanism.name, "columns": columns,
-                     "events": [event._asdict() for event in motion.events]}, options.json)
-        written.append(options.json)
-    if options.json != "-":
-        for path in written:
-            print(f"wrote {path}")
+        _write_json(_content(motion, found), options.json)
+        yield options.json
+
+
+def _content(motion: sp.Motion, found: sp.Clearance | None) -> dict[str, Any]:
+    """Return what a motion is, as JSON has it."""
+    columns = {name: column.tolist() for name, column in motion.columns().items()}
+    content = {"mechanism": motion.mechanism.name, "columns": columns,
+               "events": [event._asdict() for event in motion.events]}
+    return content if found is None else {**content, "clearance": found.as_dict()}
 
 
 def _with_ratios(motion: sp.Motion) -> list[str]:

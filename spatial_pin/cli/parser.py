@@ -188,6 +188,9 @@ def _result_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
     sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
+    sub.add_argument("--clearance", action="store_true",
+                     help="say how near links come to each other, and where they touch; the page "
+                          "shows it")
     _look_options(sub)
 
 

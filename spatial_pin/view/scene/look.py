@@ -9,6 +9,7 @@ from spatial_pin.checks import check_kind, names_of
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
+    from spatial_pin.proximity.clearance import Clearance
     from spatial_pin.view.scene.layers.arrows import Vectors
 
 
@@ -29,6 +30,8 @@ class Look:
             `spatial_pin.Vectors`.
         centres: whether the centres of mass are marked.
         ghosts: other configurations of the same mechanism, drawn half transparent.
+        clearance: what `spatial_pin.clearance` found over the motion that is shown: links are red
+            where they touch, and a line joins the nearest points of those that come nearest.
         beside: whether these stand side by side with the first, as solid as it is, instead.
     """
 
@@ -38,12 +41,14 @@ class Look:
     arrows: tuple[str | Vectors, ...] = ()
     centres: bool = False
     ghosts: tuple[State, ...] = ()
+    clearance: Clearance | None = None
     beside: bool = False
 
     def __post_init__(self) -> None:
         for name in ("axes", "centres", "beside"):
             check_kind(f"Look: {name}", "bool", getattr(self, name))
         check_kind("Look: pairs", "bool | None", self.pairs)
+        check_kind("Look: clearance", "Clearance | None", self.clearance)
         object.__setattr__(self, "traces", tuple(names_of(self.traces, "Look: traces")))
         for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
             object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))

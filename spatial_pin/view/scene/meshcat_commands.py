@@ -19,6 +19,7 @@ from spatial_pin.view.scene.layers.arrows import arrows
 from spatial_pin.view.scene.layers.axes import axes
 from spatial_pin.view.scene.layers.bodies import bodies, colour
 from spatial_pin.view.scene.layers.centres import centres
+from spatial_pin.view.scene.layers.clearances import clearances
 from spatial_pin.view.scene.layers.gaps import gaps
 from spatial_pin.view.scene.layers.ghosts import beside, ghosts
 from spatial_pin.view.scene.layers.glyphs import glyphs
@@ -235,6 +236,8 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> Layer:
         layers.append(axes(stage))
     if look.centres:
         layers.append(centres(stage))
+    if look.clearance is not None:
+        layers.append(clearances(stage, look.clearance))
     layers += [traces(stage, look.traces), *arrows(stage, look.arrows)]
     if look.ghosts:
         one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)

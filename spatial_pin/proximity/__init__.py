@@ -1,0 +1,1 @@
+"""How near the bodies of a mechanism come to each other."""

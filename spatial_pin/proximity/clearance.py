@@ -1,0 +1,228 @@
+"""How far links stay apart over a motion, and where they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import checked, finite_number
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.motion.motion import Event, Motion, motion_needed
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.progress import progress_bar
+from spatial_pin.proximity.between import Between
+from spatial_pin.proximity.distances import Distances
+from spatial_pin.proximity.search import Found, Place, Search
+
+SHOWN = 12  # pairs of links in a report: the others are farther apart
+
+
+class Contact(NamedTuple):
+    """A part of a motion on which two links touch.
+
+    Attributes:
+        begin, end: driver values [rad or m], or times [s] where none was swept.
+    """
+
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class PairClearance:
+    """How far two links stay apart.
+
+    Attributes:
+        links: their names.
+        distance: the least over the motion; below zero how deep they overlap [m].
+        value: driver value there [rad or m], or time [s] where none was swept.
+        row: number of the sample at or before it.
+        at: (2, 3) nearest points of the first and the second link there, in the world [m].
+        distances: (N,) at the samples [m].
+        points: (N, 2, 3) nearest points at the samples, in the world [m].
+        contacts: where they touch.
+    """
+
+    links: tuple[str, str]
+    distance: float
+    value: float
+    row: int
+    at: Array
+    distances: Array
+    points: Array
+    contacts: tuple[Contact, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """How far the links of a mechanism stay apart over a motion.
+
+    Attributes:
+        motion: the motion.
+        pairs: of the links looked at, the nearest first.
+        joined: names of links that were not looked at, being joined to each other.
+        tolerance: distance at which links count as touching [m].
+        events: where links begin ("touch") and cease ("part") to touch, in the motion's order.
+    """
+
+    motion: Motion
+    pairs: tuple[PairClearance, ...]
+    joined: tuple[tuple[str, str], ...]
+    tolerance: float
+    events: tuple[Event, ...]
+
+    @property
+    def least(self) -> PairClearance:
+        """The pair of links that come nearest to each other.
+
+        Raises:
+            SpatialPinError: there is no pair to look at.
+        """
+        if not self.pairs:
+            raise SpatialPinError(f"mechanism {self.motion.mechanism.name!r}: no two links that "
+                                  "are not joined have a shape")
+        return self.pairs[0]
+
+    @property
+    def touching(self) -> tuple[PairClearance, ...]:
+        """The pairs of links that touch anywhere."""
+        return tuple(pair for pair in self.pairs if pair.contacts)
+
+    def between(self, first: str, second: str) -> PairClearance:
+        """Return how far two links stay apart.
+
+        Raises:
+            SpatialPinError: they were not looked at; says why.
+        """
+        for pair in self.pairs:
+            if set(pair.links) == {first, second}:
+                return pair
+        why = ("they are joined: name them in `pairs`"
+               if {first, second} in map(set, self.joined) else
+               "looked at were " + ", ".join(f"{a} and {b}" for a, b in (
+                   p.links for p in self.pairs)))
+        raise SpatialPinError(f"{first!r} and {second!r} were not looked at: {why}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was found as plain numbers and lists, as JSON has them."""
+        pairs = [{"links": list(p.links), "distance": p.distance, "value": p.value,
+                  "at": p.at.tolist(), "contacts": [c._asdict() for c in p.contacts]}
+                 for p in self.pairs]
+        return {"tolerance": self.tolerance, "pairs": pairs,
+                "joined": [list(names) for names in self.joined],
+                "events": [event._asdict() for event in self.events]}
+
+    def __str__(self) -> str:
+        motion = self.motion
+        over = (f"{motion.driver_name} [{motion.driver_unit}]" if motion.driver is not None
+                else "time [s]")
+        if not self.pairs:
+            return f"{motion.mechanism.name}: no two links that are not joined have a shape"
+        lines = [f"{motion.mechanism.name}: {len(self.pairs)} pairs of links over {over}, "
+                 f"{len(self.touching)} of them touch; {len(self.joined)} are joined"]
+        width = max(len(_names(p)) for p in self.pairs[:SHOWN])
+        for pair in self.pairs[:SHOWN]:
+            touch = "".join(f", touch from {c.begin:.9g} to {c.end:.9g}" for c in pair.contacts)
+            lines.append(f"  {_names(pair):{width}}  {pair.distance: .6e} m at "
+                         f"{pair.value:.9g}{touch}")
+        if len(self.pairs) > SHOWN:
+            lines.append(f"  {len(self.pairs) - SHOWN} more are farther apart")
+        return "\n".join(lines)
+
+
+def _names(pair: PairClearance) -> str:
+    return " and ".join(pair.links)
+
+
+@checked
+def clearance(
+    motion: Motion | State,
+    pairs: Iterable[tuple[str, str]] | None = None,
+    *,
+    tolerance: float = 0.0,
+    progress: bool = False,
+) -> Clearance:
+    """Return how far links that are not joined stay apart over a motion, and where they touch.
+
+    A link is what its collision shapes are, where the file has any, else what is drawn of it; of a
+    mesh the convex hulls of its connected parts. Links are joined by a joint or closure between
+    them (but a distance, which is a rod), by a coupling, or by a link without a shape.
+
+    Least distances are searched between the samples too, until what links can travel from sample
+    to sample leaves no nearer place by more than 1e-4 characteristic lengths. Places where links
+    begin and cease to touch are located to round-off on configurations with closed loops, where a
+    driver was swept; elsewhere (simulations) on the interpolated motion.
+
+    Args:
+        motion: of `sweep`, `trace`, `simulate` and the like; a State is one of one sample.
+        pairs: names of two links each, joined ones too; default all that are not joined.
+        tolerance: distance at which links count as touching [m]; below zero as deep as they may
+            overlap.
+        progress: whether a bar shows how far it is.
+
+    Returns:
+        A Clearance.
+
+    Raises:
+        UnknownNameError: there is no such link.
+        SpatialPinError: a link has no shape, or two are fixed to each other.
+        ValueError: the motion has no samples, or the tolerance is no number.
+    """
+    if isinstance(motion, State):
+        motion = _standing(motion)
+    motion_needed(motion)
+    if not len(motion):
+        raise ValueError("the motion has no samples: there is nothing to look at")
+    touching = finite_number(tolerance, "tolerance")
+    search = Search(Distances(motion.mechanism, None if pairs is None else list(pairs)),
+                    Between(motion), touching)
+    names = search.distances.pairs
+    with progress_bar(len(motion) + len(names), "clearance", progress) as bar:
+        for _ in search.sample():
+            bar.update()
+        found = []
+        for k in range(len(names)):
+            found.append(search.found(k))
+            bar.update()
+    between = search.between
+    made = [_pair(search, k, one) for k, one in enumerate(found)]
+    return Clearance(motion, tuple(sorted(made, key=lambda p: p.distance)),
+                     search.distances.joined, touching, _events(between, names, found))
+
+
+def _standing(state: State) -> Motion:
+    """Return a state as a motion of one sample."""
+    s, none = state, np.zeros(1)
+    q, v, a, error, angles = (np.atleast_2d(x) for x in (s.q, s.v, s.a, s.closure_error, s.angles))
+    return Motion(s.mechanism, None, "", none, q, v, a, error[0], none, [], angles)
+
+
+def _pair(search: Search, k: int, found: Found) -> PairClearance:
+    between = search.between
+    contacts = tuple(Contact(between.value(*first), between.value(*last))
+                     for first, last in found.contacts)
+    return PairClearance(search.distances.pairs[k], found.nearest.distance,
+                         between.value(*found.at), found.at.row, found.nearest.points,
+                         search.sampled[:, k], search.points[:, k], contacts)
+
+
+def _events(
+    between: Between, names: Sequence[tuple[str, str]], found: Sequence[Found]
+) -> tuple[Event, ...]:
+    """Return where links begin and cease to touch: not at the ends of the motion."""
+    motion, placed = between.motion, []
+    unit = motion.driver_unit if motion.driver is not None else "s"
+    over = motion.driver_name or "time"
+    ends = Place(0, 0.0), Place(len(motion) - 1, 0.0)
+    for (a, b), one in zip(names, found, strict=True):
+        for first, last in one.contacts:
+            for kind, place, words in (("touch", first, "begin"), ("part", last, "cease")):
+                if place not in ends:
+                    value = between.value(*place)
+                    text = f"{a} and {b} {words} to touch at {over} = {value:.12g} {unit}"
+                    placed.append((place, Event(kind, value, place.row + 1, text)))
+    return tuple(event for _, event in sorted(placed, key=lambda x: x[0]))

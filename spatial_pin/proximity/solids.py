@@ -1,0 +1,143 @@
+"""What links are made of, as convex solids: what collides, or else what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import warn
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+
+class Solid(NamedTuple):
+    """A convex solid of a link.
+
+    Attributes:
+        link: name of the link.
+        joint: whose frame it is fixed to.
+        rotation, position: (3, 3), (3,) in that frame.
+        shape: its own.
+        centre, radius: (3,) in that frame, of a sphere that holds it [m].
+    """
+
+    link: str
+    joint: int
+    rotation: Array
+    position: Array
+    shape: coal.ShapeBase
+    centre: Array
+    radius: float
+
+
+def solids_of(mechanism: Mechanism) -> list[Solid]:
+    """Return the convex solids of all links.
+
+    A link's solids are those that it collides with, where the file has any, else those that are
+    drawn. Of a mesh they are the convex hulls of its connected parts: they hold the mesh, so that
+    no distance is larger than its own.
+    """
+    return [_solid(mechanism, geometry, shape) for geometry in _by_link(mechanism)
+            for shape in _convex(geometry)]
+
+
+def _by_link(mechanism: Mechanism) -> Iterator[pin.GeometryObject]:
+    """Yield the geometry of each link: what collides, or else what is drawn."""
+    collide = list(mechanism.collision_model.geometryObjects)
+    yield from collide
+    links = {int(g.parentFrame) for g in collide}
+    yield from (g for g in mechanism.visual_model.geometryObjects
+                if int(g.parentFrame) not in links)
+
+
+def _solid(mechanism: Mechanism, geometry: pin.GeometryObject, shape: coal.ShapeBase) -> Solid:
+    place = geometry.placement
+    shape.computeLocalAABB()
+    return Solid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
+                 place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
+                 float(shape.aabb_radius))
+
+
+def _convex(geometry: pin.GeometryObject) -> Iterator[coal.ShapeBase]:
+    shape = geometry.geometry
+    if isinstance(shape, coal.BVHModelBase):
+        yield from hulls(np.array(shape.vertices()), _triangles(shape))
+    elif type(shape) in SUPPORTS:
+        yield shape
+    else:
+        warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
+
+
+def _triangles(mesh: Any) -> Array:
+    corners = (mesh.tri_indices(k) for k in range(mesh.num_tris))
+    return np.array([(t[0], t[1], t[2]) for t in corners]).reshape(-1, 3)
+
+
+def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
+    """Yield the convex hull of each connected part of a mesh.
+
+    Args:
+        points: (n, 3) [m]; points at one place are one.
+        corners: (m, 3) of triangles.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    places, own = np.unique(points, axis=0, return_inverse=True)
+    corners = own.reshape(-1)[corners]
+    edges = np.concatenate([corners[:, :2], corners[:, 1:]]).T
+    graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(places), len(places)))
+    parts = connected_components(graph, directed=False)[1]
+    for part in np.unique(parts[corners]):
+        yield _hull(places[parts == part])
+
+
+def _hull(points: Array) -> coal.ShapeBase:
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # a flat part: its points are moved by round-off
+        hull = ConvexHull(points, qhull_options="QJ Pp")
+    place = np.full(len(points), -1)
+    place[hull.vertices] = np.arange(len(hull.vertices))
+    corners, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for point in hull.points[hull.vertices]:
+        corners.append(point)
+    for face in hull.simplices:
+        faces.append(coal.Triangle(*(int(i) for i in place[face])))
+    return coal.Convex(corners, faces)
+
+
+def _round(radius: float, n: Array, height: Array | float) -> Array:
+    """Return the points (k, 3) of circles about z that lie farthest along n (k, 3), at a height."""
+    across = np.hypot(n[:, 0], n[:, 1])
+    reach = radius / np.where(across > 0.0, across, 1.0)
+    return np.column_stack([reach * n[:, 0], reach * n[:, 1], np.broadcast_to(height, len(n))])
+
+
+def _ends(s: Any, n: Array) -> Array:
+    found: Array = np.copysign(s.halfLength, n[:, 2])
+    return found
+
+
+def _cone(s: Any, n: Array) -> Array:
+    base, tip = _round(s.radius, n, -s.halfLength), np.array([0.0, 0.0, s.halfLength])
+    return np.where((np.sum(n * base, axis=1) > n @ tip)[:, None], base, tip)
+
+
+# The points (k, 3) of a solid that lie farthest along directions n (k, 3) of length one, in its own
+# frame: its support mapping. To add a kind of solid, add its line.
+SUPPORTS: dict[type, Callable[[Any, Array], Array]] = {
+    coal.Box: lambda s, n: np.copysign(s.halfSide, n),
+    coal.Sphere: lambda s, n: s.radius * n,
+    coal.Ellipsoid: lambda s, n: s.radii**2 * n / np.linalg.norm(s.radii * n, axis=1)[:, None],
+    coal.Cylinder: lambda s, n: _round(s.radius, n, _ends(s, n)),
+    coal.Capsule: lambda s, n: s.radius * n + np.outer(_ends(s, n), [0.0, 0.0, 1.0]),
+    coal.Cone: _cone,
+    coal.Convex: lambda s, n: s.points()[(n @ s.points().T).argmax(axis=1)],
+}

@@ -1,0 +1,348 @@
+"""How far links stay apart over a motion, against closed forms, and where they touch."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import spatial_pin as sp
+from spatial_pin.cli.__main__ import main
+from spatial_pin.motion.default_motion import default_motion
+from spatial_pin.proximity.between import Between
+from spatial_pin.proximity.distances import nearest
+from spatial_pin.proximity.solids import SUPPORTS, Solid, hulls, solids_of
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.meshcat_commands import scene
+
+OVERLAP = {"bennett", "delta", "peaucellier", "sarrus"}  # over a whole turn, or to their limits
+
+
+def solid(shape: str, xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), kind: str = "visual") -> str:
+    place = " ".join(map(str, xyz)), " ".join(map(str, rpy))
+    return (f'<{kind}><origin xyz="{place[0]}" rpy="{place[1]}"/><geometry>{shape}</geometry>'
+            f"</{kind}>")
+
+
+def ball(radius: float, x: float = 0.0, y: float = 0.0, z: float = 0.0, kind="visual") -> str:
+    return solid(f'<sphere radius="{radius}"/>', (x, y, z), kind=kind)
+
+
+def rod(radius: float, length: float, x: float, rpy=(0.0, 0.0, 0.0)) -> str:
+    return solid(f'<cylinder radius="{radius}" length="{length}"/>', (x, 0.0, 0.0), rpy)
+
+
+def arm(folder, ground: str, turning: str, more: str = "", name: str = "arm"):
+    """Return a crank about z on a carrier without a shape, a post on the ground."""
+    (folder / f"{name}.urdf").write_text(
+        f'<robot name="{name}"><link name="post">{ground}</link><link name="carrier"/>'
+        f'<link name="crank">{turning}</link>{more}'
+        '<joint name="slide" type="fixed"><parent link="post"/><child link="carrier"/></joint>'
+        '<joint name="turn" type="continuous"><parent link="carrier"/><child link="crank"/>'
+        '<axis xyz="0 0 1"/></joint></robot>')
+    return sp.load(folder / f"{name}.urdf")
+
+
+PAIR = [("post", "crank")]
+
+
+def test_the_distance_of_two_balls_is_the_closed_form(tmp_path):
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5, 0.2), ball(0.05, 1.0))
+    motion = sp.sweep(mechanism, "turn", np.linspace(0.0, 2 * np.pi, 37))
+    found = sp.clearance(motion, PAIR).least
+    tip = np.column_stack([np.cos(motion.driver), np.sin(motion.driver), 0 * motion.driver])
+    apart = np.linalg.norm(tip - [1.0, 0.5, 0.2], axis=1) - 0.15
+    assert found.distances == pytest.approx(apart, abs=1e-15)
+    assert np.linalg.norm(found.points[:, 1] - found.points[:, 0], axis=1) == pytest.approx(
+        apart, abs=1e-14)
+    angle = np.arctan2(0.5, 1.0)
+    least = np.hypot(np.hypot(1.0, 0.5) - 1.0, 0.2) - 0.15
+    assert found.value == pytest.approx(angle, abs=1e-6)
+    assert found.distance == pytest.approx(least, abs=1e-13)
+    assert not found.contacts
+
+
+@pytest.mark.parametrize("steps", [10, 37, 361])
+def test_balls_begin_and_cease_to_touch_where_the_closed_form_says(tmp_path, steps):
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0))
+    motion = sp.sweep(mechanism, "turn", np.linspace(-1.0, 2.0, steps))
+    found = sp.clearance(motion, PAIR)
+    far = np.hypot(1.0, 0.5)
+    half = np.arccos((1.0 + far**2 - 0.15**2) / (2.0 * far))
+    middle = np.arctan2(0.5, 1.0)
+    assert [(e.kind, e.value) for e in found.events] == [
+        ("touch", pytest.approx(middle - half, abs=1e-12)),
+        ("part", pytest.approx(middle + half, abs=1e-12))]
+    contact, = found.least.contacts
+    assert contact == pytest.approx((middle - half, middle + half), abs=1e-12)
+    assert found.least.distance == pytest.approx(far - 1.0 - 0.15, abs=1e-13)
+    assert motion.driver[found.events[0].row - 1] <= contact.begin <= (
+        motion.driver[found.events[0].row])
+
+
+def test_a_tolerance_moves_where_links_count_as_touching(tmp_path):
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0))
+    motion = sp.sweep(mechanism, "turn", np.linspace(-1.0, 2.0, 91))
+    far, middle = np.hypot(1.0, 0.5), np.arctan2(0.5, 1.0)
+    for tolerance in (0.1, -0.02):
+        half = np.arccos((1.0 + far**2 - (0.15 + tolerance) ** 2) / (2.0 * far))
+        contact, = sp.clearance(motion, PAIR, tolerance=tolerance).least.contacts
+        assert contact == pytest.approx((middle - half, middle + half), abs=1e-12)
+    assert not sp.clearance(motion, PAIR, tolerance=-0.05).touching
+
+
+def test_a_thin_pin_between_two_samples_is_not_missed(tmp_path):
+    mechanism = arm(tmp_path, rod(0.01, 0.4, 0.7), rod(0.01, 1.0, 0.5, rpy=(0, np.pi / 2, 0)))
+    motion = sp.sweep(mechanism, "turn", np.linspace(-0.25, 0.25, 6))  # 0.1 rad, the pins 0.03
+    found = sp.clearance(motion, PAIR).least
+    assert min(found.distances) > 0.0
+    half = np.arcsin(0.02 / 0.7)
+    contact, = found.contacts
+    assert contact == pytest.approx((-half, half), abs=1e-8)
+    assert found.distance == pytest.approx(-0.02, abs=1e-7)
+
+
+def test_parts_made_to_slide_on_each_other_touch_all_the_way(tmp_path):
+    table = solid('<box size="4 4 0.2"/>', (0, 0, -0.15))
+    mechanism = arm(tmp_path, table, ball(0.05, 1.0))
+    motion = sp.sweep(mechanism, "turn", np.linspace(0.0, 3.0, 31))
+    found = sp.clearance(motion, PAIR)
+    assert found.least.contacts == ((0.0, 3.0),)
+    assert not found.events
+    assert abs(found.least.distance) < 1e-10
+
+
+def test_what_collides_goes_before_what_is_drawn(tmp_path):
+    ground = ball(0.3, 1.0, 0.5) + ball(0.1, 1.0, 0.5, kind="collision")
+    mechanism = arm(tmp_path, ground, ball(0.05, 1.0))
+    motion = sp.sweep(mechanism, "turn", np.linspace(-1.0, 2.0, 31))
+    assert sp.clearance(motion, PAIR).least.distance == pytest.approx(np.hypot(1, 0.5) - 1.15)
+
+
+def test_a_mesh_is_the_hulls_of_its_connected_parts(tmp_path):
+    """Two boxes in one mesh: a ball passes between them."""
+    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.1
+    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7),
+             (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+    triangles = [box[list(f)] + [0.0, 0.0, side] for side in (-0.3, 0.3) for f in faces]
+    body = b"".join(struct.pack("<12fH", 0, 0, 0, *t.ravel(), 0) for t in triangles)
+    (tmp_path / "two.stl").write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + body)
+    ground = solid('<mesh filename="two.stl"/>', (1.0, 0.0, 0.0))
+    mechanism = arm(tmp_path, ground, ball(0.05, 1.0))
+    assert len([s for s in solids_of(mechanism) if s.link == "post"]) == 2
+    motion = sp.sweep(mechanism, "turn", np.linspace(-1.0, 1.0, 21))
+    assert sp.clearance(motion, PAIR).least.distance == pytest.approx(0.15, abs=1e-8)
+
+
+def test_a_flat_part_of_a_mesh_has_a_distance():
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    flat, = hulls(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    result, there = coal.DistanceResult(), coal.Transform3s()
+    there.setTranslation(np.array([0.5, 0.5, 1.0]))
+    apart = coal.distance(flat, coal.Transform3s(), coal.Sphere(0.25), there,
+                          coal.DistanceRequest(), result)
+    assert apart == pytest.approx(0.75, abs=1e-6)
+
+
+# ---------------------------------------------------------------- solids that overlap
+
+SHAPES = {
+    "box": lambda a, b, c: coal.Box(a, b, c),
+    "sphere": lambda a, b, c: coal.Sphere(a),
+    "cylinder": lambda a, b, c: coal.Cylinder(a, b),
+    "capsule": lambda a, b, c: coal.Capsule(a, b),
+    "cone": lambda a, b, c: coal.Cone(a, b),
+    "ellipsoid": lambda a, b, c: coal.Ellipsoid(a, b, c),
+}
+SIZES = st.tuples(*[st.floats(0.05, 1.0)] * 3)
+
+
+def placed(shape, seed: int) -> tuple[Solid, coal.Transform3s]:
+    rng = np.random.default_rng(seed)
+    shape.computeLocalAABB()
+    frame = coal.Transform3s()
+    frame.setRotation(Rotation.random(random_state=rng).as_matrix())
+    frame.setTranslation(rng.normal(size=3) * 0.4)
+    return Solid("", 0, np.eye(3), np.zeros(3), shape, np.zeros(3), shape.aabb_radius), frame
+
+
+@given(st.sampled_from(sorted(SHAPES)), st.sampled_from(sorted(SHAPES)), SIZES, SIZES,
+       st.integers(0, 1000))
+def test_no_direction_holds_two_solids_farther_apart_than_their_distance(a, b, one, two, seed):
+    first, at_first = placed(SHAPES[a](*one), seed)
+    second, at_second = placed(SHAPES[b](*two), seed + 5000)
+    found = nearest(first, at_first, second, at_second)
+    ways = np.random.default_rng(seed).normal(size=(2000, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    own, other = at_first.getRotation(), at_second.getRotation()
+    last = SUPPORTS[type(first.shape)](first.shape, ways @ own) @ own.T
+    start = SUPPORTS[type(second.shape)](second.shape, -ways @ other) @ other.T
+    between = at_second.getTranslation() - at_first.getTranslation()
+    apart = np.sum(ways * (start - last + between), axis=1)
+    assert found.distance >= apart.max() - 1e-4
+    gap = np.linalg.norm(found.points[1] - found.points[0])
+    assert gap == pytest.approx(abs(found.distance), abs=1e-4)
+
+
+# ---------------------------------------------------------------- which links
+
+
+def test_links_that_are_joined_are_not_looked_at_unless_named():
+    motion = sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.0, 1.0, 5))
+    found = sp.clearance(motion)
+    looked_at = {frozenset(p.links) for p in found.pairs}
+    assert looked_at == {frozenset(("ground", "coupler")), frozenset(("crank", "rocker"))}
+    assert {frozenset(names) for names in found.joined} == {
+        frozenset(x) for x in (("ground", "crank"), ("ground", "rocker"), ("crank", "coupler"),
+                               ("coupler", "rocker"))}  # the last by the closure
+    assert sp.clearance(motion, [("crank", "coupler")]).least.links == ("crank", "coupler")
+
+
+def test_links_on_both_sides_of_one_without_a_shape_are_joined(tmp_path):
+    more = ('<link name="cross"/><link name="shaft">' + ball(0.1, 0.3) + "</link>"
+            '<joint name="first" type="continuous"><parent link="crank"/><child link="cross"/>'
+            '<axis xyz="1 0 0"/></joint>'
+            '<joint name="second" type="continuous"><parent link="cross"/><child link="shaft"/>'
+            '<axis xyz="0 1 0"/></joint>')
+    mechanism = arm(tmp_path, ball(0.1), ball(0.1, 0.25), more)
+    found = sp.clearance(sp.sweep(mechanism, "turn", [0.0, 0.1]))
+    assert {frozenset(names) for names in found.joined} == {
+        frozenset(("post", "crank")), frozenset(("crank", "shaft"))}
+    assert [set(p.links) for p in found.pairs] == [{"post", "shaft"}]
+
+
+def test_library_mechanisms_pass_or_are_known_to_overlap():
+    for name in sp.list_mechanisms():
+        motion = default_motion(sp.load(name), rows=13)
+        found = sp.clearance(motion)
+        assert bool(found.touching) == (name in OVERLAP), f"{name}: {found}"
+
+
+# ---------------------------------------------------------------- motions
+
+
+def test_a_state_is_a_motion_of_one_sample():
+    state = sp.assemble(sp.load("four_bar"), {"crank": 1.0})
+    found = sp.clearance(state)
+    motion = sp.clearance(sp.sweep(state.mechanism, "crank", [1.0, 1.1]))
+    assert found.between("ground", "coupler").distance == pytest.approx(
+        motion.between("coupler", "ground").distances[0], abs=1e-14)
+
+
+def test_a_simulation_is_looked_at_over_its_time(tmp_path):
+    """A ball on a turning arm that nothing holds back, at a constant speed."""
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0))
+    text = (tmp_path / "arm.urdf").read_text().replace(
+        '<link name="crank">', '<link name="crank"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>')
+    (tmp_path / "heavy.urdf").write_text(text)
+    mechanism = sp.load(tmp_path / "heavy.urdf")
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"turn": -1.0}), {"turn": 2.0})
+    motion = sp.simulate(mechanism, state, 1.5, times=np.linspace(0.0, 1.5, 16))
+    found = sp.clearance(motion, PAIR)
+    far, middle = np.hypot(1.0, 0.5), np.arctan2(0.5, 1.0)
+    half = np.arccos((1.0 + far**2 - 0.15**2) / (2.0 * far))
+    contact, = found.least.contacts
+    assert contact == pytest.approx(((middle - half + 1) / 2, (middle + half + 1) / 2), abs=1e-8)
+    assert "time = " in found.events[0].text
+
+
+def test_a_traced_curve_is_looked_at_over_its_driver():
+    motion = sp.trace(sp.load("four_bar"), "crank", step=0.05)
+    least = sp.clearance(motion).between("crank", "rocker")
+    over = sp.sweep(motion.mechanism, "crank", np.linspace(0.0, 2 * np.pi, 361))
+    assert least.distance == pytest.approx(
+        sp.clearance(over).between("crank", "rocker").distance, abs=1e-6)
+
+
+def test_configurations_between_samples_are_those_of_a_finer_sweep():
+    for name in ("rssr", "four_bar", "spherical_four_bar"):
+        mechanism = sp.load(name)
+        driver = next(iter(mechanism.drivers))
+        fine = sp.sweep(mechanism, driver, np.linspace(0.0, 1.0, 41), speed=2.0)
+        coarse = sp.sweep(mechanism, driver, np.linspace(0.0, 1.0, 11), speed=2.0)
+        between = Between(coarse)
+        for k in range(40):
+            row, part = divmod(k, 4)
+            state = fine.state(k)
+            for found, error in ((between.at(row, part / 4), 1e-5),
+                                 (between.closed(row, part / 4), 1e-12)):
+                for link in mechanism.links:
+                    there = sp.assemble(mechanism, {}, found).placement(link)
+                    gap = there.translation - state.placement(link).translation
+                    assert np.abs(gap).max() < error, (name, k)
+            assert between.value(row, part / 4) == pytest.approx(fine.driver[k])
+
+
+# ---------------------------------------------------------------- shown and told
+
+
+def test_links_are_red_as_long_as_they_touch(tmp_path):
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0))
+    motion = sp.sweep(mechanism, "turn", np.linspace(-1.0, 2.0, 31))
+    found = sp.clearance(motion, PAIR)
+    layer = scene(film(motion), sp.Look(clearance=found)).layer
+    red = [item for item in layer.items if item.name.startswith("touching")]
+    assert {item.name.split()[1] for item in red} == {"post", "crank"}
+    for item in red:
+        assert np.array_equal(item.track.scales[:, 0] > 0.0, found.least.distances <= 0.0)
+    line = next(item for item in layer.items if item.name == "clearance post and crank")
+    assert line.track.scales[:, 2] == pytest.approx(np.abs(found.least.distances), abs=1e-9)
+    alarm, = layer.alarms
+    assert alarm.name == "post and crank"
+    assert np.array_equal(alarm.values > 0.0, found.least.distances < 0.0)
+
+
+def test_the_clearance_of_another_motion_is_refused():
+    mechanism = sp.load("four_bar")
+    one, two = (sp.sweep(mechanism, "crank", np.linspace(0.0, x, 9)) for x in (1.0, 2.0))
+    with pytest.raises(sp.SpatialPinError, match="another motion"):
+        scene(film(two), sp.Look(clearance=sp.clearance(one)))
+    with pytest.raises(TypeError, match=r"sp\.clearance\(motion\) makes one"):
+        sp.Look(clearance=3)
+
+
+def test_the_command_line_tells_and_writes_it(tmp_path, capfd):
+    target = tmp_path / "out.json"
+    assert main(["sweep", "sarrus", "arm", "0.7", "2.2", "--steps", "31", "--clearance",
+                 "--json", str(target)]) == 0
+    told = capfd.readouterr().out
+    assert "9 pairs of links over arm [rad], 4 of them touch; 6 are joined" in told
+    content = json.loads(target.read_text())["clearance"]
+    assert content["pairs"][0]["distance"] < 0.0
+    assert {e["kind"] for e in content["events"]} == {"touch", "part"}
+
+
+@pytest.mark.parametrize(("pairs", "error", "words"), [
+    ([("ground", "nobody")], sp.UnknownNameError, "nobody"),
+    ([("ground", "ground")], sp.SpatialPinError, "fixed to each other"),
+    ([("ground",)], sp.SpatialPinError, "a pair is two links"),
+    (["ground"], sp.SpatialPinError, "a pair is two links"),
+])
+def test_pairs_that_are_none_are_refused(pairs, error, words):
+    state = sp.assemble(sp.load("four_bar"))
+    with pytest.raises(error, match=words):
+        sp.clearance(state, pairs)
+
+
+def test_other_bad_input_is_refused_in_words(tmp_path):
+    state = sp.assemble(sp.load("four_bar"))
+    with pytest.raises(ValueError, match="tolerance"):
+        sp.clearance(state, tolerance=np.nan)
+    with pytest.raises(TypeError, match="Motion"):
+        sp.clearance("four_bar")
+    with pytest.raises(sp.SpatialPinError, match="were not looked at: they are joined"):
+        sp.clearance(state).between("ground", "crank")
+    bare = arm(tmp_path, "", ball(0.1))
+    with pytest.raises(sp.SpatialPinError, match="no <collision> and no <visual>"):
+        sp.clearance(sp.assemble(bare), PAIR)
+    empty = sp.clearance(sp.assemble(bare))
+    assert str(empty).endswith("no two links that are not joined have a shape")
+    with pytest.raises(sp.SpatialPinError, match="no two links"):
+        _ = empty.least
