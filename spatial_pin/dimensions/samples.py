@@ -62,6 +62,20 @@ def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
     return None
 
 
+class MadeOf(NamedTuple):
+    """What m samples are made of.
+
+    Attributes:
+        dimensions: (k, m).
+        geometry: what follows from them in the file.
+        numbers: of the kernel.
+    """
+
+    dimensions: Array
+    geometry: TracedGeometry
+    numbers: Numbers
+
+
 class Samples:
     """Outputs of a mechanism at many sets of its dimensions; make it by `of`.
 
@@ -110,16 +124,13 @@ class Samples:
         """Return what the mechanism itself is made of."""
         return Numbers(self._numbers.base, np.empty(0, np.int64), np.empty((1, 0)))
 
-    def geometry(self, dimensions: Array) -> tuple[TracedGeometry, Numbers]:
-        """Return what m samples are made of, by dimensions (k, m)."""
+    def made_of(self, dimensions: Array, part: float = 1.0) -> MadeOf:
+        """Return what samples are made of, at dimensions (k, m) or part of the way there."""
+        if part != 1.0:
+            dimensions = self._own + part * (dimensions - self._own)
         with np.errstate(all="ignore"):  # of samples that are none
-            found = self._tree.at(dimensions)
-            return found, self._numbers.at(found)
-
-    def between(self, dimensions: Array, part: float) -> Array:
-        """Return dimensions (k, m) part of the way from the mechanism's own."""
-        found: Array = dimensions if part == 1.0 else self._own + part * (dimensions - self._own)
-        return found
+            geometry = self._tree.at(dimensions)
+            return MadeOf(dimensions, geometry, self._numbers.at(geometry))
 
     def close(
         self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: _System
@@ -203,32 +214,32 @@ class Near:
         q, angles = (np.repeat(x[None], m, axis=0) for x in (self._state.q, self._state.angles))
         return ClosedSamples(q, angles, *[np.empty(0)] * (len(ClosedSamples._fields) - 2))
 
-    def solve(self, dimensions: Array) -> tuple[NDArray[np.bool_], list[Array]]:
-        """Return which samples (m,) are on the state's branch, and the outputs of all.
-
-        Args:
-            dimensions: (k, m) of the samples.
-        """
-        good, values = self._gone(dimensions, 1)
+    def solve(self, made_of: MadeOf) -> tuple[NDArray[np.bool_], list[Array]]:
+        """Return which samples (m,) are on the state's branch, and the outputs of all."""
+        good, closed = self._gone(made_of.dimensions, 1, made_of)
+        values = self._samples.values(closed, self._drive)
         for parts in PARTS[1:]:
             far = np.flatnonzero(~good)
             if not len(far):
                 break
-            good[far], found = self._gone(dimensions[:, far], parts)
+            good[far], closed = self._gone(made_of.dimensions[:, far], parts)
+            found = self._samples.values(closed, self._drive)
             for old, new in zip(values, found, strict=True):
                 old[far] = new
         return good, values
 
-    def _gone(self, dimensions: Array, parts: int) -> tuple[NDArray[np.bool_], list[Array]]:
+    def _gone(
+        self, dimensions: Array, parts: int, end: MadeOf | None = None
+    ) -> tuple[NDArray[np.bool_], ClosedSamples]:
         """Take samples to their dimensions in some equal parts of the way."""
         closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
         for k in range(1, parts + 1):
-            between = self._samples.between(dimensions, k / parts)
-            geometry, numbers = self._samples.geometry(between)
+            made_of = end or self._samples.made_of(dimensions, k / parts)
             closed = self._samples.close(
-                closed, numbers, self._rates if k == parts else None, self._system)
-            good &= geometry.holds & self._is_on_branch(closed) & self._in_place(closed, geometry)
-        return good, self._samples.values(closed, self._drive)
+                closed, made_of.numbers, self._rates if k == parts else None, self._system)
+            good &= (made_of.geometry.holds & self._is_on_branch(closed)
+                     & self._in_place(closed, made_of.geometry))
+        return good, closed
 
     def _is_on_branch(self, closed: ClosedSamples) -> NDArray[np.bool_]:
         """Whether samples (m,) are closed next to where they started."""

@@ -153,12 +153,12 @@ class _Around:
         own = np.array([mechanism.dimensions[name] for name in names])
         self._steps = STEP * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
         offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
-        self._dimensions = own[:, None] + offsets
+        self._made_of = self._samples.made_of(own[:, None] + offsets) if self._samples else None
 
     def differentiated(self, state: State, drive: Drive) -> list[Sensitivity]:
         """Return the derivatives of the outputs at a state."""
         near = self._samples.near(state, drive) if self._samples else None
-        together = near.solve(self._dimensions) if near and self._names else None
+        together = near.solve(self._made_of) if near and self._made_of else None
         values = ([_plain(x[0]) for x in near.own] if near else
                   drive.evaluate(state.mechanism, state, self._outputs))
         found = [Sensitivity(output, value, {}, {}, _unit(state, drive, output))

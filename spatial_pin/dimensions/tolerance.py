@@ -17,7 +17,7 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of
 from spatial_pin.dimensions.drive import Drive
-from spatial_pin.dimensions.samples import Near, Samples
+from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
@@ -28,7 +28,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 
-CHUNK = 1024  # samples that are solved together: their numbers, 1 kB each, fit a processor's cache
+CHUNK = 4096  # samples solved together: fewer pay more for each call, more leave the cache
 MOST_SAMPLES = 10_000_000  # which fit into a memory: spreads to 0.02 %
 
 
@@ -176,11 +176,12 @@ def _solved(
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
-    near = _together(mechanism, state, drive, names, list(spread))
-    if near:
+    samples = _together(mechanism, state, list(spread), names)
+    near = samples.near(state, drive) if samples else None
+    if samples and near:
         for begin in range(0, len(drawn), CHUNK):
             some = slice(begin, begin + CHUNK)
-            is_closed[some], together = near.solve(drawn[some].T)
+            is_closed[some], together = near.solve(samples.made_of(drawn[some].T))
             for name, x in zip(names, together, strict=True):
                 values[name][some] = x
             bar.update(int(np.count_nonzero(is_closed[some])))
@@ -202,11 +203,10 @@ def _solved(
 
 
 def _together(
-    mechanism: Mechanism, state: State, drive: Drive, outputs: list[str], dimensions: list[str]
-) -> Near | None:
+    mechanism: Mechanism, state: State, dimensions: list[str], outputs: list[str]
+) -> Samples | None:
     """Return what solves samples together; None where it cannot be, as of a rounded file."""
-    samples = Samples.of(mechanism, dimensions, outputs) if state.mechanism is mechanism else None
-    return samples.near(state, drive) if samples else None
+    return Samples.of(mechanism, dimensions, outputs) if state.mechanism is mechanism else None
 
 
 class _Job(NamedTuple):

@@ -69,6 +69,7 @@ class Tape:
         self._operations: list[Operation | None] = [None] * len(arguments)
         self._values = list(arguments.values())
         self._decisions: list[tuple[Operation, Any]] = []
+        self._ordered: tuple[Any, list[int]] = None, []  # of the last call of `_needed`
 
     def give_up(self) -> None:
         """Note that something cannot be followed."""
@@ -167,7 +168,7 @@ class Tape:
         """
         wanted, m = list(places), arguments.shape[1]
         values: list[Any] = list(arguments) + [None] * (len(self._operations) - len(arguments))
-        needed = self._needed([*wanted, *(p for o, _ in self._decisions for p in _places(o))])
+        needed = self._needed(tuple(wanted))
         holds = np.full(m, self.is_whole)
         with np.errstate(all="ignore"):  # where a number is none, the arguments are left out
             for place in needed:
@@ -177,16 +178,19 @@ class Tape:
         found = np.array([np.broadcast_to(values[p], m) for p in wanted]).reshape(len(wanted), m)
         return found, holds & np.isfinite(found).all(axis=0)
 
-    def _needed(self, places: list[int]) -> list[int]:
-        """Return the places, in order, of the operations that some numbers are made of."""
-        todo, seen = list(places), set()
-        while todo:
-            place = todo.pop()
-            operation = self._operations[place]
-            if operation is not None and place not in seen:
-                seen.add(place)
-                todo += _places(operation)
-        return sorted(seen)
+    def _needed(self, wanted: tuple[int, ...]) -> list[int]:
+        """Return the places, in order, of the operations that numbers and decisions are made of."""
+        key = wanted, len(self._operations), len(self._decisions)
+        if key != self._ordered[0]:
+            todo, seen = [*wanted, *(p for o, _ in self._decisions for p in _places(o))], set()
+            while todo:
+                place = todo.pop()
+                operation = self._operations[place]
+                if operation is not None and place not in seen:
+                    seen.add(place)
+                    todo += _places(operation)
+            self._ordered = key, sorted(seen)
+        return self._ordered[1]
 
 
 def _places(operation: Operation) -> list[int]:
