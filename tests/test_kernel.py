@@ -275,6 +275,8 @@ def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> se
     driven, fill = np.split(driven, [rng.integers(len(driven) + 1)])
     if rng.random() < 0.7:
         chosen, driven = np.unique(np.abs(chosen)), np.unique(np.abs(driven))
+    if rng.random() < 0.5:
+        driven = rng.integers(-1, 2 * nv + 1, len(driven))
     fill = rng.choice(ODD, (max(nv - n_idle - len(chosen) - len(driven), 0), nv))
     ends.add(c.system_set(handle, address(chosen), len(chosen), address(driven), len(driven),
                           address(fill), len(fill)))
@@ -336,19 +338,37 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
 def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
     """Follow a path a little, whatever the square system is."""
     c, path, code = library(), ctypes.c_void_p(), ctypes.c_int()
-    asked = _Accuracy(1e-13, 1e-13, 1e-12, 0.1, int(rng.integers(0, 4)))
+    asked = _Accuracy(1e-13, 1e-13, 1e-12, 0.1, rng.choice([0.0, 1e-6]), int(rng.integers(0, 4)),
+                      int(rng.integers(-1, 3)))
     assert c.path_create(handle, ctypes.byref(asked), ctypes.byref(path)) == 0
+    nv, ends = int(ints[2]), set()
+    if rng.random() < 0.3:
+        ends.add(prescribe(path, nv, rng))
     end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
     if not end:
-        s = c.path_stand(path, address(q), address(turns))
-        values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
-        samples = Samples.empty(len(values), len(q), int(ints[2]), len(turns))
+        samples, zero, steps = (Samples.empty(4, len(q), nv, len(turns)), ctypes.c_double(),
+                                ctypes.c_int64())
         rows = _Rows(*map(address, samples))
+        s = c.path_stand(path, *map(ctypes.byref, (rows, zero, steps)))
+        values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
         reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),
                                 ctypes.byref(code))
         assert 0 <= reached <= len(values)
+        ends.add(c.path_go(path, rng.choice([s, s + 0.1, *ODD])))
     c.path_destroy(path)
-    return {end, code.value}
+    return {end, code.value} | ends
+
+
+def prescribe(path: ctypes.c_void_p, nv: int, rng) -> int:
+    """Prescribe polynomials of any number, sound or not."""
+    pieces, degree = int(rng.integers(-1, 4)), int(rng.choice([-1, 0, 1, 3, 101]))
+    breaks = np.sort(rng.normal(size=max(pieces, 0) + 1))
+    numbers = rng.normal(size=(max(pieces, 0), nv, max(degree, 0) + 1))
+    if rng.random() < 0.3:
+        breaks[rng.integers(len(breaks))] = rng.choice(ODD)
+        numbers[rng.random(numbers.shape) < 0.2] = rng.choice(ODD)
+    return library().path_prescribe(path, rng.choice([0.0, 0.1, *ODD]), pieces, degree,
+                                    address(breaks), address(numbers))
 
 
 def mutated(array: np.ndarray, values: np.ndarray, rng) -> np.ndarray:

@@ -140,6 +140,30 @@ def test_every_predictor_leads_to_the_same_branch(order):
     np.testing.assert_allclose(one.q, sp.sweep(mechanism, "crank", values).q, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["four_bar", "watt_six_bar", "stewart"])
+@pytest.mark.parametrize("order, corrections", [(0, 1), (1, 0), (1, 1), (2, 1), (2, 3), (3, 0),
+                                                (3, 1)])
+def test_a_fixed_number_of_corrections_goes_with_the_predictor_of_python(
+    monkeypatch, name, order, corrections
+):
+    mechanism, accuracy = sp.load(name), Accuracy(order=order, corrections=corrections)
+    driver = next(iter(mechanism.drivers))
+    start = sp.assemble(mechanism).coordinate(driver).value
+    values = start + np.linspace(0.0, 0.04 if name == "stewart" else 6.0, 300)
+    one = sp.sweep(mechanism, driver, values, accuracy=accuracy)
+    two = step_by_step(monkeypatch, mechanism, driver, values, accuracy=accuracy)
+    for first, second in ((one.q, two.q), (one.v, two.v), (one.a, two.a)):
+        atol = 1e-11 * max(1.0, np.abs(second).max())
+        np.testing.assert_allclose(first, second, rtol=0, atol=atol)
+
+
+def test_links_do_not_turn_idly_on_the_way_there_and_back():
+    mechanism = sp.load("rssr")
+    values = np.concatenate([np.tile([0.0, 0.06, 0.0, -0.06], 20), np.linspace(0.0, 3.0, 100)])
+    way = sp.sweep(mechanism, "crank", values)
+    np.testing.assert_allclose(way.q[80], way.q[0], rtol=0, atol=3e-14)
+
+
 def test_redundant_equations_are_chosen_anew_on_the_way(monkeypatch):
     """Those of Bennett's linkage that serve at the start are dependent elsewhere."""
     reached = []
@@ -168,10 +192,10 @@ def test_values_that_are_none_end_a_path_where_it_is(value):
     path, state = path_of(sp.load("rssr"), "crank")
     assert path.start(state.q, state.angles)
     samples = room(path, 3)
-    s = path.stand[0]
+    s = path.here.s
     assert path.follow(np.array([s, value, s]), samples) == 1
-    assert path.stand[0] == s
-    np.testing.assert_array_equal(path.stand[1], state.q)
+    assert path.here.s == s
+    np.testing.assert_array_equal(path.here.q, state.q)
     assert path.follow(np.array([s + 0.1]), room(path, 1)) == 1  # and goes on from there
 
 
@@ -195,9 +219,9 @@ def test_a_path_ends_before_a_limit_and_stands_there():
     limit = sp.limits(mechanism, "slider").upper.value
     path, state = path_of(mechanism, "slider")
     path.start(state.q, state.angles)
-    values = np.linspace(path.stand[0], 1.1 * limit, 50)
+    values = np.linspace(path.here.s, 1.1 * limit, 50)
     samples = room(path, 50)
     reached = path.follow(values, samples)
     assert reached == np.count_nonzero(values < limit)
-    assert values[reached - 1] <= path.stand[0] < limit
+    assert values[reached - 1] <= path.here.s < limit
     assert samples.error[:reached].max() < 1e-14

@@ -22,7 +22,7 @@ from spatial_pin.continuation.branch import Branch, Stopped
 from spatial_pin.continuation.evaluation_order import there_and_back
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
-from spatial_pin.kernel.paths import Path, Samples
+from spatial_pin.kernel.paths import Path, Samples, prescribed_places
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
@@ -60,15 +60,6 @@ class Start:
             self.driven = prescribed_at(state, names, hold)
             self.still = divided(state.mechanism, self.driven, hold)[1]
 
-    @property
-    def is_compiled(self) -> bool:
-        """Whether the kernel can follow the branch.
-
-        A component of a ball or floating joint is no entry of q, and a fixed number of corrections
-        is that of Taylor's predictor.
-        """
-        return all(c.q >= 0 for c in self.driven) and self.accuracy.corrections is None
-
     def branch(self) -> Branch:
         """Return the branch that is followed step by step."""
         return Branch(self.state, self.driven, self.accuracy, self.evaluation, self.still)
@@ -87,15 +78,13 @@ class Start:
         """Return the path where as many equations are independent as there are unknowns."""
         k, prescribed = self.kernel, len(self.driven) + len(self.still)
         wanted = k.nv - k.n_passive - prescribed
-        if not self.is_compiled or not 0 <= wanted <= k.n_rows:
+        if not 0 <= wanted <= k.n_rows:
             return None
         return self._path(np.arange(wanted), np.empty((0, k.nv)), self.state.q,
                           self.state.angles, True)
 
     def _path_of_system(self) -> Path | None:
         """Return the path where passive freedoms are left."""
-        if not self.is_compiled:
-            return None
         self.evaluation.turns[:] = self.state.angles
         try:
             system = SquareSystem(self.evaluation, self.driven, self.state.q, self.still)
@@ -106,15 +95,13 @@ class Start:
 
     def path_on(self, branch: Branch) -> Path | None:
         """Return the path that the kernel follows from where a branch stands."""
-        if not self.is_compiled:
-            return None
         return self._path(branch.system.rows, branch.system.passive, branch.q, branch.angles)
 
     def _path(
         self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array,
         choose: bool = False,
     ) -> Path | None:
-        driven = [*(c.v for c in self.driven), *self.still]
+        driven = prescribed_places(self.kernel, self.driven, self.still)
         path = Path(self.kernel, chosen, driven, fill, self.accuracy)
         return path if path.start(q, angles, choose) else None
 
@@ -189,7 +176,8 @@ def _take_over(branch: Branch, path: Path, samples: Samples, k: int) -> None:
     That is the sample before, where it is clear that the branch goes on, or the path's own place
     where that is far from it.
     """
-    s, q, angles = path.stand
+    here = path.here
+    s, q, angles = here.s, here.q, here.angles
     if k > 0 and branch.stretches(float(samples.q[k - 1, branch.at]) - s) < FAR:
         q, angles = samples.q[k - 1].copy(), samples.angles[k - 1]
     branch.evaluation.turns[:] = angles

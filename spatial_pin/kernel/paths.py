@@ -1,17 +1,27 @@
-"""Paths of closed configurations that the kernel follows."""
+"""Paths of closed configurations that the kernel follows, through many values or one at a time."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.kernel import Kernel, address, check, numbers
-from spatial_pin.kernel.library import library
+from spatial_pin.kernel.library import (
+    NO_MEMORY,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SINGULAR,
+    TOO_FAR,
+    UNSAFE,
+    library,
+)
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -53,10 +63,52 @@ class Samples(NamedTuple):
         return Samples(*(part[first:last] for part in self))
 
 
+class Halt(Enum):
+    """Why a path stands before the value that it was to go to."""
+
+    SINGULAR = "equations seem to become dependent before it"
+    SMALL = "steps become too small: the path bends, or ends"
+    FAR = "it is out of all proportion to where the path stands"
+    OVERFLOW = "numbers overflow, or memory does"
+
+
+HALTS = {SINGULAR: Halt.SINGULAR, NOT_CONVERGED: Halt.SMALL, UNSAFE: Halt.SMALL,
+         TOO_FAR: Halt.FAR, NOT_FINITE: Halt.OVERFLOW, NO_MEMORY: Halt.OVERFLOW}
+
+
+class Here(NamedTuple):
+    """Where a path stands.
+
+    Attributes:
+        s: value of the parameter, as a rule the driver's.
+        q: (nq,) configuration.
+        t, c: (nv,) first and second derivative by the parameter.
+        error: largest closure residual.
+        angles: (n_angles,) of screw closures, counting turns [rad].
+        zero: value of the parameter at which the equations would become dependent if they went on
+            as in the last step; infinite if they became less so, NaN before the first step.
+        steps: how many have been taken.
+    """
+
+    s: float
+    q: Array
+    t: Array
+    c: Array
+    error: float
+    angles: Array
+    zero: float
+    steps: int
+
+    def room(self, sense: float) -> float:
+        """Return how far ahead, in a sense, the equations would become dependent; or inf."""
+        way = self.zero - self.s
+        return abs(way) if way * sense > 0.0 else np.inf
+
+
 class _Accuracy(ctypes.Structure):
     _fields_ = [(name, ctypes.c_double)
                 for name in ("enough", "tolerance", "left", "idle", "between")]
-    _fields_ += [("order", ctypes.c_int64)]
+    _fields_ += [(name, ctypes.c_int64) for name in ("order", "corrections")]
 
 
 class _Rows(ctypes.Structure):
@@ -64,12 +116,14 @@ class _Rows(ctypes.Structure):
 
 
 class Path:
-    """A path along which one coordinate of a mechanism changes.
+    """A path along which one coordinate of a mechanism changes, or several by one parameter.
+
+    It is a cursor too: it goes to one value after the other, back and forth.
 
     Args:
         kernel: of the mechanism; this path alone uses it as long as it is followed.
         chosen: independent closure equations.
-        driven: velocity entries that are prescribed, that of the driver first.
+        driven: what is prescribed, the driver first; see `prescribed_places`.
         fill: (k, nv) rows that passive freedoms answer with the least motion.
         accuracy: tolerance and order of the predictor.
     """
@@ -82,17 +136,21 @@ class Path:
         self._library = library()
         chosen = np.ascontiguousarray(chosen, np.int64)
         prescribed = np.array(driven, np.int64)
+        self.n_driven = len(prescribed)
         fill = np.ascontiguousarray(fill, float)
         check(self._library.system_set(
             kernel.handle, address(chosen), len(chosen), address(prescribed), len(prescribed),
             address(fill), len(fill)))
         wanted = min(accuracy.tolerance, TIGHT) if len(chosen) < kernel.n_rows else (
             accuracy.tolerance)
-        loose = accuracy.tolerance >= BETWEEN and accuracy.order == 3
+        is_fixed = accuracy.corrections is not None
+        corrections = -1 if accuracy.corrections is None else accuracy.corrections
+        loose = accuracy.tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed
         between = accuracy.tolerance if loose else 0.0
         closed = NODES if loose else max(wanted, FINEST)
         asked = _Accuracy(ENOUGH * closed, CLOSED * closed, max(LEFT, wanted),
-                          max(IDLE, IDLE_PART * accuracy.tolerance), between, accuracy.order)
+                          np.inf if is_fixed else max(IDLE, IDLE_PART * accuracy.tolerance),
+                          between, accuracy.order, corrections)
         handle = ctypes.c_void_p()
         check(self._library.path_create(kernel.handle, ctypes.byref(asked), ctypes.byref(handle)))
         self._handle = handle
@@ -110,16 +168,56 @@ class Path:
         return not self._library.path_start(self._handle, address(q), address(angles), choose)
 
     def follow(self, values: Array, samples: Samples) -> int:
-        """Write samples at driver values (m,); return how many were reached."""
+        """Write samples at values of the parameter (m,); return how many were reached."""
         values = numbers(values, (len(samples.q),))
         rows, code = _Rows(*map(address, samples)), ctypes.c_int()
         reached: int = self._library.path_follow(
             self._handle, address(values), len(values), ctypes.byref(rows), ctypes.byref(code))
         return reached
 
+    def go(self, value: float) -> Halt | None:
+        """Go to a value of the parameter; return why not, the last safe point being taken then."""
+        code: int = self._library.path_go(self._handle, value)
+        return HALTS[code] if code else None
+
     @property
-    def stand(self) -> tuple[float, Array, Array]:
-        """Driver value, configuration and angles where the path stands, between two samples too."""
-        q, angles = np.empty(self.kernel.nq), np.empty(self.kernel.n_angles)
-        s: float = self._library.path_stand(self._handle, address(q), address(angles))
-        return s, q, angles
+    def here(self) -> Here:
+        """Where the path stands, between two samples too."""
+        kernel, zero, steps = self.kernel, ctypes.c_double(), ctypes.c_int64()
+        sample = Samples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
+        row = _Rows(*map(address, sample))
+        s: float = self._library.path_stand(self._handle, *map(ctypes.byref, (row, zero, steps)))
+        q, t, c, error, angles = (part[0] for part in sample)
+        return Here(s, q, t, c, float(error), angles, zero.value, steps.value)
+
+    def prescribe(self, begin: float, breaks: Array, coefficients: Array) -> None:
+        """Let what is driven have values that are piecewise polynomials of the parameter.
+
+        A path that is started later starts at a value of the parameter. Outside of the breaks the
+        first and the last piece go on. At a break rates are those behind it.
+
+        Args:
+            begin: the parameter where the path starts.
+            breaks: (m + 1,) where pieces begin and end, rising.
+            coefficients: (m, k, degree + 1) of powers of the parameter less the break before it,
+                rising, of all that is driven; zero of what stands still without having a value.
+        """
+        breaks, shape = np.ascontiguousarray(breaks, float), coefficients.shape
+        coefficients = numbers(coefficients, (len(breaks) - 1, self.n_driven, shape[-1]))
+        check(self._library.path_prescribe(
+            self._handle, begin, shape[0], shape[-1] - 1, address(breaks), address(coefficients)))
+
+
+def prescribed_places(
+    kernel: Kernel, driven: Iterable[Coordinate], still: Iterable[int] = ()
+) -> list[int]:
+    """Return how the kernel numbers what is prescribed.
+
+    Args:
+        kernel: of the mechanism.
+        driven: coordinates; those of balls and floating joints are components of a rotation
+            vector, or of a position, and no entries of the velocity.
+        still: places in the velocity vector that stand still.
+    """
+    return [c.v + kernel.nv * (c.q < 0 and not isinstance(c, VelocityEntry)) for c in driven] + [
+        *still]

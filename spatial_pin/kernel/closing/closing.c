@@ -6,9 +6,8 @@
  * what it does (least_motion.c), of many equations by the sparse squares (envelope.c). Where frames are turned far against each other, the logarithms of their rotations
  * lead first (far_rotations.c).
  *
- * Components of balls and floating joints, which no velocity belongs to, can be pinned: after each
- * step they are given their values, and each has an equation, zero there, that keeps steps from
- * moving it. */
+ * Components of balls and floating joints can be pinned (pins.c): after each step they are given
+ * their values, and each has an equation, zero there, that keeps steps from moving it. */
 #include <float.h>
 #include <string.h>
 
@@ -16,6 +15,7 @@
 #include "envelope.h"
 #include "far_rotations.h"
 #include "least_motion.h"
+#include "pins.h"
 
 #define NEAR 1e-2      /* residual from which products lead where the logarithms do */
 #define DAMPING 1e-2   /* times the residual, at first */
@@ -34,10 +34,6 @@
 /* Equations up to which steps are worked out without squares, whole: 0.5 ms each. Squares are
    sparse, and for many loops the only way. */
 #define FEW 100
-
-typedef struct {
-    Int q, v, component, turns; /* first place of its kind, x y or z, whether of the rotation */
-} Pin;
 
 struct Closer {
     Kernel *k;
@@ -70,79 +66,13 @@ typedef struct {
 
 /* ---------------------------------------------------------------- pinned coordinates */
 
-/* Rotation vector, of length up to pi, of a quaternion x, y, z, w. */
-static void rotation_vector(const Real *quaternion, Real *phi)
-{
-    const Real w = quaternion[3], sine = sqrt(dot3(quaternion, quaternion));
-    const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(w)) / sine : 2.0;
-    for (int i = 0; i < 3; i++)
-        phi[i] = (w < 0.0 ? -factor : factor) * quaternion[i];
-}
-
-static void quaternion_of(const Real *phi, Real *quaternion)
-{
-    const Real angle = sqrt(dot3(phi, phi));
-    const Real factor = angle > 0.0 ? sin(0.5 * angle) / angle : 0.5;
-    for (int i = 0; i < 3; i++)
-        quaternion[i] = factor * phi[i];
-    quaternion[3] = cos(0.5 * angle);
-}
-
-/* Give pinned coordinates their values: those of one rotation vector together. */
-static void put_pinned(const Closer *c, Real *q)
-{
-    for (Int i = 0; i < c->n_pins; i++) {
-        const Pin *pin = c->pin + i;
-        if (!pin->turns) {
-            q[pin->q + pin->component] = c->wanted[i];
-            continue;
-        }
-        Real phi[3];
-        rotation_vector(q + pin->q, phi);
-        for (;; i++) {
-            phi[c->pin[i].component] = c->wanted[i];
-            if (i + 1 == c->n_pins || c->pin[i + 1].q != pin->q)
-                break;
-        }
-        quaternion_of(phi, q + pin->q);
-    }
-}
-
-/* Derivative of a component of a rotation vector with respect to the angular velocity in the axes
-   of what turns: a row of I + [phi]/2 + (1 - (t/2) cot(t/2)) / t^2 [phi]^2, t its length. */
-static void rotation_row(const Real *q, Int component, Real *row)
-{
-    Real phi[3], axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
-    rotation_vector(q, phi);
-    const Real square = dot3(phi, phi), half = 0.5 * sqrt(square);
-    const Real factor = square > 1e-6 ? (1.0 - half / tan(half)) / square : 1.0 / 12.0;
-    axis[component] = 1.0;
-    cross3(axis, phi, once);
-    cross3(once, phi, twice);
-    for (int i = 0; i < 3; i++)
-        row[i] = axis[i] + 0.5 * once[i] + factor * twice[i];
-}
-
-/* Derivative of a component of a position with respect to the velocity in the axes of what moves:
-   a row of the rotation matrix of the quaternion behind it. */
-static void position_row(const Real *q, Int component, Real *row)
-{
-    const Real *u = q + 3, w = q[6];
-    Real axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
-    axis[component] = 1.0;
-    cross3(axis, u, once); /* turned back by the quaternion: a + 2 w a x u + 2 (a x u) x u */
-    cross3(once, u, twice);
-    for (int i = 0; i < 3; i++)
-        row[i] = axis[i] + 2.0 * w * once[i] + 2.0 * twice[i];
-}
-
 static void put_pinned_rows(Closer *c)
 {
     Real *row = c->value + c->k->entry_start[c->k->n_closure];
     for (Int i = 0; i < c->n_pins; i++, row += 3) {
         const Pin *pin = c->pin + i;
         const Real *scale = c->k->scale + pin->v;
-        (pin->turns ? rotation_row : position_row)(c->q + pin->q, pin->component, row);
+        pin_row(pin, c->q, row);
         for (int x = 0; x < 3; x++)
             row[x] *= scale[x] / scale[pin->component];
     }
@@ -240,7 +170,7 @@ static int try_step(Closer *c, Real damping, Real longest)
         c->step[v] *= part * c->k->scale[v];
     memcpy(c->trial, c->q, (size_t)c->k->nq * sizeof(Real));
     tree_integrate(c->k, c->trial, c->step);
-    put_pinned(c, c->trial);
+    pins_put(c->pin, c->n_pins, c->wanted, c->trial);
     return 1;
 }
 
@@ -314,7 +244,7 @@ static Real polish(Closer *c)
 static Real close_one(Closer *c, Real tolerance, Int iterations)
 {
     Descent d = {NEAR, iterations, 1, 0, STALLED};
-    put_pinned(c, c->q);
+    pins_put(c->pin, c->n_pins, c->wanted, c->q);
     residual_at(c, c->q, 0);
     if (rotations_are_far(c->k, &c->rotations))
         descend(c, &d);
@@ -325,18 +255,6 @@ static Real close_one(Closer *c, Real tolerance, Int iterations)
 }
 
 /* ---------------------------------------------------------------- what Python calls */
-
-static int pins_are_sound(const Kernel *k, const Pin *pin, Int n)
-{
-    for (Int i = 0; i < n; i++) {
-        const Pin *p = pin + i;
-        const Int entries = p->turns ? 4 : 7, freedoms = p->turns ? 3 : 6;
-        if (p->q < 0 || p->q > k->nq - entries || p->v < 0 || p->v > k->nv - freedoms ||
-            !within(p->component, 3))
-            return 0;
-    }
-    return 1;
-}
 
 static int take(Kernel *k, const Int *from, Int n, const Int **to)
 {

@@ -32,7 +32,8 @@ enum Code {
     SINGULAR = 3,     /* the square system has no solution: a pivot vanishes */
     NOT_CONVERGED = 4,
     UNSAFE = 5,       /* a step that could lead to another branch */
-    NOT_FINITE = 6
+    NOT_FINITE = 6,
+    TOO_FAR = 7       /* a value that is out of all proportion to where a path stands */
 };
 
 enum JointKind { TURN = 1, SLIDE = 2, SCREW = 3, BALL = 4, FREE = 5 };
@@ -48,6 +49,9 @@ enum EquationKind {
 
 /* A square matrix with a fixed pattern, factored as L U with an order of pivots chosen once. */
 typedef struct SparseLU SparseLU;
+
+/* A component of a ball or floating joint, see pins.h. */
+typedef struct Pin Pin;
 
 typedef struct Kernel {
     /* ---- the tree: joint 0 is the ground, parents come before children ---- */
@@ -104,9 +108,11 @@ typedef struct Kernel {
     Real *vector_rate, *vector_bias;
     Real *row;                      /* (nv) scratch, zero between uses */
 
-    /* ---- the square system: chosen equations, idle rotations, driven freedoms, filled rows ---- */
+    /* ---- the square system: chosen equations, idle rotations, what is driven, filled rows ---- */
     Int n_chosen, n_driven, n_fill;
-    Int *chosen, *driven; /* equations; freedoms in v */
+    Int *chosen, *driven; /* equations; freedoms in v, or nv + v for the component that v is of */
+    Pin *pin;             /* (n_pins) the components among what is driven, */
+    Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
     Int n_system, system_room;       /* entries of the square matrix, and room for them */
@@ -154,16 +160,20 @@ Real equations_error(const Kernel *k);           /* largest absolute residual */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
 /* ---- system.c ---- */
-/* Equations to be solved, freedoms that are driven, and rows that fill the system up.
-   n_chosen + n_idle + n_driven + n_fill must be nv. */
+/* Equations to be solved, what is driven, and rows that fill the system up; n_chosen + n_idle +
+   n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the component of a ball or
+   floating joint (pins.h) that stands at v. */
 EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                       const Real *fill, Int n_fill);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
-void system_solve(const Kernel *k, Real *x); /* right sides of chosen, idle, driven, fill -> v / scale */
+/* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
+void system_solve(const Kernel *k, Real *x);
 int system_reselect(Kernel *k);          /* other independent equations, as many; SINGULAR if none;
                                             `left_out` tells how independent the others are */
-/* dq/ds and d2q/ds2 (joint rates) for the first driven freedom s, at a factored point */
-void system_path_rates(Kernel *k, Real *first, Real *second);
+/* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
+   `rate` and `bend` (n_driven) by s */
+void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
+Int driven_at(const Kernel *k, Int i); /* the velocity entry at which what is driven stands */
 
 /* ---- sparse_lu.c ---- */
 SparseLU *lu_new(void);

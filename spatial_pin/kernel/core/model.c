@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "kernel.h"
+#include "pins.h"
 
 #ifndef SOURCE_HASH
 #define SOURCE_HASH "0123456789abcdef" /* whoever compiles these files says which they are */
@@ -193,9 +193,12 @@ static int make_room(Kernel *k)
             return 0;
     k->chosen = kernel_memory(k, nv, sizeof(Int));
     k->driven = kernel_memory(k, nv, sizeof(Int));
+    k->pin = kernel_memory(k, nv, sizeof(Pin));
+    k->pin_row = kernel_memory(k, nv, sizeof(Int));
+    k->pin_entry = kernel_memory(k, nv, sizeof(Int));
     k->lu = lu_new();
     k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
-    return k->chosen && k->driven && k->lu;
+    return k->chosen && k->driven && k->pin && k->pin_row && k->pin_entry && k->lu;
 }
 
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out)

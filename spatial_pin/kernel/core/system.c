@@ -1,9 +1,10 @@
-/* The square system: chosen closure equations, idle rotations, driven freedoms, and rows that fill
+/* The square system: chosen closure equations, idle rotations, what is driven, and rows that fill
  * it up where freedoms are left (passive ones that nothing determines). Unknowns are v / scale. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "choosing.h"
+#include "pins.h"
 
 static int indices_are_sound(const Int *index, Int n, Int below)
 {
@@ -50,27 +51,55 @@ static Int put_equation(Kernel *k, Int row, Int equation)
     return row + 1;
 }
 
+Int driven_at(const Kernel *k, Int i) { return k->driven[i] % k->nv; }
+
+/* A row of what is driven: one of a freedom; three of a component, that are filled in later. */
+static void put_driven(Kernel *k, Int row, Int i)
+{
+    const Int v = driven_at(k, i);
+    if (k->driven[i] < k->nv) {
+        put(k, row, v, -1, 1.0);
+        return;
+    }
+    pin_of(k, v, k->pin + k->n_pins);
+    k->pin_row[k->n_pins] = row;
+    k->pin_entry[k->n_pins] = k->n_system;
+    const Int first = k->pin[k->n_pins++].v;
+    for (Int x = 0; x < 3; x++)
+        put(k, row, first + x, -1, 1.0);
+}
+
 /* Where the entries of the square matrix stand and come from. */
 static int lay_out(Kernel *k)
 {
     Int row = 0, room = k->entry_start[k->n_equations] - k->entry_start[k->n_closure];
     for (Int i = 0; i < k->n_chosen; i++)
         room += k->entry_start[k->chosen[i] + 1] - k->entry_start[k->chosen[i]];
-    if (!make_room(k, room + k->n_driven + k->n_fill * k->nv))
+    if (!make_room(k, room + 3 * k->n_driven + k->n_fill * k->nv))
         return NO_MEMORY;
-    k->n_system = 0;
+    k->n_system = k->n_pins = 0;
     for (Int i = 0; i < k->n_chosen; i++)
         row = put_equation(k, row, k->chosen[i]);
     for (Int i = k->n_closure; i < k->n_equations; i++)
         row = put_equation(k, row, i);
     for (Int i = 0; i < k->n_driven; i++)
-        put(k, row++, k->driven[i], -1, 1.0);
+        put_driven(k, row++, i);
     for (Int i = 0; i < k->n_fill; i++, row++)
         for (Int v = 0; v < k->nv; v++)
             if (k->fill[i * k->nv + v] != 0.0)
                 put(k, row, v, -1, k->fill[i * k->nv + v]);
     lu_forget(k->lu);
     return DONE;
+}
+
+static int driven_is_sound(const Kernel *k, const Int *driven, Int n)
+{
+    Pin pin;
+    for (Int i = 0; i < n; i++)
+        if (!within(driven[i], 2 * k->nv) ||
+            (driven[i] >= k->nv && !pin_of(k, driven[i] - k->nv, &pin)))
+            return 0;
+    return 1;
 }
 
 EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
@@ -80,7 +109,7 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
         n_fill > k->nv || n_chosen + k->n_idle + n_driven + n_fill != k->nv)
         return BAD_ARRAYS;
     if (!indices_are_sound(chosen, n_chosen, k->n_closure) ||
-        !indices_are_sound(driven, n_driven, k->nv))
+        !driven_is_sound(k, driven, n_driven))
         return BAD_ARRAYS;
     if (n_fill > 0) {
         Real *rows = realloc(k->fill, (size_t)(n_fill * k->nv) * sizeof *rows);
@@ -97,6 +126,19 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
     return lay_out(k);
 }
 
+/* The rows of components at the point that was evaluated. */
+static void turn_pins(Kernel *k)
+{
+    for (Int i = 0; i < k->n_pins; i++) {
+        const Pin *pin = k->pin + i;
+        const Real *scale = k->scale + pin->v;
+        Real row[3];
+        pin_row(pin, k->q, row);
+        for (int x = 0; x < 3; x++)
+            k->system_value[k->pin_entry[i] + x] = row[x] * scale[x] / scale[pin->component];
+    }
+}
+
 /* Factor with the order there is; choose another where it has become a bad one. */
 int system_factor(Kernel *k)
 {
@@ -104,6 +146,7 @@ int system_factor(Kernel *k)
     for (Int e = 0; e < k->n_system; e++)
         if (k->system_from[e] >= 0)
             k->system_value[e] = k->entry[k->system_from[e]];
+    turn_pins(k);
     for (int attempt = 0; attempt < 2; attempt++) {
         int code = DONE;
         if (attempt || !lu_has_order(k->lu))
@@ -139,21 +182,35 @@ int system_reselect(Kernel *k)
     return found == k->n_chosen ? lay_out(k) : SINGULAR;
 }
 
-void system_path_rates(Kernel *k, Real *first, Real *second)
+/* Right sides of what is driven, of derivatives (n_driven) by s. */
+static void put_rates(Kernel *k, const Real *rate)
 {
-    Real *x = k->right;
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    x[k->n_chosen + k->n_idle] = 1.0 / k->scale[k->driven[0]];
-    system_solve(k, x);
+    Real *x = k->right + k->n_chosen + k->n_idle;
+    memset(k->right, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->n_driven; i++)
+        x[i] = rate[i] / k->scale[driven_at(k, i)];
+}
+
+static void solve_rates(Kernel *k, Real *rates)
+{
+    system_solve(k, k->right);
     for (Int v = 0; v < k->nv; v++)
-        first[v] = k->scale[v] * x[v];
+        rates[v] = k->scale[v] * k->right[v];
+}
+
+void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second)
+{
+    put_rates(k, rate);
+    solve_rates(k, first);
     equations_bias(k, first);
-    memset(x, 0, (size_t)k->nv * sizeof *x);
+    put_rates(k, bend);
     for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = -k->bias[k->chosen[i]];
+        k->right[i] = -k->bias[k->chosen[i]];
     for (Int i = 0; i < k->n_idle; i++)
-        x[k->n_chosen + i] = -k->bias[k->n_closure + i];
-    system_solve(k, x);
-    for (Int v = 0; v < k->nv; v++)
-        second[v] = k->scale[v] * x[v];
+        k->right[k->n_chosen + i] = -k->bias[k->n_closure + i];
+    for (Int i = 0; i < k->n_pins; i++) {
+        const Pin *pin = k->pin + i;
+        k->right[k->pin_row[i]] -= pin_bias(pin, k->q, first) / k->scale[pin->v + pin->component];
+    }
+    solve_rates(k, second);
 }

@@ -7,12 +7,6 @@
 #include "correcting.h"
 
 #define MOST 6           /* corrections; four square a tenth down to round-off */
-#define CONTRACTION 0.25 /* of two corrections: where Kantorovich's condition h <= 1/2 holds, the
-                            second is at most h / 2 of the first */
-#define ROUND_OFF 1e-14  /* a correction after which there is no closer */
-#define LEAST 1e-13      /* smaller corrections contract no more: they are round-off */
-#define NEAR 1e-6        /* residual that factors of a point near by make small enough at once */
-#define NOISE 1e-9       /* first corrections as small are allowed whatever the prediction */
 
 Real chosen_residual(const Kernel *k)
 {
@@ -54,7 +48,7 @@ static int is_closed(const Correction *c, Real residual, Real size)
         return c->count >= c->fixed;
     if (c->count == 0)
         return residual <= c->enough;
-    return residual <= c->tolerance || (size <= ROUND_OFF && residual <= c->left);
+    return residual <= c->tolerance || (size <= TOLERANCE_ROUND_OFF && residual <= c->left);
 }
 
 int correct(Kernel *k, Real *q, Correction *c)
@@ -71,7 +65,8 @@ int correct(Kernel *k, Real *q, Correction *c)
             return DONE;
         if (c->fixed < 0 && c->count == MOST)
             return NOT_CONVERGED;
-        old = old && (c->count ? residual * (residual / before) <= c->tolerance : residual < NEAR);
+        old = old && (c->count ? residual * (residual / before) <= c->tolerance
+                               : residual < TOLERANCE_HALF_PRECISION);
         const int code = old ? DONE : factor_here(k);
         if (code != DONE)
             return code;
@@ -80,12 +75,14 @@ int correct(Kernel *k, Real *q, Correction *c)
             return NOT_FINITE;
         if (c->count == 0)
             c->first = size;
-        if (c->count == 0 && size > c->allowed + NOISE)
+        if (c->count == 0 && size > c->allowed + TOLERANCE_NOTHING)
             return UNSAFE;
-        if (c->count && size > CONTRACTION * last) /* round-off ends the contraction too */
+        if (c->count && size > TOLERANCE_CONTRACTION * last) /* round-off ends it too */
             return residual <= c->left ? DONE : NOT_CONVERGED;
-        last = old ? INFINITY : fmax(size, LEAST); /* old factors do not contract alike */
+        last = old ? INFINITY : fmax(size, TOLERANCE_ZERO); /* old factors do not contract alike */
         before = residual;
         tree_integrate(k, q, k->right);
+        if (c->prescribed)
+            prescribed_put(c->prescribed, q);
     }
 }

@@ -2,7 +2,7 @@
 #ifndef SPATIAL_PIN_CORRECTING_H
 #define SPATIAL_PIN_CORRECTING_H
 
-#include "kernel.h"
+#include "prescribing.h"
 
 typedef struct Correction {
     /* asked for */
@@ -12,6 +12,7 @@ typedef struct Correction {
                      below `tolerance` */
     Real allowed; /* largest first correction: a larger one is none of a prediction on the path */
     Int fixed;    /* corrections to make whatever the residual; -1: as many as it takes */
+    Prescribed *prescribed; /* what is given its values after every correction; NULL: nothing */
     Int reuse;    /* whether the factors at hand, of a point near by, may serve for the first one */
     /* told */
     Real first;   /* size of the first correction; 0 if there was none */
@@ -20,8 +21,8 @@ typedef struct Correction {
 
 /* Correct q (nq) until the chosen equations hold, what is driven standing still.
  *
- * The system is bordered by whatever `system_set` was given: freedoms of the drivers, freedoms of
- * a chart, or filled rows such as a tangent. Corrections have sizes of v / scale (Euclidean).
+ * The system is bordered by whatever `system_set` was given: what is driven, freedoms of a chart,
+ * or filled rows such as a tangent. Corrections have sizes of v / scale (Euclidean).
  *
  * DONE: the values (`equations_values`), but not the Jacobian nor the factors, are those at q.
  * UNSAFE: the first correction was larger than allowed. NOT_CONVERGED: corrections did not

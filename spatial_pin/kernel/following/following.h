@@ -1,4 +1,7 @@
-/* A path of closed configurations, followed through many values of one driver. */
+/* A path of closed configurations, followed through many values of its parameter s.
+ *
+ * As a rule s is the value of what is driven first. Samples are taken in any order; the path is
+ * a cursor that goes back and forth. */
 #ifndef SPATIAL_PIN_FOLLOWING_H
 #define SPATIAL_PIN_FOLLOWING_H
 
@@ -12,33 +15,47 @@ typedef struct {
     Real idle;      /* idle rotation that one step may leave [rad] */
     Real between;   /* error of points that are interpolated between others; 0: none are */
     Int order;      /* of the predictor: 0 to 2 Taylor's, 3 Hermite's through two points */
+    Int corrections; /* of a step, whatever the residual; -1: as many as it takes. A fixed number
+                       of them goes with Taylor's predictor, of order 3 too */
 } PathAccuracy;
 
 typedef struct Path Path;
 
-/* A path on the kernel's square system, whose first driven freedom is the driver. */
+/* A path on the kernel's square system. */
 EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out);
 EXPORT void path_destroy(Path *path);
 
+/* Let values of what is driven, from the first on, be piecewise polynomials of s (prescribing.h),
+ * of which a path starts at `begin` from now on. DONE, BAD_ARRAYS, NO_MEMORY. */
+EXPORT int path_prescribe(Path *path, Real begin, Int n_pieces, Int degree, const Real *breaks,
+                          const Real *coefficients);
+
 /* Stand at a closed configuration q (nq), whose screw angles are near `angles`. The equations are
  * those of the system, or with `choose` as many independent ones, if the loops are regular there.
- * DONE, or SINGULAR, NOT_FINITE, NO_MEMORY; UNSAFE: so near to a singular one that it is in doubt. */
+ * DONE, or SINGULAR, NOT_FINITE, NO_MEMORY; UNSAFE: so near to a singular one that it is in doubt;
+ * BAD_ARRAYS: nothing that has a value is driven first. */
 EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose);
 
 /* Where the values (n) of a path go: a row of each array belongs to one value. */
 typedef struct {
     Real *q;      /* (n, nq) */
-    Real *t, *c;  /* (n, nv) first and second derivative by the driver, joint rates */
+    Real *t, *c;  /* (n, nv) first and second derivative by s, joint rates */
     Real *error;  /* (n) largest residual of all closure equations */
     Real *angle;  /* (n, n_angles) of screws, counting turns */
 } PathRows;
 
-/* Follow the path through driver values. Returns how many were reached; then `code` says why no
- * more: UNSAFE, where the next lies beyond something that is to be looked at, or where steps fail
- * for any other reason. The path then stands at the last safe point. */
+/* Follow the path through values of s. Returns how many were reached; then `code` says why no
+ * more, as `path_go`. The path then stands at the last safe point. */
 EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code);
 
-/* Where the path stands: its q (nq) and angles (n_angles); returns the driver's value. */
-EXPORT Real path_stand(const Path *path, Real *q, Real *angles);
+/* Go to a value of s: DONE, or SINGULAR: it lies beyond where equations seem to become dependent,
+ * UNSAFE, NOT_CONVERGED: steps become too small, the path bends or ends, TOO_FAR, NOT_FINITE,
+ * NO_MEMORY. The path then stands at the last safe point. */
+EXPORT int path_go(Path *path, Real target);
+
+/* Where the path stands, in one row; returns s. `zero` becomes the value of s at which the
+ * determinant would vanish as it fell in the last step, infinite if it rose, NaN if no step was
+ * taken; `steps` how many were taken since the path was created. */
+EXPORT Real path_stand(const Path *path, const PathRows *row, Real *zero, Int *steps);
 
 #endif

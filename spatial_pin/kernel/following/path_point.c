@@ -1,4 +1,6 @@
 /* A point of a path: rates there, and predictions from it. */
+#include <string.h>
+
 #include "path_point.h"
 
 static Int axis_numbers(const Kernel *k)
@@ -30,15 +32,17 @@ void point_carve(const Kernel *k, Real **from, Point *point)
     point->axis = (IdleAxis *)carve(from, axis_numbers(k));
 }
 
-int point_rates(Kernel *k, Point *point)
+int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
 {
     Real sum = 0.0;
     point->size = log2(k->mantissa) + (Real)k->exponent;
     point->error = equations_error(k);
-    system_path_rates(k, point->t, point->c);
+    system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
     for (Int i = 0; i < k->n_driven; i++) { /* as asked for, to the last digit */
-        point->t[k->driven[i]] = i ? 0.0 : 1.0;
-        point->c[k->driven[i]] = 0.0;
+        if (k->driven[i] >= k->nv)
+            continue;
+        point->t[k->driven[i]] = prescribed->rate[i];
+        point->c[k->driven[i]] = prescribed->bend[i];
     }
     for (Int i = 0; i < k->n_angles; i++) {
         point->angle[i] = k->angle[i];
@@ -64,12 +68,18 @@ Real point_way(const Kernel *k, const Point *point, Real h)
     return sqrt(square);
 }
 
-void predict_taylor(const Kernel *k, const Point *at, Real h, Int order, Real *q)
+void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real h, Int order,
+                    Real *q)
 {
     const Real first = order >= 1 ? h : 0.0, second = order >= 2 ? 0.5 * h * h : 0.0;
-    for (Int i = 0; i < k->nq; i++)
-        q[i] = at->q[i] + first * at->first[i] + second * at->second[i];
-    tree_normalize(k, q);
+    const Real third = before ? h * h * h / (6.0 * (at->s - before->s)) : 0.0;
+    memcpy(q, at->q, (size_t)k->nq * sizeof *q);
+    for (Int v = 0; v < k->nv; v++) {
+        k->right[v] = first * at->t[v] + second * at->c[v];
+        if (before)
+            k->right[v] += third * (at->c[v] - before->c[v]);
+    }
+    tree_integrate(k, q, k->right);
 }
 
 /* With x = s - s1 by H = s1 - s0 and f = H q1', g = H² q1'': q1 + f x + g x² / 2 + x³ (A + B x +

@@ -3,9 +3,10 @@
 #define SPATIAL_PIN_PATH_POINT_H
 
 #include "idle_rotation.h"
+#include "prescribing.h"
 
 typedef struct {
-    Real s;                   /* driver value */
+    Real s;                   /* the path's parameter, as a rule the driver's value */
     Real *q, *first, *second; /* configuration, derivatives of its entries by s */
     Real *t, *c;              /* first and second derivative by s, joint rates */
     Real *angle, *angle_rate; /* of screws, counting turns */
@@ -18,15 +19,17 @@ typedef struct {
 Int point_numbers(const Kernel *k);
 void point_carve(const Kernel *k, Real **from, Point *point);
 
-/* All that follows from q, where the kernel is evaluated and factored.
+/* All that follows from q and what is prescribed there, where the kernel is evaluated and factored.
  * DONE, or NOT_FINITE where rates are no numbers. */
-int point_rates(Kernel *k, Point *point);
+int point_rates(Kernel *k, const Prescribed *prescribed, Point *point);
 
 /* Norm of the scaled way of the joints over a step h, by Taylor's series to second order. */
 Real point_way(const Kernel *k, const Point *point, Real h);
 
-/* q (nq) a step h from a point: Taylor's series of an order from 0 to 2. */
-void predict_taylor(const Kernel *k, const Point *at, Real h, Int order, Real *q);
+/* q (nq) a step h from a point: Taylor's series of an order from 0 to 2, or to 3, the derivative
+ * being the difference of two second ones, where there is a point before. */
+void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real h, Int order,
+                    Real *q);
 
 /* The same by Hermite's polynomial of fifth degree through two points. Its error is
  * r^3 (1 + r)^3 times the sixth derivative, over 720, with r = h by the distance of the points. */

@@ -1,0 +1,32 @@
+/* Components of balls and floating joints, which are no entries of q and whose rates are none of v.
+ *
+ * Of a rotation it is a component of the rotation vector, of length up to pi; of a floating joint
+ * also one of the position in its parent. */
+#ifndef SPATIAL_PIN_PINS_H
+#define SPATIAL_PIN_PINS_H
+
+#include "kernel.h"
+
+/* One component: the first places of its kind in q and v, x y or z, whether of the rotation. */
+struct Pin {
+    Int q, v, component, turns;
+};
+
+/* The component that velocity entry v is that of; 0 where it is the entry of a single freedom. */
+int pin_of(const Kernel *k, Int v, Pin *pin);
+
+int pins_are_sound(const Kernel *k, const Pin *pin, Int n);
+
+/* Give components their values in q: those of one rotation vector together, which stand side by
+ * side. The quaternion keeps the sign that is nearer to what it was. */
+void pins_put(const Pin *pin, Int n, const Real *value, Real *q);
+
+Real pin_value(const Pin *pin, const Real *q);
+
+/* Derivative (3) of the value with respect to the velocities from `pin->v` on. */
+void pin_row(const Pin *pin, const Real *q, Real *row);
+
+/* Second derivative of the value at joint rates v and zero joint accelerations. */
+Real pin_bias(const Pin *pin, const Real *q, const Real *v);
+
+#endif

@@ -1,0 +1,61 @@
+/* What a path consists of, and the parts that it is followed by. */
+#ifndef SPATIAL_PIN_PATH_H
+#define SPATIAL_PIN_PATH_H
+
+#include "following.h"
+#include "path_point.h"
+
+struct Path {
+    Kernel *k;
+    PathAccuracy accuracy;
+    Prescribed prescribed;
+    Point points[3], *here, *before, *next; /* `next` is the trial */
+    int has_before; /* whether there is a point before `here`, on the same stretch */
+    Int *chosen;    /* equations in use at `here` */
+    Real sign;      /* of the determinant with these equations */
+    Real selected, selected_ratio; /* its size, and the ratio of pivots, where they were chosen */
+    Real zero;      /* s where it would vanish as it last fell; infinite if it rose */
+    int zero_known, stale; /* `stale`: the factors are of another point than `here` */
+    Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
+    Real between_way; /* the joints' way between points that samples are interpolated between */
+    int is_between; /* whether the last step is as short, as far as its error is known */
+    Real way;       /* the joints' way in the last step that was tried, by prediction */
+    Real missed;    /* of q, by the last step's prediction: Hermite's error between its points */
+    Real open;      /* residual of equations left out that no other choice makes smaller */
+    Real begin;     /* s at the start, where polynomials are prescribed */
+    Int steps;      /* taken since the path was created */
+    Real *memory;
+};
+
+/* ---- stepping.c ---- */
+/* Step to a value of s: DONE, or why not; then nothing has changed, but for what is `stale`. */
+int step(Path *path, Real target);
+/* Evaluate and factor at `here` again, with the piece of what is prescribed that is in use. */
+int stand_again(Path *path);
+/* Let the piece that begins at `here` in the sense of a number be in use there. */
+int turn_into(Path *path, Real sense);
+int factor_here(Kernel *k); /* at an evaluated point, with passive freedoms as they are there */
+int keep_choice(Path *path);  /* whether other equations are in use now */
+int has_redundant(const Kernel *k);
+Real room_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
+/* The change of s in which the joints go a way; the longest step that is worth an attempt. */
+Real step_of(const Path *path, Real way);
+Real longest_step(const Path *path);
+
+/* ---- turning_back.c ---- */
+/* Turn links about their own axes to where no idle rotation leaves them in a step to `next`. */
+int take_idle_back(Path *path, Real way);
+
+/* ---- sampling.c ---- */
+/* Go to a value of s by as many steps as the path needs, of equal length where they may be. */
+int reach(Path *path, Real target);
+void write_row(const Path *path, const PathRows *rows, Int i); /* of where the path stands */
+
+#define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
+                            rad at a way of 0.3, as measured, (1/6)^6 is round-off */
+#define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
+                            fourth root of the error allowed, which grows with its fourth power */
+#define BETWEEN_LONGEST 0.5 /* and the longest */
+
+
+#endif

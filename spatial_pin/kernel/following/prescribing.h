@@ -1,0 +1,54 @@
+/* What is prescribed along a path: values of what is driven, as functions of the path's parameter.
+ *
+ * As a rule the parameter s is the value of what is driven first, and all else is held. Or the
+ * values are piecewise polynomials of s, as of a table that splines go through. */
+#ifndef SPATIAL_PIN_PRESCRIBING_H
+#define SPATIAL_PIN_PRESCRIBING_H
+
+#include "pins.h"
+
+typedef struct {
+    Int n;                      /* as many as are driven */
+    Int *place;                 /* entry of q; -1 of components, and of entries of v that have none */
+    Int n_pins, *pinned;        /* components, those of one rotation side by side: which they are */
+    Pin *pin;
+    Int n_pieces, degree;       /* of the polynomials; no pieces: see above */
+    Real *breaks, *coefficient; /* (n_pieces + 1); (n_pieces, n, degree + 1) of s less the break
+                                   before, from the constant one on */
+    Int piece;                  /* the one in use */
+    Real *value, *rate, *bend;  /* (n) at the last `prescribe`, with derivatives by s */
+    Real *pin_value;
+    void *memory;
+} Prescribed;
+
+int prescribed_create(const Kernel *k, Prescribed *p); /* DONE, NO_MEMORY */
+void prescribed_free(Prescribed *p);
+
+/* Let it be what the system drives. DONE; BAD_ARRAYS where nothing with a value is driven first,
+ * or where the polynomials are of another number. */
+int prescribed_read(const Kernel *k, Prescribed *p);
+
+/* Take polynomials. DONE; BAD_ARRAYS where breaks do not rise, numbers are none, or what has no
+ * value is to move; NO_MEMORY. */
+int prescribed_take(Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
+                    const Real *coefficients);
+
+/* Values that are held, and the parameter, are those at q. */
+Real prescribed_from(Prescribed *p, const Real *q);
+
+/* Values and derivatives at s, by the piece in use. */
+void prescribe(Prescribed *p, Real s);
+
+/* Give what is prescribed its values in q. */
+void prescribed_put(Prescribed *p, Real *q);
+
+/* What value number i is short of in q. */
+Real prescribed_gap(const Prescribed *p, const Real *q, Int i);
+
+/* The piece on the way from s, in the sense of a number; where s is a break it begins there. */
+Int piece_ahead(const Prescribed *p, Real s, Real sense);
+
+/* How far one may go from s to a target by that piece: to the target, or to its end. */
+Real piece_end(const Prescribed *p, Real s, Real target);
+
+#endif

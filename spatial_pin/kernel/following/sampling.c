@@ -1,0 +1,140 @@
+/* Many values of a path: steps to each of them, or few steps and samples between their ends. */
+#include <string.h>
+
+#include "interpolating.h"
+#include "path.h"
+
+#define FARTHEST 640e3   /* way, in longest steps, of a value that is followed to at all */
+#define HALVINGS 8.0     /* of a step, before the caller is asked, who goes on by arc length */
+#define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
+#define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
+#define BETWEEN_NEARER 0.25 /* part of the way to where the determinant vanishes that a step which
+                            samples are interpolated in may go: the path grows there like a root,
+                            whose sixth derivative so grows fivefold */
+
+/* Go on to a value of s, by one piece of what is prescribed. */
+static int reach_within(Path *path, Real target)
+{
+    const Real first = fmin(fabs(target - path->here->s), longest_step(path));
+    const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -HALVINGS);
+    Real length = first;
+    Int failed = 0;
+    if (!(fabs(target - path->here->s) <= FARTHEST * longest_step(path)))
+        return TOO_FAR;
+    while (path->here->s != target) {
+        const Real left = target - path->here->s;
+        const Real parts = ceil(fabs(left) / fmin(length, longest_step(path)) - 1e-9);
+        const Real goal = parts <= 1.0 ? target : path->here->s + left / parts;
+        const Real tried = fabs(goal - path->here->s);
+        const int code = goal != path->here->s ? step(path, goal) : UNSAFE;
+        if (code == DONE)
+            length = fmax(length, 2.0 * tried);
+        else if (code == NO_MEMORY || 0.5 * tried < least || tried == 0.0 || ++failed > MOST_FAILED)
+            return code;
+        else
+            length = 0.5 * tried;
+    }
+    return DONE;
+}
+
+int reach(Path *path, Real target)
+{
+    int code = isfinite(target) ? DONE : TOO_FAR;
+    while (code == DONE && path->here->s != target) {
+        code = turn_into(path, target - path->here->s);
+        if (code == DONE)
+            code = reach_within(path, piece_end(&path->prescribed, path->here->s, target));
+    }
+    return code;
+}
+
+void write_row(const Path *path, const PathRows *rows, Int i)
+{
+    const Kernel *k = path->k;
+    const Point *here = path->here;
+    memcpy(rows->q + i * k->nq, here->q, (size_t)k->nq * sizeof *here->q);
+    memcpy(rows->t + i * k->nv, here->t, (size_t)k->nv * sizeof *here->t);
+    memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
+    memcpy(rows->angle + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
+    rows->error[i] = here->error;
+}
+
+/* Row i is where the path stands; at a break what is prescribed goes on as behind it. */
+static int put_row(Path *path, const PathRows *rows, Int i)
+{
+    const int code = turn_into(path, 1.0);
+    write_row(path, rows, i);
+    return code;
+}
+
+/* ---- values between two points ---- */
+
+/* The last of the values from i on, one after the other in one sense, that one step may reach. */
+static Int last_within(const Path *path, const Real *values, Int i, Int n)
+{
+    const Real s = path->here->s, sense = values[i] - s;
+    const Real end = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
+    const Real longest = fmin(longest_step(path), step_of(path, path->between_way));
+    const Real most = fmin(fmin(longest, BETWEEN_NEARER * room_ahead(path, sense)), fabs(end - s));
+    Int last = i;
+    while (last + 1 < n && (values[last + 1] - values[last]) * sense > 0.0 &&
+           fabs(values[last + 1] - s) <= most)
+        last++;
+    return last;
+}
+
+/* Write row i, at a value between a point and the present one; DONE if its loops are closed. */
+static int put_between(Path *path, const Point *from, Real value, const PathRows *rows, Int i)
+{
+    Kernel *k = path->k;
+    const Point *to = path->here;
+    const Real part = (value - from->s) / (to->s - from->s);
+    Real *q = rows->q + i * k->nq, *angle = rows->angle + i * k->n_angles;
+    point_between(k, from, to, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
+    prescribe(&path->prescribed, value);
+    prescribed_put(&path->prescribed, q);
+    for (Int x = 0; x < k->n_angles; x++)
+        k->turns[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
+    equations_values(k, q);
+    for (Int x = 0; x < k->n_angles; x++)
+        angle[x] = k->angle[x];
+    rows->error[i] = equations_error(k);
+    path->stale = 1;
+    return rows->error[i] <= path->accuracy.between ? DONE : NOT_CONVERGED;
+}
+
+/* Go to value `last` in one step, and write the rows from i on that lie before it. Returns how
+ * many rows are done: none if the step fails, fewer than asked for if one of them is open. */
+static Int follow_between(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
+{
+    const Point *from = path->here; /* it stays what it is until the next step is tried */
+    if (step(path, values[last]) != DONE) {
+        path->between_way *= 0.5;
+        return 0;
+    }
+    if (!path->is_between)
+        return 0;
+    for (Int row = i; row < last; row++)
+        if (put_between(path, from, values[row], rows, row) != DONE)
+            return row - i;
+    return last - i + (put_row(path, rows, last) == DONE);
+}
+
+EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code)
+{
+    *code = DONE;
+    for (Int i = 0; i < n;) {
+        const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
+        const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
+        i += done;
+        if (done)
+            continue;
+        *code = reach(path, values[i]);
+        if (*code == DONE)
+            *code = put_row(path, rows, i);
+        if (*code != DONE)
+            return i;
+        i++;
+    }
+    return n;
+}

@@ -1,0 +1,388 @@
+/* One step of a path, whole or not at all.
+ *
+ * Predictor, corrector, and tests that a step stays on its path [AllgowerGeorg2003]. */
+#include <float.h>
+#include <string.h>
+
+#include "filling.h"
+#include "path.h"
+
+#define CURVED 1.05      /* room for the way's curvature where steps of that length are counted */
+#define MISSED 1e-24     /* square of what they may miss at any length: round-off */
+#define TURNED 0.5       /* least cosine between the directions of the path at the ends of a step */
+#define NEARER 0.75      /* part of the way to where the determinant vanishes that a step may go */
+#define LOOK 1e-3        /* part of a first step over which the determinant's fall is judged */
+#define REGULAR 0.1      /* smallest over largest pivot: below, a residual leaves the more open in
+                            configurations and rates, and is asked to be smaller by as much;
+                            factors of another point are off where the equations are weakest */
+#define WORN 2.3         /* binary orders (a factor of 5) by which the determinant falls, */
+#define WORN_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
+#define OPENED 2.0       /* times a residual that no choice makes smaller: one like it is no news */
+#define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
+                            round-off grows by 20 r^5 */
+#define TELLING_BEND 1e3 /* the same of a third derivative by the difference of two second ones */
+#define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
+                            that way, (0.03)^6 / 720 is round-off */
+#define SAFE 0.7         /* part of the way at which errors, of fourth order, are a quarter of those
+                            allowed: there they may grow from one step to the next */
+#define STRAIGHT 1e-2    /* second derivative by the way below which a path is straight */
+
+/* ---- the determinant ---- */
+
+/* Two branches that cross twice at one place leave its sign as it was, but its root falls to zero
+ * like a straight line: note where, from its sizes before and after a step h. */
+static void note_zero(Path *path, Real before, Real after, Real s, Real h)
+{
+    const Real fall = exp2(0.5 * (before - after)) - 1.0;
+    path->zero = fall != 0.0 ? s + h / fall : INFINITY;
+    path->zero_known = 1;
+}
+
+Real room_ahead(const Path *path, Real h)
+{
+    const Real way = path->zero - path->here->s;
+    return way * h > 0.0 ? fabs(way) : INFINITY;
+}
+
+/* Learn where the determinant vanishes from a small part of a step h. */
+static int look_ahead(Path *path, Real h)
+{
+    Kernel *k = path->k;
+    predict_taylor(k, path->here, NULL, LOOK * h, 2, path->next->q);
+    path->stale = 1;
+    equations_values(k, path->next->q);
+    equations_jacobian(k);
+    const int code = system_factor(k);
+    const Real size = code == DONE ? log2(k->mantissa) + (Real)k->exponent : -INFINITY;
+    note_zero(path, path->here->size, size, path->here->s + LOOK * h, LOOK * h);
+    return code == SINGULAR ? DONE : code;
+}
+
+/* ---- a step ---- */
+
+int keep_choice(Path *path)
+{
+    const size_t size = (size_t)path->k->n_chosen * sizeof *path->chosen;
+    const int is_new = memcmp(path->chosen, path->k->chosen, size) != 0;
+    memcpy(path->chosen, path->k->chosen, size);
+    return is_new;
+}
+
+int has_redundant(const Kernel *k) { return k->n_chosen < k->n_closure; }
+
+static void expect_angles(const Path *path, Real h)
+{
+    for (Int i = 0; i < path->k->n_angles; i++)
+        path->k->turns[i] = path->here->angle[i] + h * path->here->angle_rate[i];
+}
+
+/* Predict `next` at a value of s, by points that are closed or, corrected a fixed number of times,
+ * not quite: those no polynomial is put through, that would make the more of it. */
+static void predict(Path *path, Real target)
+{
+    const Point *here = path->here, *before = path->has_before ? path->before : NULL;
+    const Real h = target - here->s, apart = before ? fabs(here->s - before->s) : 0.0;
+    const Int order = path->accuracy.order;
+    if (order == 3 && path->accuracy.corrections < 0 && fabs(h) < FAR_AHEAD * apart)
+        predict_hermite(path->k, before, here, h, path->next->q);
+    else if (order == 3 && path->accuracy.corrections >= 0 && fabs(h) < TELLING_BEND * apart)
+        predict_taylor(path->k, here, before, h, order, path->next->q);
+    else
+        predict_taylor(path->k, here, NULL, h, order < 2 ? order : 2, path->next->q);
+    path->next->s = target;
+}
+
+/* Move a prediction to the prescribed values by the rates at `here`: polynomials of s may be at
+ * rest there and go far all the same. `way` becomes longer by as much. */
+static int follow_prescribed(Path *path, Real *way)
+{
+    Kernel *k = path->k;
+    Real most = 0.0, square = 0.0;
+    for (Int i = 0; i < k->n_driven; i++) {
+        const Real gap = prescribed_gap(&path->prescribed, path->next->q, i);
+        most = fmax(most, fabs(gap) / k->scale[driven_at(k, i)]);
+    }
+    if (most <= DBL_EPSILON || !path->accuracy.order)
+        return DONE;
+    const int code = path->stale ? stand_again(path) : DONE;
+    if (code != DONE)
+        return code;
+    memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
+    for (Int i = 0; i < k->n_driven; i++)
+        k->right[k->n_chosen + k->n_idle + i] =
+            prescribed_gap(&path->prescribed, path->next->q, i) / k->scale[driven_at(k, i)];
+    system_solve(k, k->right);
+    for (Int v = 0; v < k->nv; v++) {
+        square += k->right[v] * k->right[v];
+        k->right[v] *= k->scale[v];
+    }
+    *way += sqrt(square);
+    if (!(*way <= TOLERANCE_LONGEST_STEP))
+        return UNSAFE;
+    tree_integrate(k, path->next->q, k->right);
+    return DONE;
+}
+
+static int is_driven(const Kernel *k, Int v)
+{
+    for (Int i = 0; i < k->n_driven; i++)
+        if (k->driven[i] == v)
+            return 1;
+    return 0;
+}
+
+/* Closure error that round-off of the unknown coordinates may leave: an angle that counts a million
+ * turns is known to 1e-9 rad. What is driven has its value exactly. */
+static Real round_off_of(const Kernel *k, const Real *q)
+{
+    Real most = 0.0;
+    for (Int j = 1; j < k->n_joints; j++)
+        if (joint_nv(k->kind[j]) == 1 && !is_driven(k, k->iv[j]))
+            most = fmax(most, fabs(q[k->iq[j]]) / k->scale[k->iv[j]]);
+    return 4.0 * DBL_EPSILON * most;
+}
+
+/* Close the prediction; choose other equations where those left out tell that these are worn. */
+static int close_prediction(Path *path, Real way)
+{
+    Kernel *k = path->k;
+    const PathAccuracy *wanted = &path->accuracy;
+    const Real least = round_off_of(k, path->here->q);
+    const Real part = fmin(1.0, k->pivot_ratio / REGULAR);
+    Correction c = {.enough = fmax(part * wanted->enough, 0.1 * least),
+                    .tolerance = fmax(part * wanted->tolerance, 0.3 * least),
+                    .left = fmax(wanted->left, least), .fixed = wanted->corrections,
+                    .reuse = !path->stale && part == 1.0 && wanted->corrections < 0,
+                    .prescribed = &path->prescribed};
+    c.allowed = wanted->order ? TOLERANCE_UNEXPLAINED * way : INFINITY;
+    path->stale = 1;
+    int code = correct(k, path->next->q, &c);
+    path->missed = c.first;
+    if (code != DONE || !has_redundant(k) || c.fixed >= 0 ||
+        equations_error(k) <= fmax(c.tolerance, path->open))
+        return code;
+    equations_jacobian(k);
+    code = system_reselect(k);
+    if (code != DONE)
+        return code;
+    c.reuse = 0;
+    c.enough = 0.0;
+    code = correct(k, path->next->q, &c);
+    path->open = fmax(path->open, OPENED * equations_error(k));
+    return code == DONE && equations_error(k) > c.left ? UNSAFE : code;
+}
+
+int factor_here(Kernel *k)
+{
+    equations_jacobian(k);
+    const int code = system_factor(k);
+    return code == DONE && k->n_fill ? fill_again(k) : code;
+}
+
+/* Choose the independent equations anew at a factored point; the sign starts anew with them. */
+static int choose_again(Path *path)
+{
+    Kernel *k = path->k;
+    int code = system_reselect(k);
+    if (code == DONE)
+        code = system_factor(k);
+    if (code != DONE)
+        return code;
+    path->next->size = log2(k->mantissa) + (Real)k->exponent;
+    return DONE;
+}
+
+/* Do the rates at both ends of a step account for the way between?
+ * Hermite: q1 - q0 = h (t0 + t1) / 2 + h² (c0 - c1) / 12, in the joints of one freedom. */
+static int is_explained(const Path *path)
+{
+    const Kernel *k = path->k;
+    const Point *a = path->here, *b = path->next;
+    const Real h = b->s - a->s;
+    Real along = 0.0, square0 = 0.0, square1 = 0.0, moved = 0.0, missed = 0.0;
+    for (Int v = 0; v < k->nv; v++) {
+        along += a->t[v] * b->t[v];
+        square0 += a->t[v] * a->t[v];
+        square1 += b->t[v] * b->t[v];
+    }
+    for (Int j = 1; j < k->n_joints; j++) {
+        if (joint_nv(k->kind[j]) != 1)
+            continue;
+        const Int v = k->iv[j];
+        const Real way = b->q[k->iq[j]] - a->q[k->iq[j]];
+        const Real left = way - 0.5 * h * (a->t[v] + b->t[v]) - h * h / 12.0 * (a->c[v] - b->c[v]);
+        moved += way * way;
+        missed += left * left;
+    }
+    return along >= TURNED * sqrt(square0 * square1) &&
+           missed <= TOLERANCE_UNEXPLAINED * TOLERANCE_UNEXPLAINED * moved + MISSED;
+}
+
+/* ---- one step, whole or not at all ---- */
+
+/* What is known at the corrected `next`: DONE if it lies on the same stretch of the same path. */
+static int arrive(Path *path, Real way)
+{
+    Kernel *k = path->k;
+    Point *here = path->here, *next = path->next;
+    int is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
+    int code = factor_here(k);
+    if (code != DONE)
+        return code;
+    if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
+        return SINGULAR;
+    const Real size = log2(k->mantissa) + (Real)k->exponent;
+    if (!is_new && has_redundant(k) && size < path->selected - WORN &&
+        k->pivot_ratio < WORN_PIVOT * path->selected_ratio) {
+        code = choose_again(path);
+        is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
+        if (!is_new)
+            path->selected = size, path->selected_ratio = k->pivot_ratio;
+    }
+    if (code == DONE)
+        code = point_rates(k, &path->prescribed, next);
+    if (code == DONE && !is_explained(path))
+        code = UNSAFE;
+    if (code == DONE && k->n_idle && path->accuracy.corrections)
+        code = take_idle_back(path, way);
+    if (code != DONE)
+        return code;
+    if (is_new) {
+        keep_choice(path);
+        path->sign = k->sign;
+        path->selected = next->size;
+        path->selected_ratio = k->pivot_ratio;
+        path->zero = INFINITY;
+        path->zero_known = 0;
+    } else
+        note_zero(path, here->size, next->size, next->s, next->s - here->s);
+    return DONE;
+}
+
+static int try_step(Path *path, Real target)
+{
+    const Real h = target - path->here->s;
+    Real way = point_way(path->k, path->here, h);
+    int code = DONE;
+    if (!(way <= TOLERANCE_LONGEST_STEP) || (path->k->n_idle && way > 1.1 * path->idle_way))
+        return UNSAFE;
+    expect_angles(path, h);
+    if (!path->zero_known)
+        code = look_ahead(path, h);
+    if (code != DONE || fabs(h) > NEARER * room_ahead(path, h))
+        return code != DONE ? code : SINGULAR;
+    predict(path, target);
+    prescribe(&path->prescribed, target);
+    if (path->prescribed.n_pieces)
+        code = follow_prescribed(path, &way);
+    if (code != DONE)
+        return code;
+    expect_angles(path, h);
+    prescribed_put(&path->prescribed, path->next->q);
+    path->way = way;
+    code = close_prediction(path, way);
+    return code == DONE ? arrive(path, way) : code;
+}
+
+/* Make `next` the present point. The point before stays what it is as long as it is near: what
+ * is told ahead by less than the distance of two points does not suffer from their round-off. */
+static void take(Path *path)
+{
+    Point *next = path->next;
+    const Real apart = fabs(next->s - path->before->s);
+    const int stays = path->has_before && path->accuracy.corrections < 0 &&
+                      apart > fabs(next->s - path->here->s) &&
+                      point_way(path->k, next, apart) < NEAR_BY;
+    path->next = stays ? path->here : path->before;
+    path->before = stays ? path->before : path->here;
+    path->here = next;
+    path->has_before = 1;
+    path->stale = 0;
+    path->steps++;
+}
+
+/* Learn the way between points from what prediction missed. With r the step by the distance of the
+ * points it was predicted from, that is 64 (1 + 1/r)^3 times what Hermite's polynomials miss in the
+ * middle of the step: both are products of cubed distances from two points, times the sixth
+ * derivative. Second derivatives miss 24 / way² times that. */
+static void note_missed(Path *path, Real ratio, Real h)
+{
+    const Real growth = 64.0 * pow(1.0 + 1.0 / ratio, 3.0), way = path->way;
+    const Kernel *k = path->k;
+    Real bend = 0.0, pace = 0.0; /* second derivative by the way: that is what errors are parts of */
+    for (Int v = 0; v < k->nv; v++) {
+        bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
+        pace += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
+    }
+    if (path->prescribed.n_pieces) /* these may be at rest */
+        pace = fmax(pace, way * way / (h * h));
+    bend = fmax(sqrt(bend) / pace, STRAIGHT);
+    const Real error = 24.0 * path->missed / (growth * way * way);
+    const Real part = path->accuracy.between * bend / fmax(error, 1e-30);
+    path->is_between = part >= 1.0;
+    path->between_way = fmin(way * fmin(fmax(SAFE * pow(part, 0.25), 0.25), 4.0), BETWEEN_LONGEST);
+}
+
+int stand_again(Path *path)
+{
+    Kernel *k = path->k;
+    for (Int i = 0; i < k->n_angles; i++)
+        k->turns[i] = path->here->angle[i];
+    equations_values(k, path->here->q);
+    const int code = factor_here(k);
+    path->stale = code != DONE;
+    return code;
+}
+
+int turn_into(Path *path, Real sense)
+{
+    Prescribed *p = &path->prescribed;
+    const Int piece = piece_ahead(p, path->here->s, sense);
+    const Int last = p->piece;
+    if (piece == last)
+        return DONE;
+    p->piece = piece;
+    prescribe(p, path->here->s);
+    int code = stand_again(path);
+    if (code == DONE)
+        code = point_rates(path->k, p, path->here);
+    path->has_before = path->zero_known = 0;
+    p->piece = code == DONE ? piece : last;
+    return code;
+}
+
+int step(Path *path, Real target)
+{
+    Kernel *k = path->k;
+    int code = turn_into(path, target - path->here->s);
+    const Real h = target - path->here->s;
+    const Real ratio = path->has_before ? h / (path->here->s - path->before->s) : 0.0;
+    if (code == DONE)
+        code = try_step(path, target);
+    if (code != DONE) {
+        if (memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0)
+            system_set(k, path->chosen, k->n_chosen, k->driven, k->n_driven, k->fill, k->n_fill);
+        path->stale = 1;
+        return code;
+    }
+    take(path);
+    path->is_between = path->way <= BETWEEN_LONGEST;
+    if (path->accuracy.between > 0.0 && ratio > 0.0)
+        note_missed(path, ratio, h);
+    return DONE;
+}
+
+Real step_of(const Path *path, Real way)
+{
+    const Kernel *k = path->k;
+    Real square = 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        square += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
+    return way / (CURVED * sqrt(square));
+}
+
+Real longest_step(const Path *path)
+{
+    const Real most = TOLERANCE_LONGEST_STEP;
+    return step_of(path, path->k->n_idle ? fmin(most, path->idle_way) : most);
+}

@@ -1,0 +1,116 @@
+/* Steps of a path leave links where no idle rotation does: they are turned back about their axes. */
+#include <string.h>
+
+#include "path.h"
+
+#define IDLE_SAME 1e-15  /* rotation [rad] that is round-off */
+#define IDLE_SMALL 1e-8  /* rotation whose square is round-off */
+#define IDLE_PASSES 6    /* of turning links back that move other joints with them */
+
+/* Rates of a ball's joint once its body is turned by a rotation vector x (in body axes). */
+static void turn_back(const Real *x, Real *rate)
+{
+    const Real angle = sqrt(dot3(x, x));
+    if (!(angle > 0.0))
+        return;
+    Real axis[3] = {x[0] / angle, x[1] / angle, x[2] / angle}, once[3], twice[3];
+    const Real half = sin(0.5 * angle);
+    cross3(axis, rate, once);
+    cross3(axis, once, twice);
+    add3(-sin(angle), once, rate);
+    add3(2.0 * half * half, twice, rate);
+}
+
+/* Whether a displacement x (nv) turns nothing but as many balls as there are idle rotations: then
+ * the rates are as they were, in axes that have turned. */
+static int turns_balls_only(const Kernel *k, const Real *x)
+{
+    Real most = 0.0;
+    Int moved = 0;
+    for (Int v = 0; v < k->nv; v++)
+        most = fmax(most, fabs(x[v]));
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real size = 0.0;
+        for (Int i = 0; i < joint_nv(k->kind[j]); i++)
+            size = fmax(size, fabs(x[k->iv[j] + i]));
+        if (size > TOLERANCE_NOTHING * most && k->kind[j] != BALL)
+            return 0;
+        moved += size > TOLERANCE_NOTHING * most;
+    }
+    return moved <= k->n_idle;
+}
+
+static void turn_rates(const Path *path, const Real *x)
+{
+    const Kernel *k = path->k;
+    Point *next = path->next;
+    for (Int j = 1; j < k->n_joints; j++)
+        if (k->kind[j] == BALL) {
+            turn_back(x + k->iv[j], next->t + k->iv[j]);
+            turn_back(x + k->iv[j], next->c + k->iv[j]);
+        }
+    tree_entry_rates(k, next->q, next->t, next->c, next->first, next->second);
+}
+
+/* Displacement x = k->right (nv) that takes back what links have turned about their own axes in
+ * the step. Returns the largest such rotation, and of all the largest error by estimate [rad]. */
+static Real idle_displacement(Path *path, Real way, Real *error)
+{
+    Kernel *k = path->k;
+    const Point *before = path->before, *here = path->here;
+    Real most = 0.0;
+    memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
+    for (Int i = 0; i < k->n_idle; i++) {
+        Real own;
+        const int three = path->has_before && way > IDLE_FIRST && /* else two points are enough */
+                          (here->s > before->s) == (path->next->s > here->s);
+        const Real turned = idle_turned(three ? before->axis + i : NULL, here->axis + i,
+                                        path->next->axis + i, here->s - before->s,
+                                        path->next->s - here->s, &own);
+        k->right[k->n_chosen + i] = -turned;
+        idle_turn(path->next->axis + i, -turned);
+        *error = fmax(*error, own);
+        if (!(fabs(turned) <= most))
+            most = fabs(turned);
+    }
+    system_solve(k, k->right);
+    for (Int v = 0; v < k->nv; v++)
+        k->right[v] *= k->scale[v];
+    return most;
+}
+
+/* Longest step that idle rotations allow next, from the error of this one, of ninth order. */
+static int is_exact(Path *path, Real way, Real error)
+{
+    const Real part = path->accuracy.idle / fmax(error, 1e-30);
+    path->idle_way = fmax(way * fmin(fmax(0.9 * pow(part, 1.0 / 9.0), 0.5), 2.5), IDLE_FIRST);
+    return error <= 4.0 * path->accuracy.idle;
+}
+
+int take_idle_back(Path *path, Real way)
+{
+    Kernel *k = path->k;
+    for (int pass = 0; pass < IDLE_PASSES; pass++) {
+        Real error = 0.0;
+        const Real most = idle_displacement(path, way, &error);
+        if (!isfinite(most + error))
+            return NOT_FINITE;
+        if (!is_exact(path, way, error))
+            return UNSAFE;
+        if (most <= IDLE_SAME)
+            return DONE;
+        tree_integrate(k, path->next->q, k->right);
+        prescribed_put(&path->prescribed, path->next->q);
+        if (turns_balls_only(k, k->right)) {
+            turn_rates(path, k->right);
+            return DONE;
+        }
+        equations_values(k, path->next->q);
+        int code = factor_here(k);
+        if (code == DONE)
+            code = point_rates(k, &path->prescribed, path->next);
+        if (code != DONE || most <= IDLE_SMALL)
+            return code;
+    }
+    return NOT_CONVERGED;
+}
