@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.newton import rank_loss
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
@@ -36,7 +36,6 @@ class Freedoms:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
-        self._evaluation = Evaluation(constraints_of(mechanism))
         self._state: State | None = None
         self._jacobian: Array = np.empty((0, 0))
         self._rows: NDArray[np.intp] = np.empty(0, np.intp)
@@ -45,10 +44,9 @@ class Freedoms:
     def equations(self, state: State) -> NDArray[np.intp]:
         """Return which closure equations are independent at a state."""
         if state is not self._state:
-            evaluation = self._evaluation
-            evaluation.turns[:] = state.angles
-            evaluation.update(state.q)
-            self._jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+            with evaluation_of(self._mechanism, state.angles) as evaluation:
+                evaluation.update(state.q)
+                self._jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
             self._state, self._spaces = state, {}
             if not (is_large(self._mechanism.model) and self._look_for_one_freedom(state)):
                 self._rows = independent_rows(self._jacobian)
@@ -118,10 +116,11 @@ class Freedoms:
 
     def _found(self, state: State, rows: NDArray[np.intp], drive: Array) -> Array:
         name = self._mechanism.name
-        if not self._spaces and rank_loss(self._evaluation, state.q, len(rows)):
-            raise SingularError(
-                f"mechanism {name!r}: singular configuration, {state}: branches cross there and "
-                "the motion is not determined; start beside it", state=state)
+        with evaluation_of(self._mechanism, state.angles) as evaluation:
+            if not self._spaces and rank_loss(evaluation, state.q, len(rows)):
+                raise SingularError(
+                    f"mechanism {name!r}: singular configuration, {state}: branches cross there "
+                    "and the motion is not determined; start beside it", state=state)
         svd = decompose(np.vstack([self._jacobian[rows], drive]))
         if svd.rank < len(rows) + len(drive):
             raise SingularError(
