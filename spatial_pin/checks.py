@@ -213,7 +213,7 @@ def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     if array.shape != shape:
         needed = shape or "a single number"
         raise ValueError(f"{what} has shape {array.shape}; {needed} is needed")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise ValueError(f"{what} has a value that is NaN or infinite")
     return array
 

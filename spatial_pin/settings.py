@@ -175,9 +175,13 @@ LEVELS = {
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
-        (0.006, Accuracy(tolerance=0.0001)),
+        (0.06, Accuracy(tolerance=0.01)),
+        (0.04, Accuracy(tolerance=0.001)),
+        (0.002, Accuracy(tolerance=0.0001)),
+        (0.0002, Accuracy(tolerance=1e-05)),
+        (2e-05, Accuracy(tolerance=1e-06)),
+        (3e-07, Accuracy(tolerance=1e-07)),
         (2e-11, Accuracy(tolerance=1e-12)),
-        (2e-12, Accuracy()),
         (4e-13, Accuracy(tolerance=1e-15)),
     ),
     "simulate": (

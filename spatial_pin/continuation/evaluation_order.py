@@ -20,12 +20,10 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     """
     if len(values) < 3:
         return None
-    first = values[0]
+    first, low, high = values[0], values.min(), values.max()
     with np.errstate(over="ignore"):
-        way = np.abs(np.diff(values)).sum()
-        span = values.max() - values.min()
-        ends = min(values.max() - first, first - values.min())
-        if not way / WORTH > span + ends:
+        way = np.abs(values[1:] - values[:-1]).sum()
+        if not way / WORTH > high - low + min(high - first, first - low):
             return None
     rows = np.argsort(values, kind="stable")
     up, down = rows[values[rows] >= first], rows[values[rows] < first][::-1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -113,8 +114,8 @@ def sweep(
     held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
         hold, Mapping) else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [coordinate], held)
-    tight = accuracy if accuracy.tolerance <= TIGHT else replace(accuracy, tolerance=TIGHT)
-    state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess, accuracy=tight)
+    state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess,
+                      accuracy=_tight(accuracy))
     mechanism = state.mechanism
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
@@ -166,6 +167,12 @@ def _released(
     return [Event("released", value, 0, text) for text in texts]
 
 
+@cache
+def _tight(accuracy: Accuracy) -> Accuracy:
+    """Return the settings that the first value is closed with: the way begins there."""
+    return accuracy if accuracy.tolerance <= TIGHT else replace(accuracy, tolerance=TIGHT)
+
+
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
@@ -186,7 +193,9 @@ def _motion(
     v, a = samples.t[:n], samples.c[:n]
     if per == "s":
         with np.errstate(over="ignore", invalid="ignore"):
-            a = a * (speeds * speeds)[:, None] + v * accels[:, None]
+            a = a * (speeds * speeds)[:, None]
+            if accels.any():
+                a += v * accels[:, None]
             v = v * speeds[:, None]
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
@@ -238,11 +247,11 @@ def _drift(motion: Motion) -> list[Event]:
 
 def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
     """(value - first)/speed where that rises from row to row at constant speed, else None."""
-    if np.any(accels != 0.0) or np.any(speeds != speeds[0]) or speeds[0] == 0.0:
+    if speeds[0] == 0.0 or (speeds != speeds[0]).any() or accels.any():
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         time = (values - values[0]) / speeds[0]
-        return time if np.isfinite(time).all() and np.all(np.diff(time) > 0.0) else None
+        return time if np.isfinite(time).all() and (time[1:] > time[:-1]).all() else None
 
 
 def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:
