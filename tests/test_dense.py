@@ -103,7 +103,7 @@ def test_the_longest_row_left_is_chosen(shape):
     for _ in range(min(shape)):
         expected.append(int(np.argmax(np.linalg.norm(left, axis=1))))
         left = a - a @ np.linalg.pinv(a[expected]) @ a[expected]
-        assert dense.independent_rows(a, len(expected), 0.0).tolist() == sorted(expected)
+        assert dense.independence(a, len(expected), 0.0).rows.tolist() == sorted(expected)
     assert independent_rows(a).tolist() == sorted(expected)
 
 

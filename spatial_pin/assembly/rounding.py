@@ -34,12 +34,8 @@ from spatial_pin.constraints.closure_equations import (
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Equations
-from spatial_pin.numerics.linalg import (
-    Array,
-    null_space,
-    singular_values,
-    weighty_rows,
-)
+from spatial_pin.numerics.dense import independence
+from spatial_pin.numerics.linalg import Array, null_space, singular_values, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
@@ -50,6 +46,9 @@ WIDE = 10.0
 # Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
 # as each takes as many steps as a start may.
 EVERY = 4
+# What is left of equations that are clearly independent: a thousand times `SOFT`, as what is left
+# of the last one is larger than the least singular value, though hardly ever ten times.
+INDEPENDENT = 1e-2
 CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
 ON_THE_WAY = 48  # configurations looked at, of which half must be reached: more than one turn then
 STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns in all
@@ -106,8 +105,7 @@ def may_be_rounded(evaluation: Evaluation, gap: float) -> bool:
     memo, place = evaluation.mechanism.memo, (evaluation.q.tobytes(), gap)
     known: tuple[tuple[bytes, float], bool] | None = memo.get("may be rounded")
     if known is None or known[0] != place:  # a motion begins where loops have been closed
-        s = _even(jacobian)
-        known = place, bool(np.any((s > TOLERANCES.rank * s[0]) & (s < min(gap, SOFT) * s[0])))
+        known = place, _nearly_depend(_evened(jacobian), min(gap, SOFT))
         memo["may be rounded"] = known
     return known[1]
 
@@ -213,13 +211,27 @@ def _closes(evaluation: Evaluation, q: Array) -> bool:
     return close(evaluation, q, np.ones(evaluation.model.nv, dtype=bool), CLOSED)[1] <= CLOSED
 
 
-def _even(jacobian: Array) -> Array:
-    """Return the singular values of a Jacobian with columns made alike: short levers are none then.
+def _nearly_depend(rows: Array, part: float) -> bool:
+    """Whether rows have singular values that are small, by the largest below a part, but not zero.
+
+    Of rows that are clearly independent, and others that clearly follow from them, the longest left
+    first, there are none: that costs as much as there are loops, singular values their cube.
+    """
+    found = independence(rows, len(rows), TOLERANCES.rank)
+    if found.least > INDEPENDENT and found.left_out < TOLERANCES.tight:
+        return False
+    s = singular_values(rows)
+    return bool(np.any((s > TOLERANCES.rank * s[0]) & (s < part * s[0])))
+
+
+def _evened(jacobian: Array) -> Array:
+    """Return a Jacobian with columns made alike: short levers are none then.
 
     What rounding makes of equations stays as small.
     """
-    sizes = np.linalg.norm(jacobian, axis=0)
-    return singular_values(jacobian / np.where(sizes > TOLERANCES.rank, sizes, 1.0))
+    sizes = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    sizes[sizes <= TOLERANCES.rank] = 1.0
+    return jacobian / sizes
 
 
 def _rank(s: Array, cut: float) -> int:
@@ -233,7 +245,7 @@ def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample 
     if error > gap or evaluation.mirrored():
         return None
     jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
-    return Sample(q, jacobian, singular_values(jacobian), _even(jacobian), error)
+    return Sample(q, jacobian, singular_values(jacobian), singular_values(_evened(jacobian)), error)
 
 
 def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Sample]:

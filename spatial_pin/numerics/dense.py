@@ -7,7 +7,7 @@ factors, and one of its calls costs 3 to 10 µs where these cost 1 to 4.
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,8 @@ _qr = _function("dense_qr", None, _COUNT, _COUNT, _REALS, _COUNTS, _REALS, _REAL
 _qr_turn = _function("dense_qr_turn", None, _COUNT, _COUNT, _REALS, _REALS, _COUNT, _COUNT, _COUNT,
                      _REALS, _REALS)
 _independent_rows = _function(
-    "independent_rows", _COUNT, _COUNT, _COUNT, _REALS, _COUNT, ctypes.c_double, _COUNTS)
+    "independent_rows", _COUNT, _COUNT, _COUNT, _REALS, _COUNT, ctypes.c_double, _COUNTS,
+    _REALS)
 
 
 def _own(a: Array) -> Array:
@@ -97,21 +98,36 @@ def cholesky_solve(a: Array, b: Array) -> tuple[Array, Array, bool]:
     return factor, x, not _cholesky_solve(len(x), _reals(factor), _reals(x), 0.0)
 
 
-def independent_rows(a: Array, most: int, part: float) -> NDArray[np.intp]:
-    """Return independent rows of `a` (m, n), ascending: the longest one left is chosen first.
+class Independence(NamedTuple):
+    """Which rows of a matrix are independent, and how clearly.
+
+    Attributes:
+        rows: their indices, ascending.
+        least: length of what is left of the last one chosen, relative to the first one's; 0 where
+            there is none.
+        left_out: likewise of the longest of those that were not.
+    """
+
+    rows: NDArray[np.intp]
+    least: float
+    left_out: float
+
+
+def independence(a: Array, most: int, part: float) -> Independence:
+    """Return independent rows of `a` (m, n): the longest one left is chosen first.
 
     Args:
         a: the rows.
         most: how many are chosen at most.
         part: of the length of the first one, below which what is left of a row is none.
     """
-    chosen = np.empty(len(a), dtype=np.int64)
+    chosen, facts = np.empty(len(a), dtype=np.int64), np.zeros(2)
     if not a.size:
-        return chosen[:0].astype(np.intp)
-    found = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen))
+        return Independence(chosen[:0].astype(np.intp), 0.0, 0.0)
+    found = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen), _reals(facts))
     if found < 0:
         raise MemoryError
-    return chosen[:found].astype(np.intp, copy=False)
+    return Independence(chosen[:found].astype(np.intp, copy=False), *facts.tolist())
 
 
 def qr(a: Array) -> tuple[Array, Order, Array]:

@@ -144,7 +144,7 @@ def independent_rows(a: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np
 
     As column-pivoted QR of the transpose chooses them [GolubVanLoan2013, 5.4].
     """
-    return dense.independent_rows(a, len(a), tolerance)
+    return dense.independence(a, len(a), tolerance).rows
 
 
 def common_rows(a: Array, given: Array, count: int) -> list[int]:
@@ -262,7 +262,7 @@ class Factors:
 
 def weighty_rows(a: Array, count: int) -> NDArray[np.intp]:
     """Return the sorted indices of `count` independent rows of `a`, the longest first chosen."""
-    return dense.independent_rows(a, count, 0.0)
+    return dense.independence(a, count, 0.0).rows
 
 
 def determinant_sign_of(a: Array) -> int:

@@ -2,7 +2,6 @@
  * with column exchanges chooses them [GolubVanLoan2013, 5.2.9, 5.4]. */
 #include <float.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "choosing.h"
 #include "tolerances.h"
@@ -15,13 +14,16 @@ int choice_begin(Choice *c, Int n, Int width)
     *c = (Choice){.n = n, .width = width};
     c->row = calloc(rows * (size_t)(width + 1), sizeof(Real));
     c->square = calloc(rows, sizeof(Real));
-    c->first = calloc(3 * rows, sizeof(Int));
+    c->first = calloc(3 * rows + (size_t)width, sizeof(Int));
     if (!c->row || !c->square || !c->first) {
         choice_end(c);
         return NO_MEMORY;
     }
     c->end = c->first + rows;
     c->left = c->end + rows;
+    c->place = c->left + rows;
+    for (Int v = 0; v < width; v++)
+        c->place[v] = -1;
     return DONE;
 }
 
@@ -40,13 +42,26 @@ static void measure(Choice *c, Int i)
         c->square[i] += row[v] * row[v];
 }
 
+/* The place of a column, from which on rows may have it. */
+static Int place_of(Choice *c, Int column)
+{
+    if (c->place[column] < 0)
+        c->place[column] = c->n_places++;
+    return c->place[column];
+}
+
+static void put(Choice *c, Int i, Int column, Real value)
+{
+    const Int at = place_of(c, column);
+    c->first[i] = c->first[i] == c->end[i] || at < c->first[i] ? at : c->first[i];
+    c->end[i] = at >= c->end[i] ? at + 1 : c->end[i];
+    c->row[i * c->width + at] = value;
+}
+
 void choice_put(Choice *c, Int i, Int count, const Int *column, const Real *value)
 {
     for (Int e = 0; e < count; e++)
-        c->row[i * c->width + column[e]] = value[e];
-    c->first[i] = count ? column[0] : 0;
-    c->end[i] = count ? column[count - 1] + 1 : 0;
-    measure(c, i);
+        put(c, i, column[e], value[e]);
 }
 
 /* Forget what a row has at its ends below round-off: what loops hand on to others fades away. */
@@ -120,8 +135,10 @@ Int choice_make(Choice *c, Int most, Real part, Int *chosen)
     Int picked = 0, count = 0, next;
     Real longest = 0.0;
     c->least = 0.0;
-    for (c->n_left = 0; c->n_left < c->n; c->n_left++)
+    for (c->n_left = 0; c->n_left < c->n; c->n_left++) {
         c->left[c->n_left] = c->n_left;
+        measure(c, c->n_left);
+    }
     for (;; picked++) {
         next = longest_row(c);
         if (picked == 0 && next >= 0)
@@ -138,19 +155,20 @@ Int choice_make(Choice *c, Int most, Real part, Int *chosen)
     return count;
 }
 
-Int independent_rows(Int n, Int width, const Real *rows, Int most, Real part, Int *chosen)
+Int independent_rows(Int n, Int width, const Real *rows, Int most, Real part, Int *chosen,
+                     Real *facts)
 {
     Choice c;
     Int count = -1;
     if (n < 0 || width < 0 || choice_begin(&c, n, width) != DONE)
         return count;
-    memcpy(c.row, rows, (size_t)(n * width) * sizeof(Real));
-    for (Int i = 0; i < n; i++) {
-        c.end[i] = width;
-        measure(&c, i);
-        trim(&c, i);
-    }
+    for (Int i = 0; i < n; i++)
+        for (Int v = 0; v < width; v++)
+            if (rows[i * width + v] != 0.0)
+                put(&c, i, v, rows[i * width + v]);
     count = choice_make(&c, most, part, chosen);
+    if (facts)
+        facts[0] = c.least, facts[1] = c.left_out;
     choice_end(&c);
     return count;
 }

@@ -148,7 +148,8 @@ static int choose(Dynamics *d)
     orthonormal_freedoms(d);
     if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->n_spins)
         return 0;
-    return independent_rows(d->k->nv, d->n_free, d->freedoms, d->n_free, 0.0, d->best) == d->n_free;
+    return independent_rows(d->k->nv, d->n_free, d->freedoms, d->n_free, 0.0, d->best, NULL) ==
+           d->n_free;
 }
 
 static int are_held(const Dynamics *d)
