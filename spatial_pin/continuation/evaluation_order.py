@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 
-WORTH = 3.0  # times as long as the sorted ones a way is that is better not gone as it is asked for
+# Values are sorted first if the way through them as they are given is more than so many times
+# longer: random ones are; one or two turns back are not, and are followed as they are asked for.
+SORTED_FROM = 3.0
 
 
 def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
@@ -23,7 +25,7 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     first, low, high = values[0], values.min(), values.max()
     with np.errstate(over="ignore"):
         way = np.abs(values[1:] - values[:-1]).sum()
-        if not way / WORTH > high - low + min(high - first, first - low):
+        if not way / SORTED_FROM > high - low + min(high - first, first - low):
             return None
     rows = np.argsort(values, kind="stable")
     up, down = rows[values[rows] >= first], rows[values[rows] < first][::-1]

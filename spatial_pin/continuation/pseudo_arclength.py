@@ -16,13 +16,21 @@ from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.continuation.singular_points import distance_after, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-FIRST_STEP = 1e-3  # rad or characteristic lengths
-LARGEST_STEP = 0.1
-SMALLEST_STEP = 1e-9
-STRAIGHT = 0.98  # least cosine between the directions at the two ends of a step
-MOST_STEPS = 2000
-NEAR_BRANCH_POINT = 1e-3  # length of a step in which a change of the determinant's sign is believed
+# rad or characteristic lengths; the next is twice as long, so that seven lead to the largest.
+FIRST_STEP = 1e-3
+LARGEST_STEP = 0.1  # far below the longest of a path, as it is taken where that may not be
+# Where steps as short as this still fail, the branch is lost: singular places are known no better
+# than the root of round-off, 1.5e-8, and what is left of the way to them is stepped over.
+SMALLEST_STEP = TOLERANCES.nothing
+# Least cosine between the directions at the two ends of a step: 11 degrees, so that a branch that
+# crosses at a larger angle is never taken for this one.
+STRAIGHT = 0.98
+MOST_STEPS = 2000  # two hundred radians or characteristic lengths: thirty turns
+# Length of a step in which a change of the determinant's sign is believed: in longer ones it may be
+# another branch's.
+NEAR_BRANCH_POINT = 1e-3
 
 
 class Arrival(NamedTuple):

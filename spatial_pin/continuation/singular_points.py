@@ -13,17 +13,25 @@ from numpy.polynomial import chebyshev
 
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-9  # rad or characteristic lengths
+LARGEST_STEP, SMALLEST_STEP = 0.1, TOLERANCES.nothing  # as of `pseudo_arclength`
 VIEW = 8e-3, 2e-2  # least and most distance from a crossing that its place is told from
-PROBE = 1e-4  # length over which the rows' loss of rank is judged
-APPROACHES = 64  # steps to such a distance
+# Length over which the fall of a singular value is judged: round-off leaves twelve digits of its
+# change, and what the estimate is wrong by is about the square, 1e-8.
+PROBE = 1e-4
+STEPS_TO_VIEW = 64  # to such a distance, each half of what is left or a largest step: 6 rad
 PLACES = 0.16 * np.arange(6)  # parts of the way to a crossing that its place is told from
-TOGETHER = 1e-4  # part of the way over which singular places are one: round-off parts them
+# Part of the way over which singular places are one: a zero of order four is known to the fourth
+# root of round-off, 1e-4.
+TOGETHER = 1e-4
 # parts of half the way: the matrices are interpolated to some hundred times machine epsilon
-SETTLED = 1e-13
-BEYOND = 1.0  # part of half the way outside of it that places are continued to
-NEARER = 0.6  # next step by this one, at most: one half where the matrix only touches singularity
+SETTLED = TOLERANCES.zero
+# Part of half the way outside of it that places are continued to: there the terms of a Chebyshev
+# series are 2 + sqrt(3) times as large, each relative to the one before.
+BEYOND_VIEW = 1.0
+# Next step relative to this one, at most: one half where the matrix only touches singularity.
+NEXT_STEP = 0.6
 
 
 def through(x: Array, y: Array) -> np.polynomial.Polynomial:
@@ -67,7 +75,7 @@ class _Interpolated:
             if np.abs(group.real).max() <= SETTLED:
                 found += [place] if np.abs(group.imag).min() < TOGETHER else []
             else:
-                within = max(NEARER * np.abs(group).max(), apart)
+                within = max(NEXT_STEP * np.abs(group).max(), apart)
                 found += self.singular(place + step, min(within, 0.9 * reach))
         return found
 
@@ -80,7 +88,7 @@ def zeros(x: Array, matrices: Array) -> list[float]:
     middle, half = 0.5 * (x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
     places = (x - middle) / half
     curve = _Interpolated(places, matrices)
-    gaps = np.concatenate([[BEYOND], np.diff(places), [BEYOND]])
+    gaps = np.concatenate([[BEYOND_VIEW], np.diff(places), [BEYOND_VIEW]])
     found = np.sort([middle + half * place for k, start in enumerate(places.tolist())
                      for place in curve.singular(start, float(gaps[k : k + 2].max()))])
     groups = np.split(found, np.flatnonzero(np.diff(found) > 2.0 * TOGETHER * abs(half)) + 1)
@@ -90,7 +98,7 @@ def zeros(x: Array, matrices: Array) -> list[float]:
 def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
     """Return a point before a crossing ahead of another point, and how far it about is, in VIEW."""
     back, base, distance = VIEW[0], _moved(curve, point, -VIEW[0]), 0.0
-    for _ in range(APPROACHES):
+    for _ in range(STEPS_TO_VIEW):
         if base is None:
             return None
         distance = distance_ahead(curve, base)

@@ -10,8 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
-
-CROSSING = 1e-7  # smallest over largest singular value of the curve's rows where branches cross
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class CurvePoint(NamedTuple):
@@ -57,13 +56,13 @@ class Curve:
         rows = self.rows(q)
         if self.system.has_redundant_rows:
             n = self.evaluation.constraints.n_rows
-            selected = independent_rows(self.evaluation.jacobian[:n], CROSSING)
+            selected = independent_rows(self.evaluation.jacobian[:n], TOLERANCES.singular)
             if len(selected) < len(self.system.rows):
                 return None
             self.selected = selected
             rows = self.rows(q)
-        svd = decompose(rows, CROSSING)
-        if svd.rank < len(rows) or self._sigma(svd.s) <= CROSSING:
+        svd = decompose(rows, TOLERANCES.singular)
+        if svd.rank < len(rows) or self._sigma(svd.s) <= TOLERANCES.singular:
             return None
         return self.point(q, svd.null_space.T @ (svd.null_space @ along), rows, svd.s)
 
@@ -97,12 +96,12 @@ class Curve:
             if not np.abs(x).max() < 0.1:
                 return None
             q = pin.integrate(self.model, q, self.scale * x)
-        return q if residual @ residual <= 1e-22 else None
+        return q if residual @ residual <= TOLERANCES.closed**2 else None
 
     def direction(self, q: Array, along: Array) -> tuple[Array, int]:
         """Return tangent and determinant sign at q with the rows of the last `settle`."""
         rows = self.rows(q)
-        null_space = decompose(rows, 1e-12).null_space
+        null_space = decompose(rows, TOLERANCES.tight).null_space
         t = null_space.T @ (null_space @ along)
         t /= np.linalg.norm(t)
         return t, determinant_sign_of(np.vstack([rows, t]))

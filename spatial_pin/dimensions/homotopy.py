@@ -21,8 +21,12 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.settings import Accuracy
 
-FARTHEST = 0.3  # rad, characteristic lengths, that a coordinate may move in one step
-SHORTEST = 2.0**-7  # part of the way between the dimensions, in one step
+# rad, characteristic lengths, that a coordinate may move in one step: Newton's method begins at the
+# step before, and what its linear terms leave out is then a twentieth.
+FARTHEST_COORDINATE = 0.3
+# Part of the way between the dimensions, in one step: where a hundredth of it moves joints too far,
+# the branch ends.
+SHORTEST_PART = 2.0**-7
 
 
 def varied(mechanism: Mechanism, dimensions: Mapping[str, float]) -> Mechanism:
@@ -61,7 +65,7 @@ def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) ->
         ahead = _step(state, there, drivers)
         if ahead is not None:
             state, done, part = ahead, goal, 2.0 * part
-        elif part > SHORTEST and changed:
+        elif part > SHORTEST_PART and changed:
             part *= 0.5
         else:
             raise SpatialPinError(
@@ -90,7 +94,7 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
         evaluation.update(q)
         if not error <= max(ACCEPTED, coordinate_round_off(there, q)) or evaluation.mirrored():
             return None
-        if _farthest(there, state.q, q) > FARTHEST:
+        if _farthest(there, state.q, q) > FARTHEST_COORDINATE:
             return None
         jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
         after = determinant_sign_of(np.vstack([jacobian[rows], spare]))

@@ -33,9 +33,12 @@ from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-LONGEST = 0.25  # rad, characteristic lengths, that a joint may go at once: its cosine is still 0.97
-WAY = 1.0  # of all joints together: axes that agree cannot come to point opposite ways
-SINGULAR = 0.02  # of the state's determinant: digits that a sample may lose beside the state's
+# rad, characteristic lengths, that a joint may go at once: its cosine is still 0.97
+LONGEST_AT_ONCE = 0.25
+# The same of all joints together: axes that agree cannot come to point opposite ways.
+WAY = TOLERANCES.longest_step
+# Part of the state's determinant that a sample must have: digits that it may lose beside those.
+LEAST_DETERMINANT = 0.02
 PARTS = 1, 4, 16  # into which the way to a sample's dimensions is divided, one after the other
 COORDINATE_KINDS = ("rate", "acceleration", "ratio", "advantage")
 POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
@@ -245,9 +248,10 @@ class Near:
         """Whether samples (m,) are closed next to where they started."""
         step = np.maximum(closed.farthest, TOLERANCES.nothing)
         good: NDArray[np.bool_] = (
-            (closed.error <= TOLERANCES.zero) & (closed.farthest <= LONGEST) & (closed.way <= WAY)
+            (closed.error <= TOLERANCES.zero)
+            & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
             & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
-            & (closed.magnitude > self._own.magnitude + np.log(SINGULAR))
+            & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
             & (closed.opened <= TOLERANCES.singular))
         return good
 

@@ -22,14 +22,16 @@ from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at, square_system
 
-STEP = 2e-3  # of the dimension; of the characteristic length (1 for angles) when it is zero
+# Step of differences relative to the dimension, or characteristic length (1 for angles) where
+# it is zero: of eighth order, they leave 1e-21 of it, and round-off 4e-15 over the step.
+DIFFERENCE = 2e-3
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which outputs are taken
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-ROUND_OFF = 4e-15  # error of a well-conditioned configuration, for the error estimate
-NO_SPREAD = 1e-14  # standard deviation, by the value, that is round-off
+CONFIGURATION_ERROR = 4e-15  # of a well-conditioned one, for the error estimate: 18 epsilon
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,8 @@ class _Around:
         self._variants = Variants(mechanism, names)
         self._samples = Samples.of(mechanism, names, outputs)
         own = np.array([mechanism.dimensions[name] for name in names])
-        self._steps = STEP * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+        sizes = np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+        self._steps = DIFFERENCE * sizes
         offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
         self._made_of = self._samples.made_of(own[:, None] + offsets) if self._samples else None
 
@@ -211,9 +214,9 @@ def _known(state: State) -> float:
     """
     try:
         with square_system(state, [d.joint for d in state.mechanism.drivers.values()]) as system:
-            return ROUND_OFF / system.pivots()[1]
+            return CONFIGURATION_ERROR / system.pivots()[1]
     except SingularError:
-        return ROUND_OFF
+        return CONFIGURATION_ERROR
 
 
 def _sizes(state: State) -> dict[str, float]:
@@ -244,7 +247,7 @@ def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
     size = max(abs(value), deviation)
     if not np.isfinite(size):
         text = f"{value:.6g} ± {deviation:.2g}"
-    elif deviation <= NO_SPREAD * abs(value):
+    elif deviation <= TOLERANCES.round_off * abs(value):
         text = f"{value:.12g} ± 0"
     elif 1e-4 <= size < 1e6 and deviation > 1e-9:
         places = max(1 - int(np.floor(np.log10(deviation))), 0)

@@ -21,7 +21,9 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
-BESIDE = 0.05  # arc length that a start on a dead centre is moved by
+# Arc length that a start on a dead centre is moved by: rates there are twenty times the driver's,
+# and no sample is missed, as the way back is followed too.
+BESIDE = 0.05
 
 
 def system_at(

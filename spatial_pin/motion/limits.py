@@ -20,15 +20,17 @@ from spatial_pin.motion.joint_limits import Passing, falls, joint_limits_passed,
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-FARTHEST_SLIDE = 20.0  # characteristic lengths; a slide that goes further has no limit
-REPEATED = 1e-6  # difference of placements that are the same again
-MOST_TURNS = 100  # of a driver that leads elsewhere, or takes a joint further, with every turn
-ROWS = 721  # of a span
-TOWARDS = 0.5 ** np.arange(13.0) / ROWS  # parts of the way left before a bound, at rows near it
-SAME = 1e-6  # change of joints with limits over a turn that is none [rad, characteristic lengths]
+FARTHEST_SLIDE = 20.0  # characteristic lengths, ten times as far as links reach: there is no limit
+# Turns of a driver that leads elsewhere, or takes a joint further, with every turn: gear trains
+# repeat after dozens.
+MOST_TURNS = 100
+SPAN_SAMPLES = 721  # half a degree apart over a turn
+# Parts of the way left before a bound, at samples near it: a ten-thousandth of a sample at last.
+TOWARDS = 0.5 ** np.arange(13.0) / SPAN_SAMPLES
 
 
 class Bound(NamedTuple):
@@ -126,7 +128,8 @@ def _bound(
         if arrival.kind != "reached":
             return Bound(arrival.value, arrival.kind)
         evaluation.update(arrival.q)
-        repeats = np.abs(body_places(evaluation, bodies) - place).max(initial=0.0) < REPEATED
+        moved = np.abs(body_places(evaluation, bodies) - place).max(initial=0.0)
+        repeats = moved < TOLERANCES.half_precision
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")
         q = arrival.q
@@ -175,7 +178,8 @@ def _nearer(
         start = float(state.coordinate(driver).value)
         end = start + span
         last = abs(bound.value - start) <= abs(span)
-        parts = np.append(np.arange(ROWS - 1.0) / (ROWS - 1), 1.0 - TOWARDS if last else 1.0)
+        parts = np.append(np.arange(SPAN_SAMPLES - 1.0) / (SPAN_SAMPLES - 1),
+                          1.0 - TOWARDS if last else 1.0)
         values = start + parts * ((bound.value if last else end) - start)
         motion = sweep(mechanism, driver, values, guess=state, hold=hold, on_limit="stop")
         passed = joint_limits_passed(motion)
@@ -206,5 +210,6 @@ def _exactly(motion: Motion, passing: Passing) -> float:
 
 def _returns(motion: Motion) -> bool:
     """Whether joints with limits end where they began."""
-    return all(abs(motion.q[-1, limit.q] - motion.q[0, limit.q]) < SAME * limit.size
+    return all(abs(motion.q[-1, limit.q] - motion.q[0, limit.q])
+               < TOLERANCES.half_precision * limit.size
                for limit in joint_limits(motion.mechanism))

@@ -79,7 +79,9 @@ class Output(NamedTuple):
     unit: str
 
 
-ACROSS = 0.12  # distance from a crossing [rad, characteristic lengths] up to which it is continued
+# Distance from a branch point [rad, characteristic lengths] up to which the path is continued
+# through it, not solved: that of the farthest node of its polynomial.
+ACROSS = 0.12
 SAVED = frozenset((  # arrays of a file
     "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
     "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))

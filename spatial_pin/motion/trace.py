@@ -19,11 +19,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-ROUND_OFF = 1e-12  # part of a row's arc length that is none any more
-SAME = 1e-6  # difference of branch points seen from either side that are one [rad or m]
 # Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
 # along the last step as in the first; two and a half, as they do not.
 STEPS_NEAR = 2.5
@@ -88,7 +87,7 @@ def trace(
 def _advance(path: ArcLengthPath, length: float, rows: _TracedRows) -> bool:
     """Go one row further, noting limits on the way; False where branches cross before."""
     left, longest = length, length
-    while left > ROUND_OFF * length:
+    while left > TOLERANCES.tight * length:
         step = path.ahead(min(longest, left))
         if step.kind != "regular":
             return False
@@ -178,7 +177,7 @@ class _TracedRows:
         seen = [located(self.curve, x) for x in (point, back)]
         values = [found[1] for found in seen if found is not None]
         for k, value in enumerate(values):
-            if not k or abs(value - values[0]) > SAME:
+            if not k or abs(value - values[0]) > TOLERANCES.half_precision:
                 self.note("branch point", value)
 
     def motion(self) -> Motion:

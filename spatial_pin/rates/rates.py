@@ -19,6 +19,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates import regular
 from spatial_pin.rates.prescribed import (
     check_one_meaning,
@@ -397,7 +398,7 @@ def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
     n = evaluation.constraints.n_rows
     opening = np.abs(evaluation.jacobian[:n] @ (v / state.mechanism.velocity_scale))
     largest = np.abs(v / state.mechanism.velocity_scale).max(initial=0.0)
-    if n and opening.max() > 1e-7 * max(largest, 1e-300):
+    if n and opening.max() > TOLERANCES.singular * max(largest, 1e-300):
         worst = evaluation.constraints.labels[int(opening.argmax())].closure
         raise SingularError(
             f"mechanism {state.mechanism.name!r}: the prescribed rates would open closure "

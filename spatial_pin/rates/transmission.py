@@ -16,9 +16,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import driven_coordinates, square_system
-
-STILL = 1e-9  # speed of a point on the output's own axis, by the characteristic length
 
 
 class Transmission(NamedTuple):
@@ -164,7 +163,7 @@ def _velocities(
 def _angle(own: Array, allowed: Array, point: Array) -> float:
     """Return the angle between the velocities that two sets of twists give to a point [rad]."""
     u, others = (x[..., :3] + np.cross(x[..., 3:], point) for x in (own, allowed))
-    if np.linalg.norm(u) < STILL:
+    if np.linalg.norm(u) < TOLERANCES.nothing:
         u, others = own[3:], allowed[:, 3:]
     basis = row_space(others)
     along = basis.T @ (basis @ u)
