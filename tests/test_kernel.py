@@ -446,10 +446,11 @@ def test_answers_do_not_depend_on_what_was_asked_before(tmp_path):
     used.evaluate(bad, np.full(used.nv, np.inf), np.zeros(used.n_angles))
     x, turns = np.ones(used.nv), np.full(used.n_angles, 1e300)
     c.kernel_solve(used.handle, address(bad), address(turns), address(x))
-    other = used.packed.reals * 3.0
-    used.set_numbers(other)
+    own = used.packed.reals
+    other = own * 3.0
+    assert not c.kernel_set_numbers(used.handle, address(other), len(other))
     used.evaluate(mechanism.neutral, np.ones(used.nv), np.zeros(used.n_angles))
-    used.set_numbers(used.packed.reals)
+    assert not c.kernel_set_numbers(used.handle, address(own), len(own))
     assert answers(used, mechanism, 1) == first
 
 

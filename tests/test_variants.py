@@ -4,13 +4,16 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
 from spatial_pin.dimensions import sensitivity, variants
 from spatial_pin.dimensions.homotopy import varied
+from spatial_pin.dimensions.numbers import DimensionNumbers
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.formats.xacro.tracing import NUMPY, Tape, Traced, depends
+from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.packing import packed
 
 EPS = np.finfo(float).eps
@@ -86,6 +89,28 @@ def test_derivatives_are_those_of_loaded_mechanisms(name, monkeypatch):
     monkeypatch.setattr(Variants, "tree", None)
     for (a, error), (b, _) in zip(new, derivatives(), strict=True):
         assert a == pytest.approx(b, abs=3.0 * error)
+
+
+@pytest.mark.parametrize("name", sp.list_mechanisms())
+def test_numbers_of_the_kernel_are_those_of_loaded_mechanisms(name):
+    """Placements, closure equations, their derivatives and rates of the bodies."""
+    mechanism, dimensions = sp.load(name), []
+    tree = Variants(mechanism, mechanism.dimensions).tree
+    for seed in range(3):
+        dimensions.append(other(mechanism, seed))
+    found = tree.at(np.array([[x[k] for x in dimensions] for k in tree.dimensions]))
+    numbers = DimensionNumbers(mechanism, tree, []).at(found)
+    kernel, rng = Kernel(mechanism), np.random.default_rng(4)
+    q = pin.integrate(mechanism.model, mechanism.neutral,
+                      rng.uniform(-1, 1, kernel.nv) * mechanism.velocity_scale)
+    v, turns = rng.normal(size=kernel.nv) * mechanism.velocity_scale, np.zeros(kernel.n_angles)
+    for own, varied_numbers in zip(dimensions, numbers.varied, strict=True):
+        reals = numbers.base.copy()
+        reals[numbers.places] = varied_numbers
+        kernel.library.kernel_set_numbers(kernel.handle, address(reals), len(reals))
+        one, two = (x.evaluate(q, v, turns) for x in (kernel, Kernel(varied(mechanism, own))))
+        for a, b in list(zip(one, two, strict=True))[tree.turns_axes:]:  # bodies' axes turn too
+            assert a == pytest.approx(b, abs=16 * EPS * (1.0 + np.abs(b).max(initial=0.0)))
 
 
 TREE = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">

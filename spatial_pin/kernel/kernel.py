@@ -129,11 +129,6 @@ class Kernel:
             self.library.kernel_integrate(self.handle, address(own), address(step))
         return q
 
-    def set_numbers(self, reals: Array) -> None:
-        """Take the numbers of other dimensions, as `packed` gives them for such a mechanism."""
-        reals = numbers(reals, self.packed.reals.shape)
-        check(self.library.kernel_set_numbers(self.handle, address(reals), len(reals)))
-
 
 def check(code: int) -> None:
     """Raise if a function of the kernel ended with what no mechanism brings about."""
