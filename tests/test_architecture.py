@@ -41,9 +41,6 @@ DATA_TYPES = {  # a module that is one, and the rooms that it has nothing of
 FACTORISATIONS = {"svd", "svdvals", "qr", "geqp3", "rq", "lstsq", "pinv", "pinvh", "matrix_rank",
                   "cond", "null_space", "orth", "lu", "lu_factor", "splu", "spilu"}
 INNER = ("Motion.bodies", "Motion.rate_error", "Motion.summary", "Tradeoff.table")  # of others
-ELSEWHERE = {  # modules that factor themselves, and why
-    "dynamics.solvers.sparse": "a sparse factorisation whose order is kept",
-}
 
 
 def name_of(path: Path) -> str:
@@ -164,7 +161,7 @@ def factorisations_in(path: Path) -> set[str]:
 def test_factorisations_that_tell_ranks_are_mathematics_without_mechanisms():
     found = {name_of(path): kinds for path in MODULES if (kinds := factorisations_in(path))}
     beyond = {name: kinds for name, kinds in found.items() if not name.startswith("numerics.")}
-    assert beyond.keys() == ELSEWHERE.keys(), beyond
+    assert not beyond
 
 
 def test_every_public_name_exists_and_is_documented():

@@ -30,7 +30,6 @@ from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import Actuation, balance, inverse_dynamics, pressing
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.dynamics.solvers.equations import Equations
-from spatial_pin.dynamics.solvers.sparse import SparseEquations
 from spatial_pin.formats.export import content_of
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 
@@ -723,11 +722,11 @@ def test_a_ladder_falls_as_one_rod(n, tmp_path):
 
 def both(mech, state, efforts):
     """Accelerations, multipliers and reactions, dense and sparse."""
-    for kind in (Equations, SparseEquations):
-        equations = kind(mech)
+    for large in (False, True):
+        equations = Equations(mech, large)
         equations.update(state)
         effort = joint_efforts(mech, efforts)
-        a, closures = equations.accelerations(effort + equations.given)
+        a, closures, _ = equations.solve(effort + equations.given)
         multipliers = equations.multipliers(closures)
         unique = {name: each.tolist() for name, each in equations.unique().items()}
         yield a, multipliers, *equations.reactions(a, multipliers, effort), unique
@@ -772,9 +771,9 @@ def test_two_hundred_loops_cost_less_than_three_hundred_times_one(tmp_path):
     assert cost(200) < 300 * cost(1)
 
 
-def statics(kind, mech, state, actuated):
+def statics(large, mech, state, actuated):
     """Efforts, multipliers and uniqueness of inverse dynamics, dense or sparse."""
-    equations, actuation = kind(mech), Actuation(mech, actuated)
+    equations, actuation = Equations(mech, large), Actuation(mech, actuated)
     equations.update(state)
     efforts, _, closures = balance(equations, actuation)
     spare = pressing(equations, actuation)
@@ -789,7 +788,7 @@ def test_sparse_inverse_dynamics_are_the_dense_ones(n, actuated, tmp_path):
     mech = ladder(tmp_path, n)
     state, sense = leaning(mech, 0.7, 1.3)
     state = sp.State(mech, state.q, state.v, 2.0 * sense, closure_error=0.0)
-    dense, sparse = (statics(kind, mech, state, actuated) for kind in (Equations, SparseEquations))
+    dense, sparse = (statics(large, mech, state, actuated) for large in (False, True))
     for x, y in zip(dense[:2], sparse[:2], strict=True):
         assert y == pytest.approx(x, abs=1e-10 * np.abs(x).max(), rel=1e-10)
     assert sparse[2:] == dense[2:]
@@ -799,7 +798,7 @@ def test_sparse_inverse_dynamics_are_the_dense_ones(n, actuated, tmp_path):
 def test_sparse_spaces_are_the_dense_ones(name, tmp_path):
     mech = ladder(tmp_path, 20) if name == "ladder" else sp.load(name)
     state = leaning(mech, 0.7, 1.3)[0] if name == "ladder" else moving(mech)
-    equations, dense = SparseEquations(mech), Equations(mech)
+    equations, dense = Equations(mech, True), Equations(mech, False)
     for each in (equations, dense):
         each.update(state)
     sparse, svd = equations.spaces, dense.spaces

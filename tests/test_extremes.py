@@ -11,8 +11,6 @@ from masses import energy_rate
 
 import spatial_pin as sp
 from spatial_pin.accuracy.models import inertial, joint, made, point
-from spatial_pin.dynamics.forward import Dynamics
-from spatial_pin.dynamics.solvers.choose import equations_of
 from spatial_pin.mechanism.inertia import MassMatrix
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "extremes.py"
@@ -121,26 +119,16 @@ def test_derivatives_of_light_bodies_beside_heavy_ones():
     np.testing.assert_allclose(found.a_by_effort, np.diag([1e20, 1e-6]), rtol=1e-12)
 
 
-# ---------------------------------------------------------------- Pinocchio's own algorithm
+# ---------------------------------------------------------------- the error that is told
 
 
-def is_native(answer: Dynamics) -> bool:
-    with equations_of(answer.state.mechanism) as equations:
-        assert equations.native is not None
-        found = equations.native.accelerations(
-            answer.state.q, answer.state.v, np.zeros(len(answer.a)))
-        return found is not None and np.array_equal(found, answer.a)
-
-
-@pytest.mark.parametrize(("masses", "taken"), [
-    ((1, 1, 1), True), ((1e-20, 1e-20, 1e-20), True), ((1e-2, 1, 1e-2), True),
-    ((1, 1e-2, 1), True), ((1e-4, 1, 1), True), ((1, 1e6, 1), False), ((1e-8, 1, 1e-8), False),
-    ((1e-24, 1e-12, 1e-24), False)])
-def test_pinocchios_algorithm_is_taken_where_it_keeps_its_digits_and_tells_the_rest(masses, taken):
+@pytest.mark.parametrize("masses", [
+    (1, 1, 1), (1e-20, 1e-20, 1e-20), (1e-2, 1, 1e-2), (1, 1e-2, 1), (1e-4, 1, 1), (1, 1e6, 1),
+    (1e-8, 1, 1e-8), (1e-24, 1e-12, 1e-24)])
+def test_accelerations_are_as_exact_as_they_tell(masses):
     mech = extremes.plane_four_bar(masses)
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 2.0})
     answer = sp.forward_dynamics(mech, state)
-    assert is_native(answer) == taken
     with extremes.mp.workdps(extremes.DIGITS):
         want = extremes.exact_four_bar(masses, 1.0, 1.0, 2.0, 0.0)[0]
         assert extremes.relative(answer.a, want) <= answer.error < 1e-8
@@ -151,7 +139,6 @@ def test_it_loses_digits_far_from_the_origin_of_the_world(away):
     mech = extremes.plane_four_bar(away=away)
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 2.0})
     answer = sp.forward_dynamics(mech, state)
-    assert is_native(answer)
     with extremes.mp.workdps(extremes.DIGITS):
         want = extremes.exact_four_bar((1, 1, 1), 1.0, 1.0, 2.0, 0.0)[0]
         assert extremes.relative(answer.a, want) <= answer.error < 1e-10

@@ -26,7 +26,7 @@ import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.constraints import trees
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.constraints.subtrees import PiecewiseRows
+from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.motion.report import info
 from spatial_pin.rates.jerks import Jerks, solve_jerks
@@ -97,18 +97,20 @@ def test_jacobian_and_bias_are_derivatives(tmp_path, joint, ends):
 
 @every_joint
 @every_place
-def test_rows_of_many_configurations_and_of_pieces_are_the_same(tmp_path, joint, ends):
+def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_path, joint, ends):
     mechanism, rng = tree_with(tmp_path, joint, ends, 9)
     v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
     q = configurations(mechanism, 10)
     check_kernel(mechanism, q)
-    evaluation, pieces = Evaluation(constraints_of(mechanism)), PiecewiseRows(mechanism)
+    evaluation, kkt = Evaluation(constraints_of(mechanism)), Equations(mechanism).kkt
     evaluation.update(q[:, 0])
-    pieces.update(q[:, 0])
-    assert len(set(zip(pieces.row_at, pieces.column_at, strict=True))) == len(pieces.row_at)
-    assert_same(pieces.jacobian, evaluation.jacobian)
-    assert_same(pieces.row_wrenches(), evaluation.row_wrenches())
-    assert_same(pieces.bias(q[:, 0], v[:, 0]), evaluation.bias(q[:, 0], v[:, 0]))
+    none, dense = np.zeros(mechanism.model.nv), np.zeros_like(evaluation.jacobian)
+    kkt.mass[:] = np.eye(len(none)).ravel()
+    kkt.accelerations(q[:, 0], none, evaluation.turns, none, none)
+    rows, columns, values = kkt.entries
+    assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == len(rows)
+    dense[rows, columns] = values
+    assert_same(dense, evaluation.jacobian)
 
 
 @every_place

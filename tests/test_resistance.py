@@ -14,7 +14,7 @@ from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.inverse import inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
-from spatial_pin.dynamics.solvers.sparse import SparseEquations
+from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.formats.export import content_of, export_urdf
 from spatial_pin.formats.files import from_text
 from spatial_pin.motion.report import info
@@ -182,13 +182,14 @@ def test_efforts_are_those_without_and_what_resists(name, joints):
 
 
 @pytest.mark.parametrize(("name", "joints"), CASES)
-def test_pinocchio_and_the_sparse_equations_say_the_same(name, joints):
+def test_dense_and_sparse_equations_say_the_same(name, joints):
     mech = hard(name, joints)
     state = moving(mech)
     answer = forward_dynamics(mech, state)
     with np.errstate(all="raise"):
-        equations = SparseEquations(mech)
-        a, _ = equations.forward(state, np.zeros(mech.model.nv), None, None)
+        equations = Equations(mech, large=True)
+        equations.update(state)
+        a = equations.solve(equations.given).a
     assert a == pytest.approx(answer.a, rel=1e-8, abs=1e-8 * np.abs(answer.a).max())
     mass = pin.crba(mech.model, mech.model.createData(), state.q)
     bare = pin.crba(sp.load(name).model, mech.model.createData(), state.q)

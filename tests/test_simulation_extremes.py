@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import spatial_pin as sp
 from spatial_pin.dynamics.simulation.integrators import Differences
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.kkt import Blurred
+from spatial_pin.dynamics.solvers.independent_coordinates import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 
 FORMULATIONS = ("independent", "projected")

@@ -157,12 +157,12 @@ def _piece(whole: pin.Model, joints: list[int]) -> Piece:
     model.armature = whole.armature[v]
     data = model.createData()
     q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
-    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), _related(model),
+    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), related(model),
                  placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
                  joint_jacobian(data, model.nv))
 
 
-def _related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return (rows, columns) of freedoms of which one carries the other."""
     related = np.zeros((model.nv, model.nv), dtype=bool)
     for i in range(1, model.njoints):

@@ -15,8 +15,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import checked
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.reactions import MANY
-from spatial_pin.dynamics.solvers.choose import equations_of
-from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
@@ -42,7 +41,7 @@ class Dynamics:
     """
 
     def __init__(
-        self, state: State, load: Load, a: Array, closures: Array | None, effort: Array,
+        self, state: State, load: Load, a: Array, closures: Array, effort: Array,
         error: float = 0.0,
     ) -> None:
         a.flags.writeable = False
@@ -63,12 +62,6 @@ class Dynamics:
             equations.update(self._at, *self._load)
             yield equations
 
-    def _multipliers(self, equations: Equations) -> Array:
-        closures = self._closures
-        if closures is None:
-            closures = equations.motion_forces(self.a) - equations.given - self._effort
-        return equations.multipliers(closures)
-
     @cached_property
     def multipliers(self) -> Array:
         """(n_rows,) of the closure rows, so that M a + b = f + J^T multipliers.
@@ -76,12 +69,12 @@ class Dynamics:
         J is `closure_jacobian`; the shortest ones where rows depend on each other.
         """
         with self._equations() as equations:
-            return self._multipliers(equations)
+            return equations.multipliers(self._closures)
 
     @cached_property
     def _borne(self) -> tuple[dict[str, pin.Force], pin.Force]:
         with self._equations() as equations:
-            multipliers = self._multipliers(equations)
+            multipliers = equations.multipliers(self._closures)
             found, ground = equations.reactions(self.a, multipliers, self._effort)
         return {name: pin.Force(wrench) for name, wrench in found.items()}, pin.Force(ground)
 
@@ -181,7 +174,7 @@ def forward_dynamics(
     effort = joint_efforts(mechanism, efforts)
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
-        a, closures = equations.forward(state, effort, *load)
-        error = equations.error
+        equations.update(state, *load)
+        a, closures, error = equations.solve(effort + equations.given)
     warn_of_no_inertia(mechanism, efforts, external)
     return Dynamics(state, load, a, closures, effort, error)

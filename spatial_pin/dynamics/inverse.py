@@ -15,13 +15,18 @@ from spatial_pin.checks import checked, finite_number, names_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.choose import equations_of
-from spatial_pin.dynamics.solvers.equations import Equations
-from spatial_pin.dynamics.solvers.kkt import HOLDS
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.freedoms import (
+    active_among,
+    idle_among,
+    of_one_link,
+    round_off,
+)
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class Actuation:
@@ -174,7 +179,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     a = equations.state.a
     spare, found = _unactuated(equations, actuation)
     if found:
-        idle = equations.idle_among(found)
+        idle = idle_among(equations, found)
         if len(idle):
             a = _spun(equations, idle, a)
         _refuse_load(equations, spare, idle, a)
@@ -205,10 +210,10 @@ def _unactuated(
     pull = freedoms[:, actuation.columns]
     size = np.abs(pull).max(axis=0, initial=0.0)
     spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-    found = equations.of_one_link(spare, actuation.coordinates) if len(spare) else []
+    found = of_one_link(equations, spare, actuation.coordinates) if len(spare) else []
     missing = len(spare) - sum(len(motions) for _, motions in found)
     if missing:
-        active = equations.active_among(spare, found)
+        active = active_among(equations, spare, found)
         names = equations.moving(active)
         example = [*actuation.names, *names[:1]] if missing == 1 else [*actuation.names, "..."]
         bases = free_bases(equations.mechanism)
@@ -234,7 +239,7 @@ def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> N
         SpatialPinError: says which coordinates need an actuator.
     """
     scale, wanted = equations.scale, equations.motion_forces(a) - equations.given
-    allowed = HOLDS * float(np.abs(scale * wanted).max()) + equations.round_off(a)
+    allowed = TOLERANCES.nothing * float(np.abs(scale * wanted).max()) + round_off(equations, a)
     for motions, force in ((spare, wanted), (idle, equations.applied)):
         loads = motions @ (scale * force)
         if np.abs(loads).max(initial=0.0) > allowed:
@@ -255,6 +260,6 @@ def _spun(equations: Equations, idle: Array, a: Array) -> Array:
     inertia, load = work @ mass @ work.T / heaviest, work @ wanted / heaviest
     z = -decompose(inertia).minimum_norm(load)
     size = np.abs(equations.scale * wanted).max() / heaviest
-    if np.abs(inertia @ z + load).max() > HOLDS * size:
+    if np.abs(inertia @ z + load).max() > TOLERANCES.nothing * size:
         raise equations.no_inertia(idle)
     return a + work.T @ z

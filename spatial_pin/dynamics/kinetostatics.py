@@ -15,8 +15,7 @@ from spatial_pin.checks import checked, mapping
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
-from spatial_pin.dynamics.solvers.choose import equations_of
-from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -102,7 +101,7 @@ class _Rows:
         self.efforts, self.joint_efforts = np.empty((n, n_efforts)), np.empty((n, nv))
         self.a, self.multipliers = np.empty((n, nv)), np.empty((n, rows))
         self.given, self.transmitted = np.zeros((n, nj, 6)), np.empty((n, nj, 6))
-        wrenches = equations.evaluation.constraints.n_wrenches
+        wrenches = equations.constraints.n_wrenches
         self.poses = Poses(np.empty((n, nj, 4, 3)), np.empty((n, 6, nv)),
                            np.empty((n, wrenches, 6)))
         self.unique = np.ones((n, len(equations.pairs.names), 6), dtype=bool)

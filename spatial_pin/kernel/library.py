@@ -80,6 +80,12 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_stand.argtypes = [POINTER] * 4
     found.path_go.argtypes = [POINTER, REAL]
     found.path_prescribe.argtypes = [POINTER, REAL, INT, INT, POINTER, POINTER]
+    found.kkt_create.argtypes = [POINTER, POINTER, INT, INT, INT, REAL, POINTER]
+    found.kkt_destroy.restype, found.kkt_destroy.argtypes = None, [POINTER]
+    found.kkt_accelerations.argtypes = [*[POINTER] * 7, INT, *[POINTER] * 4]
+    found.kkt_solve.argtypes = [POINTER, INT, *[POINTER] * 5]
+    found.kkt_entries.restype, found.kkt_entries.argtypes = INT, [POINTER] * 4
+    found.kkt_chosen.restype, found.kkt_chosen.argtypes = INT, [POINTER, POINTER]
     _declare_dynamics(found)
     return found
 

@@ -1,7 +1,8 @@
 """What the kernel is compiled from, and what that makes: read by the build and by the loader.
 
 Its C files stand in one folder a job: core (the mechanism, its equations, factorisations), closing
-(far from closure, and rates), following (paths), simulating (forces and steps in time).
+(far from closure, and rates), accelerating (forces at one moment), following (paths), simulating
+(forces and steps in time).
 
 It imports nothing of the package: the build runs it before there is one.
 """

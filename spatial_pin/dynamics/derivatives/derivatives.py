@@ -26,12 +26,13 @@ from spatial_pin.dynamics.derivatives.forces import Outside, Pull, Slopes, Sprin
 from spatial_pin.dynamics.derivatives.reactions import Changes, Linear, ReactionChanges
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
-from spatial_pin.dynamics.solvers.kkt import SINGULAR, SaddlePoint
+from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.numerics.linalg import Array, independent_rows, least_squares, null_space
+from spatial_pin.numerics.linalg import Array, least_squares, null_space
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.jacobians import closure_jacobian
 
 
@@ -147,40 +148,49 @@ def dynamics_derivatives(
                    springs.turns(state.q, state.v), MassMatrix(whole.model))
     jacobian = closure_jacobian(mechanism, state.q)
     scale = mechanism.velocity_scale
-    chosen = independent_rows(jacobian * scale)
     borne = jacobian.T @ answer.multipliers
-    multipliers = least_squares(jacobian[chosen].T * scale[:, None], borne * scale)
-    x = _changes(answer, terms, jacobian, chosen, multipliers)
-    nv = len(scale)
-    a, lam = Linear(answer.a, *x[:, :nv]), Linear(multipliers, *x[:, nv:])
+    with equations_of(mechanism) as equations:
+        equations.place(state)
+        equations.by_kkt(state.q, state.v, state.angles, borne, borne)
+        chosen = equations.kkt.rows
+        multipliers = least_squares(jacobian[chosen].T * scale[:, None], borne * scale)
+        by = _changes(equations, answer, terms, chosen, multipliers)
+    a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
     moving = Changes(state, whole, answer.a, rows, rates, terms.lines, terms.turns,
                      terms.outside.given, joint_efforts(mechanism, efforts),
                      jacobian[rows.constraints.n_products :])
     return Derivatives(a, chosen, lam, ReactionChanges(answer, moving, a, lam, chosen))
 
 
-def _lightest(state: State, mass: Array, scaled: Array) -> list[str]:
+def _lightest(equations: Equations) -> list[str]:
     """Return the names of the coordinates of the motion that has the least inertia."""
-    scale = state.mechanism.velocity_scale
-    freedoms = null_space(scaled) * scale
-    motion = np.linalg.eigh(freedoms @ mass @ freedoms.T)[1][:, 0] @ freedoms
-    sizes = np.abs(motion / scale)
-    return [c for c, s in zip(state.mechanism.coordinates, sizes, strict=True)
-            if s > 1e-6 * sizes.max()]
+    freedoms = null_space(equations.scaled) * equations.scale
+    motion = np.linalg.eigh(freedoms @ equations.mass() @ freedoms.T)[1][:, 0] @ freedoms
+    sizes = np.abs(motion / equations.scale)
+    return equations.moving((sizes / sizes.max())[None])
 
 
 def _changes(
-    answer: Dynamics, terms: _Terms, jacobian: Array, chosen: NDArray[np.intp], multipliers: Array
-) -> Array:
-    """Return derivatives (3, nv + rows, nv) of accelerations and multipliers by q, v and efforts.
+    equations: Equations, answer: Dynamics, terms: _Terms, chosen: NDArray[np.intp],
+    multipliers: Array,
+) -> tuple[list[Array], list[Array]]:
+    """Return derivatives of accelerations (nv, nv) and multipliers (n_rows, nv), by q, v, efforts.
 
     Args:
+        equations: at the state, their KKT system factored.
         answer: of the forward dynamics.
         terms: what changes.
-        jacobian: (n_rows, nv) of all closure rows.
-        chosen: the independent ones.
+        chosen: the independent closure equations.
         multipliers: theirs.
+
+    Raises:
+        SingularError: a motion has no inertia.
     """
+    if equations.kkt.pivot < TOLERANCES.zero:
+        raise SingularError(
+            f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
+            f"{', '.join(_lightest(equations))} has no inertia, so accelerations have no "
+            "derivatives there: give its links more mass", state=equations.state)
     rows, rates, outside = terms.rows, terms.rates, terms.outside
     state, model, unit = answer.state, terms.mass.model, terms.mass.unit
     q, v, a, nv = state.q, state.v, answer.a, len(answer.a)
@@ -196,15 +206,7 @@ def _changes(
     force_by_q -= outside.turning(data)
     force_by_v -= spring_by_v
     closed_by_q, closed_by_v = rows.accelerations(rates)
-    work = np.hstack([-force_by_q, -force_by_v, np.eye(nv)])
-    gamma = np.hstack([closed_by_q[chosen], closed_by_v[chosen], np.zeros((len(chosen), nv))])
-    scale, mass, all_rows = state.mechanism.velocity_scale, terms.mass(q), np.arange(len(chosen))
-    scaled = jacobian[chosen] * scale
-    system = SaddlePoint(scale, all_rows, mass, scaled)
-    x = np.vstack(system.solve(mass, scaled, work, gamma))
-    if system.pivot < SINGULAR:
-        raise SingularError(
-            f"mechanism {state.mechanism.name!r}: {state}: beside others a motion of "
-            f"{', '.join(_lightest(state, mass, scaled))} has no inertia, so accelerations have no "
-            "derivatives there: give its links more mass", state=state)
-    return np.stack(np.split(x, 3, axis=1))
+    work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
+    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_rows))])
+    a_by, multipliers_by = equations.kkt.solve(work, gamma)
+    return ([x.T for x in np.split(a_by, 3)], [x.T for x in np.split(multipliers_by, 3)])

@@ -9,7 +9,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.kkt import Motions
+from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.settings import Accuracy
 
@@ -60,7 +60,7 @@ def _place(problem: Problem, t: float, state: State) -> Place:
     """Return a place with its accelerations, by the least constraint: for any masses."""
     evaluation, loops, rows = _rows(problem, state)
     picked = independent_rows(rows)
-    motions = Motions(rows[picked], problem.scale, evaluation.closure_error)
+    motions = IndependentCoordinates(rows[picked], problem.scale, evaluation.closure_error)
     q, v = state.q, state.v
     bias = np.array([*evaluation.bias(q, v)[: len(loops)],
                      *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])

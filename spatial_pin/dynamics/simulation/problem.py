@@ -16,7 +16,7 @@ from spatial_pin.constraints.trees import Piece, is_large, pieces_of
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
 from spatial_pin.dynamics.simulation.result import Energies
-from spatial_pin.dynamics.solvers.kkt import Blurred
+from spatial_pin.dynamics.solvers.independent_coordinates import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.packing import Packed, packed, with_masses

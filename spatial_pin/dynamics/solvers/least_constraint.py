@@ -20,16 +20,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.dynamics.solvers.kkt import HOLDS, ROUNDING, Blurred
+from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING, Blurred
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.dense import qr, qr_turn, upper_solve
-from spatial_pin.numerics.linalg import (
-    EPS,
-    Array,
-    decompose,
-    null_space,
-    row_space,
-)
+from spatial_pin.numerics.linalg import Array, decompose, null_space, row_space
+from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
 
 class Least(NamedTuple):
@@ -105,7 +100,7 @@ class LeastConstraint:
         fit = _Fit(rows[order], known[order])
         z = fit.solve(-rest[order], load)
         still = fit.still
-        allowed = np.abs(still) @ ((HOLDS * np.abs(moved) + blur).T @ np.abs(given))
+        allowed = np.abs(still) @ ((TOLERANCES.nothing * np.abs(moved) + blur).T @ np.abs(given))
         pulled = bool(np.any(np.abs(still @ load) > allowed))
         wide = fit.error(z, rest_known[order], blur.T @ np.abs(given)
                          + ROUNDING * np.abs(moved).T @ np.abs(given))

@@ -21,7 +21,11 @@ from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies
-from spatial_pin.dynamics.solvers.kkt import ROUNDING, Blurred, Motions
+from spatial_pin.dynamics.solvers.independent_coordinates import (
+    ROUNDING,
+    Blurred,
+    IndependentCoordinates,
+)
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.dynamics import Asked, Dynamics, Samples
 from spatial_pin.kernel.packing import Ints
@@ -137,8 +141,9 @@ class Independent:
         held[np.arange(len(held)), self._prescribed] = 1.0
         spun = self.spins.rows * problem.scale
         rows = evaluation.jacobian[problem.freedoms.equations(self._first)]
-        columns = Motions(np.vstack([rows, held, spun]), problem.scale,
-                          evaluation.closure_error, self.free).columns
+        columns = IndependentCoordinates(
+            np.vstack([rows, held, spun]), problem.scale, evaluation.closure_error,
+            self.free).columns
         given = problem.given(t, q, v, evaluation)
         try:
             return problem.least(q, v, Blurred(a, ROUNDING * np.abs(a)), columns, given).z

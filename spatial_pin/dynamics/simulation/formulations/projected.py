@@ -23,7 +23,8 @@ from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Projection
-from spatial_pin.dynamics.solvers.kkt import DOUBTFUL, Motions, SaddlePoint
+from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL, MotionEquations
+from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.dynamics import Samples
 from spatial_pin.mechanism.pairs import PAIRS
@@ -77,11 +78,8 @@ class Projected:
         self.is_fresh_the_same = not self.curved
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
         self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
-        self._make_saddle(self.q0)
-        none = np.zeros((2, max(self.n, self.n_rows)))
-        self.saddle.solve(problem.mass(self.q0), self.evaluation.jacobian[: self.n_rows],
-                          none[0, : self.n], none[1, : self.n_rows])
-        self._uneven = self.saddle.error > DOUBTFUL  # at the last place where the loops were closed
+        self.equations = MotionEquations(problem.mechanism)
+        self._uneven = self._are_uneven(self.q0)  # where the loops were closed last
         # coordinates whose motions without inertia go on as they are, the same all along a step
         self._kept: tuple[int, ...] | None = None
         self._worn = False
@@ -124,12 +122,12 @@ class Projected:
             Lost: the loops lose rank or cannot be closed.
         """
         problem = self.problem
-        gamma = self._bias(q, v)
+        self._update(q)
         given = problem.given(t, q, v, self.evaluation)
-        force = given - pin.nonLinearEffects(problem.model, problem.data, q, v)
-        jacobian = self.evaluation.jacobian[: self.n_rows]
-        a, _ = self.saddle.solve(problem.mass(q), jacobian, force, gamma)
-        if self._uneven or self.saddle.error > DOUBTFUL:
+        equations = self.equations
+        a = equations.by_kkt(q, v, self.evaluation.turns, given, equations.bodies.needed(q, v),
+                             anew=False).copy()
+        if self._uneven or equations.kkt.error > DOUBTFUL:
             a = self._least(t, q, v)
         return a, given
 
@@ -144,14 +142,15 @@ class Projected:
         """
         problem, evaluation = self.problem, self.evaluation
         q, v = self._closed(q, v)
-        gamma = self._bias(q, v)[self.selected]
+        self._update(q)
+        gamma = evaluation.bias(q, v)[self.selected]
         motions = self._motions()
         found = problem.least(q, v, motions.carried(gamma, v), motions.columns,
                               problem.given(t, q, v, evaluation))
         self._kept = tuple(motions.free) if len(found.still) else None
         return found.a
 
-    def _motions(self) -> Motions:
+    def _motions(self) -> IndependentCoordinates:
         """Return how coordinates move the others where the evaluation stands.
 
         What has no inertia goes on in them as it is, and would go on otherwise in others: then the
@@ -163,17 +162,11 @@ class Projected:
         evaluation = self.evaluation
         rows = evaluation.jacobian[self.selected]
         for free in dict.fromkeys((self._kept, None)):
-            motions = Motions(rows, self.scale, evaluation.closure_error, free)
+            motions = IndependentCoordinates(rows, self.scale, evaluation.closure_error, free)
             if motions.pivot >= SINGULAR:
                 self._worn = motions.pivot < WORN
                 return motions
         raise Lost
-
-    def _bias(self, q: Array, v: Array) -> Array:
-        """Return gamma (n_rows,), the evaluation standing at q."""
-        self._update(q)
-        gamma: Array = self.evaluation.bias(q, v)[: self.n_rows].copy()
-        return gamma
 
     def _update(self, q: Array) -> None:
         """Evaluate the loops at q, screws in the turn that closes them best: steps may be long."""
@@ -209,25 +202,32 @@ class Projected:
         y[n : 2 * n] = v / self.scale
         solver.y = y
         solver.f = self(solver.t, y)
-        self._uneven = self.saddle.error > DOUBTFUL
+        self._uneven = self._loses_digits
         self.projection = Projection(
             steps + 1, corrections, max(opened, opened_now),
             seconds + time.perf_counter() - began, share)
         return opened_now / allowed
 
     def _choose(self, q: Array) -> None:
-        """Choose the independent rows anew, where there is a choice."""
+        """Choose the independent equations anew, where there is a choice."""
         if len(self.selected) < self.n_rows:
-            self.evaluation.update(q)
+            self._update(q)
             found = independent_rows(self.evaluation.jacobian[: self.n_rows])
-            if len(found) == len(self.selected) and not np.array_equal(found, self.selected):
+            if len(found) == len(self.selected):
                 self.selected = found
-                self._make_saddle(q)
+            self._are_uneven(q)
 
-    def _make_saddle(self, q: Array) -> None:
-        """Make the equations for the selected rows, the evaluation standing at q."""
-        jacobian = self.evaluation.jacobian[: self.n_rows]
-        self.saddle = SaddlePoint(self.scale, self.selected, self.problem.mass(q), jacobian)
+    def _are_uneven(self, q: Array) -> bool:
+        """Choose equations of the KKT system at q; whether it loses digits with them."""
+        none = np.zeros(self.n)
+        self.equations.by_kkt(q, none, self.evaluation.turns, none, none)
+        return self._loses_digits
+
+    @property
+    def _loses_digits(self) -> bool:
+        """Whether the KKT system did, or had not as many equations as are independent."""
+        kkt = self.equations.kkt
+        return kkt.error > DOUBTFUL or kkt.rank != len(self.selected)
 
     def _closed(self, q: Array, v: Array, allowed: float = WIDE) -> tuple[Array, Array]:
         """Return the nearest configuration with closed loops, and the nearest velocity there.

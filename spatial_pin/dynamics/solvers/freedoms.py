@@ -1,0 +1,74 @@
+"""Freedoms of closed loops under forces: those that move one link only, and idle rotations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
+from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+def of_one_link(
+    equations: Equations, freedoms: Array, actuated: Iterable[Coordinate] | None = None
+) -> list[tuple[str, Array]]:
+    """Return (joint, (k, nv)) the motions that move one link only, of freedoms (n, nv), scaled.
+
+    The freedoms leave actuators, the drivers by default, at rest.
+    """
+    scale = equations.scale
+    found = passive_freedoms(equations.evaluation, freedoms * scale, actuated)
+    return [(joint, motions / scale) for joint, motions in found]
+
+
+def idle_among(equations: Equations, found: list[tuple[str, Array]]) -> Array:
+    """Return the idle rotations (k, nv) among motions of one link, from `of_one_link`.
+
+    They turn a link of a loop and move no centre of mass.
+    """
+    idle = [np.zeros((0, len(equations.scale)))]
+    for joint, motions in found:
+        if is_in_loop(equations.mechanism, joint):
+            svd = decompose(_shifts(equations, motions))
+            moved = svd.s > TOLERANCES.half_precision * np.abs(motions).max()
+            idle.append(svd.vt[np.count_nonzero(moved) :] @ motions)
+    return np.vstack(idle)
+
+
+def _shifts(equations: Equations, motions: Array) -> Array:
+    """Return how motions (k, nv), scaled, move the centres of mass, (3 bodies, k).
+
+    Per characteristic length; nothing for bodies without mass.
+    """
+    evaluation, mechanism = equations.evaluation, equations.mechanism
+    heavy = [k for k, body in enumerate(mechanism.model.inertias) if k and body.mass > 0.0]
+    levers = np.array([[*mechanism.model.inertias[k].lever, 1.0] for k in heavy]).reshape(-1, 4)
+    columns = joint_jacobian(evaluation.data, len(equations.scale))
+    twists = ((columns * evaluation.constraints.supports[heavy][:, None])
+              @ (motions * equations.scale).T)
+    centres = (levers[:, None] @ evaluation.placements[heavy])[:, 0]
+    moved = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
+    return moved.reshape(-1, len(motions)) / mechanism.characteristic_length
+
+
+def active_among(equations: Equations, freedoms: Array, found: list[tuple[str, Array]]) -> Array:
+    """Return the freedoms (k, nv) that are left without those of one link."""
+    passive = np.vstack([np.zeros((0, len(equations.scale))), *(motions for _, motions in found)])
+    return decompose(passive @ freedoms.T).null_space @ freedoms
+
+
+def round_off(equations: Equations, a: Array) -> float:
+    """Return what round-off leaves of scaled forces at accelerations a (nv,) [N·m]."""
+    state, scale, model = equations.state, equations.scale, equations.model
+    weight = sum(i.mass for i in model.inertias) * float(
+        np.linalg.norm(model.gravity.linear)) * equations.mechanism.characteristic_length
+    heaviest = float(np.abs(scale[:, None] * equations.mass() * scale).max(initial=0.0))
+    rates = float(np.abs(a / scale).max(initial=0.0))
+    rates += float(np.abs(state.v / scale).max(initial=0.0)) ** 2
+    return ROUNDING * (weight + heaviest * rates)

@@ -1,0 +1,90 @@
+"""Independent coordinates: some coordinates follow the others by the closure equations alone.
+
+Near singular configurations of the loops, and with a heavy body carried between light ones, they
+keep the digits that the KKT system loses [Wehage1982]. All is told with bounds on its errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.numerics.linalg import Array, Factors, independent_rows
+from spatial_pin.numerics.tolerances import EPS
+
+# Of an entry, with all that is added to it: sums of some hundred terms, each rounded once.
+ROUNDING = 128.0 * EPS
+
+class Blurred(NamedTuple):
+    """Numbers with bounds on their errors.
+
+    Attributes:
+        value: the numbers.
+        blur: as many bounds.
+    """
+
+    value: Array
+    blur: Array
+
+    def plain(self) -> Blurred:
+        """Return the numbers with those that may be nothing as nothing."""
+        kept = np.abs(self.value) > self.blur
+        return Blurred(np.where(kept, self.value, 0.0), np.where(kept, self.blur, 0.0))
+
+
+class IndependentCoordinates:
+    """How some coordinates move the others by independent closure equations, and how surely.
+
+    Args:
+        rows: (r, nv) independent equations for scaled velocities, as many as there are others.
+        scale: (nv,) velocity of a unit of each scaled unknown.
+        opened: closure residual [-]: loops that are open by so much move as if rows were off by it.
+        free: the coordinates; those that determine the others best if not given.
+
+    Attributes:
+        free: the coordinates, in the order of the columns.
+        columns: (nv, n) joint velocities, one of the free coordinates at its own unit each.
+        pivot: smallest over largest pivot of their equations.
+    """
+
+    def __init__(
+        self, rows: Array, scale: Array, opened: float, free: Sequence[int] | None = None
+    ) -> None:
+        r, nv = rows.shape
+        self._scale = scale
+        if free is None:
+            free = np.setdiff1d(np.arange(nv), independent_rows(rows.T, 0.0)).tolist()
+        self.free = free
+        whole = np.zeros((nv, nv))
+        whole[:r] = rows
+        whole[np.arange(r, nv), list(free)] = 1.0
+        self._largest = np.abs(rows).max(axis=1, initial=0.0)
+        self._known = np.zeros((nv, nv))
+        self._known[:r] = np.where(rows != 0.0, ROUNDING * self._largest[:, None], 0.0) + opened
+        self._factors = Factors(whole)
+        self.pivot = self._factors.pivot
+        units = np.zeros((nv, nv - r))
+        units[r:] = np.eye(nv - r)
+        self.columns = self._solve(units)
+
+    def _solve(self, rhs: Array, off: Array | None = None) -> Blurred:
+        x = self._factors.solve(rhs)
+        blur = self._factors.blur(x, self._known, ROUNDING)
+        if off is not None:
+            blur += self._factors.spread(off)
+        return Blurred((self._scale * x.T).T, (self._scale * blur.T).T)
+
+    def carried(self, gamma: Array, v: Array) -> Blurred:
+        """Return the accelerations (nv,) that rows need while the free coordinates have none.
+
+        Args:
+            gamma: (r,) second derivatives of the rows without acceleration.
+            v: (nv,) joint velocities.
+        """
+        rhs, off = np.zeros((2, len(self._scale)))
+        rhs[: len(gamma)] = -gamma
+        speed = v / self._scale
+        off[: len(gamma)] = ROUNDING * (np.abs(gamma) + self._largest * speed.dot(speed))
+        return self._solve(rhs, off)

@@ -1,0 +1,193 @@
+"""The loops of a mechanism at one State: their KKT system, freedoms and self-stresses.
+
+Of a large tree everything is sparse: what it costs grows with the number of loops, and the dense
+Jacobian is made only where it is asked for.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from spatial_pin.assembly.newton import Regular, lost_rank, rank_loss
+from spatial_pin.assembly.state import State, all_angles
+from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.constraints.trees import is_large
+from spatial_pin.dynamics.solvers.bodies import bodies_of
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kkt import KKT
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
+from spatial_pin.numerics.sparse_spaces import SparseSpaces
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+# Freedoms of a large tree up to which lost rank is looked for by closing loops nearby: by dense
+# factors, whose cost grows with the third power. Of more, the second-order analysis is asked.
+PROBED = 128
+# What an equation left out may lack for a motion of unit size, relative to its terms, if it follows
+# from the others: far above round-off, far below the terms of a loop that loses rank, of order one.
+FOLLOWS = 1e-6
+
+
+class Loops:
+    """Closure equations and bodies of a mechanism, at the State of the last `place`.
+
+    Args:
+        mechanism: the mechanism.
+        large: whether it is taken as a large one; by its size if not given.
+
+    Attributes:
+        scale: (nv,) velocity of a unit of each scaled unknown.
+        bodies: masses and what motion needs.
+        kkt: the KKT system.
+    """
+
+    def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
+        self.mechanism, self.model = mechanism, mechanism.model
+        self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
+        self.n_rows = self.constraints.n_rows
+        self._is_large = is_large(self.model) if large is None else large
+        self.bodies = bodies_of(self.model, self._is_large)
+        self.kkt = KKT(mechanism, self.bodies.mass_at, self.bodies.n_masses)
+        self._rest = np.zeros(self.model.nv)
+        self._regular: Regular | None = None
+        self._spaces: Decomposition | SparseSpaces | None = None
+        self._rank: int | None = None
+        self._placed: State | None = None
+        self._derived: State | None = None
+
+    def place(self, state: State) -> None:
+        """Stand at a State of this mechanism.
+
+        The State of a rounded file is one of this mechanism without some equations: all of them
+        bear loads, as those of the exact mechanism do.
+        """
+        self.state, self._spaces = state, None
+        is_rounded = state.mechanism.whole is self.mechanism
+        self.turns = all_angles(state.mechanism, state.angles) if is_rounded else state.angles
+        self._rank = constraints_of(state.mechanism).n_rows if is_rounded else None
+        self._placed = self._derived = None
+
+    @cached_property
+    def _evaluation(self) -> Evaluation:
+        return Evaluation(self.constraints)
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The closure equations at the state, of a large tree without their dense Jacobian."""
+        evaluation = self._evaluation
+        if self._placed is not self.state:
+            evaluation.turns[:] = self.turns
+            if self._is_large:
+                evaluation.update_wrenches(self.state.q)
+            else:
+                evaluation.update(self.state.q)
+                self._derived = self.state
+            self._placed = self.state
+        return evaluation
+
+    @property
+    def scaled(self) -> Array:
+        """(n_rows, nv) Jacobian of the closure equations for scaled velocities."""
+        evaluation = self.evaluation
+        if self._derived is not self.state:
+            evaluation.update(self.state.q)
+            self._derived = self.state
+        return evaluation.jacobian[: self.n_rows]
+
+    @cached_property
+    def couplings(self) -> Array:
+        """(n_couplings, nv) efforts at joints of unit multipliers of couplings, always the same."""
+        n = len(self.constraints.couplings)
+        if not n:
+            return np.zeros((0, self.model.nv))
+        found: Array = self.scaled[self.n_rows - n :] / self.scale
+        return found
+
+    # ------------------------------------------------------------ subspaces
+
+    @property
+    def spaces(self) -> Decomposition | SparseSpaces:
+        """Freedoms, self-stresses and what is between, of the closure equations at the state.
+
+        Those of a rounded file, whose rank is that of fewer equations, and those of equations that
+        are no sure choice, are found densely.
+        """
+        if self._spaces is None and self._is_large and self._rank is None:
+            self._stand_without_masses()
+            found = SparseSpaces(*self.kkt.entries, (self.n_rows, len(self.scale)), self.kkt.rows)
+            self._spaces = found if found.is_sure else None
+        if self._spaces is None:
+            svd = full_decomposition(self.scaled)
+            self._spaces = svd if self._rank is None else svd._replace(rank=self._rank)
+        return self._spaces
+
+    @property
+    def self_stresses(self) -> Array:
+        """(k, n_rows) multipliers that balance among themselves.
+
+        As many as there are; of a large tree some that have a part of each.
+        """
+        spaces = self.spaces
+        return (spaces.self_stresses if isinstance(spaces, SparseSpaces)
+                else spaces.left_null_space)
+
+    def multipliers(self, closures: Array) -> Array:
+        """Return the shortest multipliers (n_rows,) whose generalised force is `closures`."""
+        return self.spaces.minimum_norm_transposed(self.scale * closures)
+
+    def moving(self, motions: Array) -> list[str]:
+        """Return the names of the coordinates that move in the motions (k, nv)."""
+        sizes = np.abs(motions).max(axis=0, initial=0.0)
+        return [c for c, s in zip(self.mechanism.coordinates, sizes, strict=True) if s > 1e-6]
+
+    # ------------------------------------------------------------ rank
+
+    def check_rank(self, rank: int) -> None:
+        """Refuse configurations in which the loops have lost rank.
+
+        Raises:
+            SingularError: they have; the motion is not determined by the forces.
+        """
+        known = self._regular
+        if rank in (self.n_rows, self.model.nv) or (
+                known is not None and known.holds(self.mechanism, self.state.q, rank)):
+            return
+        if self._is_large and self.model.nv > PROBED:
+            self._check_second_order(rank)
+            return
+        with evaluation_of(self.mechanism, self.turns) as evaluation:
+            lost = rank_loss(evaluation, self.state.q, rank)
+            self._regular = evaluation.regular
+            if lost:
+                why = lost_rank(evaluation, self.state.q, lost, "forces")
+                raise SingularError(
+                    f"mechanism {self.mechanism.name!r}: {self.state}: {why}", state=self.state)
+
+    def _check_second_order(self, rank: int) -> None:
+        """Refuse a configuration if equations that depend on others do not go on doing so.
+
+        They do not if for a motion v that the loops allow J a = -gamma(v) has no solution
+        [ConnellyWhiteley1996], tried with a random one.
+        """
+        any_way = np.random.default_rng(3).standard_normal(len(self.scale))
+        motion = self._stand_without_masses(force=any_way / self.scale).copy()
+        if self.kkt.pivot >= TOLERANCES.rank:
+            self._stand_without_masses(v=motion)
+            if self.kkt.lacking > FOLLOWS:
+                raise SingularError(
+                    f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
+                    "loops lose independent equations there, so that the forces do not determine "
+                    "the motion; start beside this configuration", state=self.state)
+        self._regular = Regular(self.state.q.copy(), rank, 0.0)
+
+    def _stand_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
+        """Solve the KKT system of scaled velocities themselves: nothing in it but the loops."""
+        rows, columns, at = self.bodies.mass_at
+        own = rows == columns
+        self.kkt.mass[:] = 0.0
+        self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
+        rest = self._rest
+        return self.kkt.accelerations(self.state.q, rest if v is None else v, self.turns,
+                                      rest if force is None else force, rest)

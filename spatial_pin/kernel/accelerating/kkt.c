@@ -1,0 +1,512 @@
+/* The KKT system of a mechanism at one configuration,
+ *
+ *     [M  Jᵀ] [a      ]   [f - b ]
+ *     [J  0 ] [-lambda] = [-gamma],
+ *
+ * with independent closure equations J. The mass matrix M and the joint forces f - b are given: they
+ * are Pinocchio's. Unknowns and equations are scaled so that each freedom's own inertia is one, and
+ * the largest entry of each equation (Jacobi scaling): light bodies keep their digits beside heavy
+ * ones. Of a few unknowns the full matrix is factored, of many a sparse one, whose cost grows with
+ * their number.
+ *
+ * Equations and pivots are chosen where they are asked for anew, so that answers depend on nothing
+ * else. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "choosing.h"
+#include "dense.h"
+#include "tolerances.h"
+
+#define EPS 2.220446049250313e-16
+#define ROUNDING (128.0 * EPS) /* of an entry, with all that is added to it */
+#define PLACED (8.0 * EPS)     /* of a place, by its distance: some joints, each rounded once */
+/* Unknowns up to which a full matrix is factored faster than a sparse one is put in order. */
+#define FEW 64
+/* Smallest over largest pivot above which equations that are independent in each closure by itself
+   surely are so together: the pivot of one that is off the others by d is of the order of d². */
+#define SURE TOLERANCE_HALF_PRECISION
+
+typedef struct {
+    Kernel *k;
+    Int n_groups, n_mass;
+    const Int *group; /* (n_groups + 1) first equation of each closure */
+    const Int *mass_row, *mass_column, *mass_from; /* (n_mass) entries of M, and where they come from */
+    Int n_chosen, n;  /* n: unknowns */
+    Int *chosen;      /* (n_chosen) independent closure equations, ascending */
+    Real *unit;       /* (nv) velocity, by scale, at which the own inertia of a freedom is one */
+    Real *size;       /* (n_closure) of each chosen equation, where it was chosen */
+    Int n_entries, *row, *column; /* of the matrix */
+    Real *value;
+    Real *matrix;     /* (n, n) factored, of a few unknowns */
+    Int *order;
+    SparseLU *lu;     /* of many */
+    Real norm, pivot; /* pivot: smallest over largest, 0 if there is no solution */
+    Real length;      /* characteristic */
+    Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
+    Real *x, *left, *scratch;
+    Real *block;        /* to choose among the equations of a closure */
+    Int *place, *among; /* the same: columns of it; equations */
+} Kkt;
+
+static Int most_in_a_group(const Kkt *s)
+{
+    Int most = 0;
+    for (Int g = 0; g < s->n_groups; g++) {
+        const Int n = s->group[g + 1] - s->group[g];
+        most = n > most ? n : most;
+    }
+    return most;
+}
+
+static int make_room(Kkt *s)
+{
+    Kernel *k = s->k;
+    const Int nv = k->nv, nc = k->n_closure, n = nv + (nc < nv ? nc : nv), few = n < FEW ? n : FEW;
+    const Int most = most_in_a_group(s), room = s->n_mass + 2 * k->entry_start[nc];
+    struct {
+        void **to;
+        Int count;
+        size_t size;
+    } arrays[] = {
+        {(void **)&s->chosen, nc, sizeof(Int)},      {(void **)&s->unit, nv, sizeof(Real)},
+        {(void **)&s->size, nc, sizeof(Real)},       {(void **)&s->row, room, sizeof(Int)},
+        {(void **)&s->column, room, sizeof(Int)},    {(void **)&s->value, room, sizeof(Real)},
+        {(void **)&s->matrix, few * few, sizeof(Real)}, {(void **)&s->order, few, sizeof(Int)},
+        {(void **)&s->x, n, sizeof(Real)},           {(void **)&s->left, n, sizeof(Real)},
+        {(void **)&s->scratch, 2 * n, sizeof(Real)}, {(void **)&s->among, nc, sizeof(Int)},
+        {(void **)&s->block, most * nv, sizeof(Real)}, {(void **)&s->place, nv, sizeof(Int)},
+    };
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        if (!(*arrays[i].to = kernel_memory(k, arrays[i].count, arrays[i].size)))
+            return 0;
+    for (Int v = 0; v < nv; v++)
+        s->place[v] = -1;
+    return (s->lu = lu_new()) != NULL;
+}
+
+static int is_sound(const Kkt *s, Int n_given)
+{
+    const Kernel *k = s->k;
+    if (s->group[0] != 0 || s->group[s->n_groups] != k->n_closure)
+        return 0;
+    for (Int g = 0; g < s->n_groups; g++)
+        if (s->group[g + 1] < s->group[g] || s->group[g + 1] > k->n_closure)
+            return 0;
+    for (Int e = 0; e < s->n_mass; e++)
+        if (!within(s->mass_row[e], k->nv) || !within(s->mass_column[e], k->nv) ||
+            !within(s->mass_from[e], n_given))
+            return 0;
+    return 1;
+}
+
+/* Memory for the KKT system of a kernel of a characteristic length; ints: first equation of each of n_groups closures and their
+   number, then rows, columns and places of the n_mass entries of M among the n_given. */
+EXPORT int kkt_create(Kernel *k, const Int *ints, Int n_groups, Int n_mass, Int n_given,
+                      Real length, Kkt **out)
+{
+    *out = NULL;
+    if (n_groups < 0 || n_mass < 0)
+        return BAD_ARRAYS;
+    const Int n_ints = n_groups + 1 + 3 * n_mass;
+    Kkt *s = kernel_memory(k, 1, sizeof *s);
+    Int *copy = kernel_memory(k, n_ints, sizeof(Int));
+    if (!s || !copy)
+        return NO_MEMORY;
+    memcpy(copy, ints, (size_t)n_ints * sizeof(Int));
+    s->k = k, s->length = length, s->n_groups = n_groups, s->n_mass = n_mass, s->group = copy;
+    s->mass_row = copy + n_groups + 1;
+    s->mass_column = s->mass_row + n_mass;
+    s->mass_from = s->mass_column + n_mass;
+    if (!is_sound(s, n_given))
+        return BAD_ARRAYS;
+    if (!make_room(s))
+        return NO_MEMORY;
+    *out = s;
+    return DONE;
+}
+
+/* Frees what grows; the rest is the kernel's, which has to be there still. */
+EXPORT void kkt_destroy(Kkt *s)
+{
+    if (s)
+        lu_free(s->lu);
+}
+
+/* ---------------------------------------------------------------- choice of equations */
+
+static Real length_of(const Kernel *k, Int i)
+{
+    Real square = 0.0;
+    for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+        square += k->entry[e] * k->entry[e];
+    return sqrt(square);
+}
+
+/* Independent equations of one closure, among all of its own that are longer than `least`. */
+static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
+{
+    const Kernel *k = s->k;
+    const Int n = end - first, from = k->entry_start[first], to = k->entry_start[end];
+    Int m = 0;
+    for (Int e = from; e < to; e++)
+        if (s->place[k->entry_v[e]] < 0)
+            s->place[k->entry_v[e]] = m++;
+    memset(s->block, 0, (size_t)(m * n) * sizeof(Real));
+    for (Int i = first; i < end; i++)
+        if (length_of(k, i) > least)
+            for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+                s->block[(i - first) * m + s->place[k->entry_v[e]]] = k->entry[e];
+    for (Int e = from; e < to; e++)
+        s->place[k->entry_v[e]] = -1;
+    const Int rank = independent_rows(n, m, s->block, n, TOLERANCE_RANK, s->chosen + s->n_chosen);
+    if (rank < 0)
+        return NO_MEMORY;
+    for (Int i = 0; i < rank; i++)
+        s->chosen[s->n_chosen++] += first;
+    return DONE;
+}
+
+static int choose_in_closures(Kkt *s)
+{
+    const Kernel *k = s->k;
+    Real longest = 0.0;
+    int code = DONE;
+    for (Int i = 0; i < k->n_closure; i++)
+        longest = fmax(longest, length_of(k, i));
+    s->n_chosen = 0;
+    for (Int g = 0; g < s->n_groups && code == DONE; g++)
+        code = choose_in_closure(s, s->group[g], s->group[g + 1], TOLERANCE_RANK * longest);
+    return code;
+}
+
+/* Independent equations among the chosen ones. */
+static int choose_among_all(Kkt *s)
+{
+    const Kernel *k = s->k;
+    const Int n = s->n_chosen;
+    Choice choice;
+    if (choice_begin(&choice, n, k->nv) != DONE)
+        return NO_MEMORY;
+    for (Int i = 0; i < n; i++) {
+        const Int from = k->entry_start[s->chosen[i]], to = k->entry_start[s->chosen[i] + 1];
+        choice_put(&choice, i, to - from, k->entry_v + from, k->entry + from);
+    }
+    s->n_chosen = choice_make(&choice, n, TOLERANCE_RANK, s->among);
+    choice_end(&choice);
+    for (Int i = 0; i < s->n_chosen; i++)
+        s->chosen[i] = s->chosen[s->among[i]]; /* both ascend */
+    return DONE;
+}
+
+/* ---------------------------------------------------------------- the matrix */
+
+/* Units of the freedoms, the heaviest one's for those without inertia. */
+static void measure_freedoms(Kkt *s, const Real *mass)
+{
+    const Kernel *k = s->k;
+    Real heaviest = 0.0;
+    memset(s->unit, 0, (size_t)k->nv * sizeof(Real));
+    for (Int e = 0; e < s->n_mass; e++)
+        if (s->mass_row[e] == s->mass_column[e]) {
+            const Int v = s->mass_row[e];
+            s->unit[v] = mass[s->mass_from[e]] * k->scale[v] * k->scale[v];
+            heaviest = fmax(heaviest, s->unit[v]);
+        }
+    if (!(heaviest > 0.0))
+        heaviest = 1.0;
+    for (Int v = 0; v < k->nv; v++)
+        s->unit[v] = 1.0 / sqrt(s->unit[v] > 0.0 ? s->unit[v] : heaviest);
+}
+
+static void measure_equations(Kkt *s)
+{
+    const Kernel *k = s->k;
+    s->shortest = 1.0;
+    for (Int i = 0; i < s->n_chosen; i++) {
+        Real most = 0.0, entry = 0.0;
+        for (Int e = k->entry_start[s->chosen[i]]; e < k->entry_start[s->chosen[i] + 1]; e++) {
+            most = fmax(most, fabs(k->entry[e]) * s->unit[k->entry_v[e]]);
+            entry = fmax(entry, fabs(k->entry[e]));
+        }
+        s->size[i] = most > 0.0 ? most : 1.0;
+        s->shortest = fmin(s->shortest, entry);
+    }
+}
+
+static void put(Kkt *s, Int row, Int column, Real value)
+{
+    const Int e = s->n_entries++;
+    s->row[e] = row;
+    s->column[e] = column;
+    s->value[e] = value;
+}
+
+static void fill(Kkt *s, const Real *mass)
+{
+    const Kernel *k = s->k;
+    s->n = k->nv + s->n_chosen;
+    s->n_entries = 0;
+    for (Int e = 0; e < s->n_mass; e++) {
+        const Int i = s->mass_row[e], j = s->mass_column[e];
+        const Real weight = k->scale[i] * s->unit[i] * (k->scale[j] * s->unit[j]);
+        put(s, i, j, mass[s->mass_from[e]] * weight);
+    }
+    for (Int i = 0; i < s->n_chosen; i++)
+        for (Int e = k->entry_start[s->chosen[i]]; e < k->entry_start[s->chosen[i] + 1]; e++) {
+            const Int v = k->entry_v[e];
+            const Real value = k->entry[e] * s->unit[v] / s->size[i];
+            put(s, k->nv + i, v, value);
+            put(s, v, k->nv + i, value);
+        }
+}
+
+/* The largest sum of the sizes in a row: the matrix is symmetric. */
+static void measure_matrix(Kkt *s)
+{
+    memset(s->x, 0, (size_t)s->n * sizeof(Real));
+    for (Int e = 0; e < s->n_entries; e++)
+        s->x[s->row[e]] += fabs(s->value[e]);
+    s->norm = 0.0;
+    for (Int i = 0; i < s->n; i++)
+        s->norm = fmax(s->norm, s->x[i]);
+}
+
+static void factor_full(Kkt *s)
+{
+    const Int n = s->n;
+    Real least = INFINITY, most = 0.0;
+    memset(s->matrix, 0, (size_t)(n * n) * sizeof(Real));
+    for (Int e = 0; e < s->n_entries; e++)
+        s->matrix[s->row[e] * n + s->column[e]] = s->value[e];
+    const Int failed = dense_lu(n, s->matrix, s->order);
+    for (Int i = 0; i < n; i++) {
+        least = fmin(least, fabs(s->matrix[i * (n + 1)]));
+        most = fmax(most, fabs(s->matrix[i * (n + 1)]));
+    }
+    s->pivot = failed || !(least > 0.0) || !isfinite(most) ? 0.0 : least / most;
+}
+
+static int factor_sparse(Kkt *s)
+{
+    const int code = lu_analyse(s->lu, s->n, s->n_entries, s->row, s->column, s->value);
+    Real sign, mantissa;
+    Int exponent;
+    s->pivot = 0.0;
+    if (code == DONE && lu_factor(s->lu, s->value))
+        lu_determinant(s->lu, &sign, &s->pivot, &mantissa, &exponent);
+    return code == NO_MEMORY ? NO_MEMORY : DONE;
+}
+
+static int factor(Kkt *s, const Real *mass)
+{
+    fill(s, mass);
+    measure_matrix(s);
+    s->pivot = 1.0;
+    if (!s->n)
+        return DONE;
+    if (s->n > FEW)
+        return factor_sparse(s);
+    factor_full(s);
+    return DONE;
+}
+
+static int factor_anew(Kkt *s, const Real *mass)
+{
+    measure_equations(s);
+    return factor(s, mass);
+}
+
+/* Choose independent equations and factor: those of each closure by itself, then, in doubt, those
+   of all together. */
+static int choose_and_factor(Kkt *s, const Real *mass)
+{
+    measure_freedoms(s, mass);
+    int code = choose_in_closures(s);
+    if (code == DONE && s->n_chosen <= s->k->nv) {
+        code = factor_anew(s, mass);
+        if (code != DONE || s->pivot > SURE || s->n_groups < 2)
+            return code;
+    }
+    const Int before = s->n_chosen;
+    if (code == DONE)
+        code = choose_among_all(s);
+    return code != DONE || s->n_chosen == before ? code : factor_anew(s, mass);
+}
+
+/* ---------------------------------------------------------------- solutions */
+
+static void solve_factored(Kkt *s, Real *x)
+{
+    if (s->n > FEW)
+        lu_solve(s->lu, x, x);
+    else
+        dense_lu_solve(s->n, s->matrix, s->order, 0, 1, x);
+}
+
+/* x := K^-1 x. Pivots of a sparse matrix are chosen for their places too: once more for the digits
+   that this costs. */
+static void solve_scaled(Kkt *s, Real *x)
+{
+    if (!(s->pivot > 0.0)) {
+        memset(x, 0, (size_t)s->n * sizeof(Real));
+        return;
+    }
+    if (s->n > FEW)
+        memcpy(s->left, x, (size_t)s->n * sizeof(Real));
+    solve_factored(s, x);
+    if (s->n <= FEW)
+        return;
+    for (Int e = 0; e < s->n_entries; e++)
+        s->left[s->row[e]] -= s->value[e] * x[s->column[e]];
+    solve_factored(s, s->left);
+    for (Int i = 0; i < s->n; i++)
+        x[i] += s->left[i];
+}
+
+/* Accelerations and multipliers (n_closure), 0 of equations that are not chosen, for joint forces
+   given and needed (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
+static void solve(Kkt *s, const Real *given, const Real *needed, const Real *gamma, Real *a,
+                  Real *multipliers)
+{
+    const Kernel *k = s->k;
+    Real *x = s->x;
+    for (Int v = 0; v < k->nv; v++)
+        x[v] = k->scale[v] * s->unit[v] * (given[v] - needed[v]);
+    for (Int i = 0; i < s->n_chosen; i++)
+        x[k->nv + i] = -gamma[s->chosen[i]] / s->size[i];
+    solve_scaled(s, x);
+    for (Int v = 0; v < k->nv; v++)
+        a[v] = k->scale[v] * s->unit[v] * x[v];
+    memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
+    for (Int i = 0; i < s->n_chosen; i++)
+        multipliers[s->chosen[i]] = -x[k->nv + i] / s->size[i];
+}
+
+/* How far off equations are, by the size of the shortest: their entries are differences of places,
+   which are rounded by their distance from the world's origin, [characteristic lengths]. */
+static Real entry_error(const Kkt *s)
+{
+    const Kernel *k = s->k;
+    Real farthest = 0.0;
+    if (!s->n_chosen)
+        return 0.0;
+    for (Int i = 0; i < 3 * k->n_joints; i++)
+        farthest = fmax(farthest, fabs(k->p[i]));
+    return PLACED * (1.0 + farthest / s->length) / fmax(s->shortest, EPS);
+}
+
+/* Estimated round-off of accelerations, by their size: from the pivots and, for exchanges of rows
+   may hide how small they are, from the condition; in the own units of freedoms, of which light
+   ones have larger ones. After `solve`, which left the scaled solution in x. */
+static Real estimated_error(Kkt *s)
+{
+    const Int nv = s->k->nv;
+    Real told = ROUNDING / fmax(s->pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
+    if (!s->n || !(s->pivot > 0.0))
+        return told;
+    for (Int v = 0; v < nv; v++) {
+        size = fmax(size, s->unit[v] * fabs(s->x[v]));
+        largest = fmax(largest, s->unit[v]);
+        most = fmax(most, fabs(s->x[v]));
+    }
+    told = fmax(told, entry_error(s));
+    if (s->n <= FEW) {
+        const Real condition =
+            s->norm * dense_inverse_norm(s->n, s->matrix, s->order, s->scratch);
+        told = fmax(told, (Real)s->n * EPS * fmin(condition, 1.0 / EPS));
+    }
+    return size > 0.0 ? told * largest * most / size : told;
+}
+
+/* The most that accelerations leave of an equation, by the largest sum of its terms. */
+static Real lacking(const Kkt *s, const Real *a, const Real *gamma)
+{
+    const Kernel *k = s->k;
+    Real most = 0.0, largest = 0.0;
+    for (Int i = 0; i < k->n_closure; i++) {
+        Real left = gamma[i], total = fabs(gamma[i]);
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++) {
+            const Real term = k->entry[e] * a[k->entry_v[e]] / k->scale[k->entry_v[e]];
+            left += term;
+            total += fabs(term);
+        }
+        most = fmax(most, fabs(left));
+        largest = fmax(largest, total);
+    }
+    return largest > 0.0 ? most / largest : 0.0;
+}
+
+/* Joint forces (nv) of multipliers. */
+static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
+{
+    memset(force, 0, (size_t)k->nv * sizeof(Real));
+    for (Int i = 0; i < k->n_closure; i++)
+        if (multipliers[i] != 0.0)
+            for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+                force[k->entry_v[e]] += multipliers[i] * k->entry[e];
+    for (Int v = 0; v < k->nv; v++)
+        force[v] /= k->scale[v];
+}
+
+/* Evaluate at q, choose equations if `anew`, factor and solve.
+ *
+ * mass: entries of M; given, needed (nv): f and b. Returns accelerations (nv), joint forces (nv) and
+ * multipliers (n_closure) of the closures, and facts (4): smallest over largest pivot, estimated
+ * error of the accelerations, how many equations are chosen, what the others lack. */
+EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *turns,
+                             const Real *mass, const Real *given, const Real *needed, Int anew,
+                             Real *a, Real *closures, Real *multipliers, Real *facts)
+{
+    Kernel *k = s->k;
+    if (k->n_angles)
+        memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+    equations_values(k, q);
+    equations_jacobian(k);
+    const int code = anew ? choose_and_factor(s, mass) : factor(s, mass);
+    if (code != DONE)
+        return code;
+    equations_bias(k, v);
+    solve(s, given, needed, k->bias, a, multipliers);
+    forces_of(k, multipliers, closures);
+    facts[0] = s->pivot;
+    facts[1] = estimated_error(s);
+    facts[2] = (Real)s->n_chosen;
+    facts[3] = s->n_chosen < k->n_closure ? lacking(s, a, k->bias) : 0.0;
+    return DONE;
+}
+
+/* Solve with the last factors: forces given and needed (n, nv), gamma (n, n_closure) -> a and
+ * multipliers, alike. */
+EXPORT int kkt_solve(Kkt *s, Int n, const Real *given, const Real *needed, const Real *gamma,
+                     Real *a, Real *multipliers)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure;
+    for (Int i = 0; i < n; i++)
+        solve(s, given + i * nv, needed + i * nv, gamma + i * nc, a + i * nv,
+              multipliers + i * nc);
+    return DONE;
+}
+
+/* Rows, columns and values of the entries of J of all equations, for v / scale, at the last place;
+ * returns how many there are. Nothing is written where `row` is NULL. */
+EXPORT Int kkt_entries(const Kkt *s, Int *row, Int *column, Real *value)
+{
+    const Kernel *k = s->k;
+    const Int n = k->entry_start[k->n_closure];
+    for (Int i = 0; row && i < k->n_closure; i++)
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+            row[e] = i;
+    if (row) {
+        memcpy(column, k->entry_v, (size_t)n * sizeof *column);
+        memcpy(value, k->entry, (size_t)n * sizeof *value);
+    }
+    return n;
+}
+
+/* The chosen equations; returns how many. */
+EXPORT Int kkt_chosen(const Kkt *s, Int *out)
+{
+    memcpy(out, s->chosen, (size_t)s->n_chosen * sizeof *out);
+    return s->n_chosen;
+}
