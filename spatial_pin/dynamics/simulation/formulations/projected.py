@@ -28,7 +28,13 @@ from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoor
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.dynamics import Samples
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+from spatial_pin.numerics.linalg import (
+    Array,
+    decompose,
+    determinant_sign_of,
+    independent_rows,
+    null_space,
+)
 
 FAR = 0.5  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
 OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
@@ -78,6 +84,7 @@ class Projected:
         self.is_fresh_the_same = not self.curved
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
         self._corrections, self._opened = 0, 0.0  # of the last time that loops were closed
+        self._before: tuple[Array, Array] | None = None  # equations and freedoms at the last step
         self.equations = MotionEquations(problem.mechanism)
         self._uneven = self._are_uneven(self.q0)  # where the loops were closed last
         # coordinates whose motions without inertia go on as they are, the same all along a step
@@ -196,6 +203,8 @@ class Projected:
             q, v = self._closed(q, v, allowed)
         except Lost:
             return np.inf
+        if self._has_passed_a_singularity():
+            return np.inf
         steps, corrections, opened, seconds, share = self.projection
         opened_now, corrections = self._opened, corrections + self._corrections
         y[:n] = pin.difference(self.model, self.q0, q) / self.scale
@@ -207,6 +216,21 @@ class Projected:
             steps + 1, corrections, max(opened, opened_now),
             seconds + time.perf_counter() - began, share)
         return opened_now / allowed
+
+    def _has_passed_a_singularity(self) -> bool:
+        """Whether loops have lost rank since the last step, the evaluation standing at this one.
+
+        One derivative of the loops vanishes there and comes back with the other sign: so does the
+        determinant of the equations with the freedoms of before.
+        """
+        now, chosen = self.evaluation.jacobian[: self.n_rows].copy(), self.selected
+        if self._before is not None:
+            signs = [determinant_sign_of(np.vstack([jacobian[chosen], self._before[1]]))
+                     for jacobian in (self._before[0], now)]
+            if signs[0] * signs[1] < 0:
+                return True
+        self._before = now, null_space(now[chosen])
+        return False
 
     def _choose(self, q: Array) -> None:
         """Choose the independent equations anew, where there is a choice."""
