@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 from masses import heavy, with_masses
 from mechanisms import RAM, between, floating, load, point
-from test_batch import SEVERAL, assert_same, check_kernel, configurations
+from test_batch import assert_same, check_kernel, configurations
 from test_closures import (
     FIRST,
     JOINTS,
@@ -98,8 +98,7 @@ def test_jacobian_and_bias_are_derivatives(tmp_path, joint, ends):
 @every_joint
 @every_place
 def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_path, joint, ends):
-    mechanism, rng = tree_with(tmp_path, joint, ends, 9)
-    v = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL))
+    mechanism, _ = tree_with(tmp_path, joint, ends, 9)
     q = configurations(mechanism, 10)
     check_kernel(mechanism, q)
     evaluation, kkt = Evaluation(constraints_of(mechanism)), Equations(mechanism).kkt
