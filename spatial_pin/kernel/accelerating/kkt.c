@@ -159,7 +159,8 @@ static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
                 s->block[(i - first) * m + s->place[k->entry_v[e]]] = k->entry[e];
     for (Int e = from; e < to; e++)
         s->place[k->entry_v[e]] = -1;
-    const Int rank = independent_rows(n, m, s->block, n, TOLERANCE_RANK, s->chosen + s->n_chosen);
+    const Int rank = independent_rows(n, m, s->block, n, TOLERANCE_RANK,
+                                      s->chosen + s->n_chosen, NULL);
     if (rank < 0)
         return NO_MEMORY;
     for (Int i = 0; i < rank; i++)
