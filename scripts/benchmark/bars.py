@@ -46,6 +46,9 @@ def _sweep(n: int, most: float) -> Bar:
 
 BARS = (
     *(_sweep(n, most) for n, most in ((1, 1e-4), (36, 2.5e-4), (360, 7e-4), (3600, 4e-3))),
+    *(Bar(f"sweep RSSR, {n} values, for_error({error:g})",
+          key("sweep", n, f"sweep, for_error({error:g})"), None, [key("sweep", n, "sweep")], ratio)
+      for n, error, ratio in ((360, 1e-2, 0.5), (360, 1e-4, 0.7), (3600, 1e-4, 0.33))),
     Bar("sweep four-bar, 360 values with rates", key("four_bar", 360, "sweep"), None,
         [key("four_bar", 360, "numba steps with rates", "pylinkage")], 1.5),
     Bar("sweep Gough platform, 360 values", key("stewart", 360, "sweep"), 2.5e-3),
@@ -72,7 +75,7 @@ BARS = (
     Bar("import and load RSSR", key("start", 0, "import spatial_pin, load('rssr')"), 0.42),
     Bar("sensitivity RSSR, 4 dimensions", key("sensitivity", 0, "sensitivity"), 6e-2),
     Bar("gradient of a motion, 4 dimensions",
-        key("sensitivity", 0, "sensitivity of 36 states of a turn"), 0.1),
+        key("sensitivity", 0, "sensitivity of a motion, 36 samples"), 0.1),
 )
 
 

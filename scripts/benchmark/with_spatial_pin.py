@@ -21,12 +21,14 @@ NAME = "spatial_pin"
 # The RSSR
 
 
-def setup_sweep(steps: int) -> SimpleNamespace:
-    return SimpleNamespace(mechanism=sp.load("rssr"), problem=Problem(steps=steps))
+def setup_sweep(steps: int, accuracy: sp.Accuracy | None = None) -> SimpleNamespace:
+    return SimpleNamespace(mechanism=sp.load("rssr"), problem=Problem(steps=steps),
+                           accuracy=accuracy)
 
 
 def run_sweep(tool: SimpleNamespace) -> sp.Motion:
-    motion = sp.sweep(tool.mechanism, "crank", tool.problem.phi, speed=tool.problem.speed)
+    motion = sp.sweep(tool.mechanism, "crank", tool.problem.phi, speed=tool.problem.speed,
+                      accuracy=tool.accuracy)
     motion.coordinate("rocker_pin")
     return motion
 
@@ -49,7 +51,7 @@ def judge_sweep(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | N
 
 def setup_reduced(steps: int) -> SimpleNamespace:
     reduced = sp.reduce(sp.load("rssr"), ["rocker_pin"])  # type: ignore[attr-defined]
-    return SimpleNamespace(mechanism=reduced, problem=Problem(steps=steps))
+    return SimpleNamespace(mechanism=reduced, problem=Problem(steps=steps), accuracy=None)
 
 
 def judge_reduced(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
@@ -168,6 +170,9 @@ def nothing(*_: Any) -> dict[str, float | None]:
 CASES = (
     *(Case("sweep", NAME, "sweep", partial(setup_sweep, n), run_sweep, judge_sweep, n, n)
       for n in (*rssr.SHORT, *rssr.STEPS)),
+    *(Case("sweep", NAME, f"sweep, for_error({error:g})",
+           partial(setup_sweep, n, sp.Accuracy.for_error(error)), run_sweep, judge_sweep, n, n)
+      for n in rssr.STEPS for error in (1e-2, 1e-4)),
     *(Case("sweep", NAME, "sweep + states of all bodies", partial(setup_sweep, n),
            run_sweep_bodies, judge_sweep, n, n) for n in rssr.STEPS),
     *(Case("rspc", NAME, "sweep", partial(setup_other, "rspc", "crank", rspc.angles(n), rspc.SPEED),
