@@ -1,8 +1,10 @@
 """Simulated motions against exact solutions, and against equations written by hand."""
 
 import pickle
+import shutil
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import mechanisms as known
 import numpy as np
@@ -743,3 +745,26 @@ def test_coarse_steps_do_not_hide_which_equations_depend_on_others(formulation, 
     assert coarse.closure_error.max() < 1e-12
     assert coarse.energy_drift < 1e-6
     assert np.abs(coarse.q - fine.q).max() < 1e-3
+
+
+@pytest.fixture(scope="module")
+def sarrus_with_a_pendulum(tmp_path_factory):
+    """Sarrus' linkage with a pendulum on its platform: two freedoms."""
+    folder = tmp_path_factory.mktemp("files") / "urdf"
+    shutil.copytree(Path(sp.__file__).parent.parent / "urdf", folder)
+    file = folder / "sarrus.urdf.xacro"
+    bob = heavy(known.turning("swing", "platform", "bob", axis=(0, 1, 0)),
+                bob=(0.05, (0.05, 0, 0), (1e-5, 1e-4, 1e-4)))
+    file.write_text(file.read_text().replace("</robot>", bob + "</robot>"))
+    return sp.assemble(sp.load(folder / "sarrus.toml"))
+
+
+@pytest.mark.parametrize(("tolerance", "speed", "duration"), [
+    (1e-8, -30.0, 0.06), (1e-6, 0.0, 0.3), (1e-6, -8.0, 0.3), (1e-6, -30.0, 0.06)])
+def test_no_step_goes_across_a_flat_place(sarrus_with_a_pendulum, tolerance, speed, duration):
+    """Both loops go flat at once there: the determinant vanishes without a change of its sign."""
+    mech = sarrus_with_a_pendulum.mechanism
+    state = sp.solve_rates(mech, sarrus_with_a_pendulum, {"arm": speed})
+    with pytest.raises(sp.SingularError) as caught:
+        sp.simulate(mech, state, duration, accuracy=sp.Accuracy(time_tolerance=tolerance))
+    assert caught.value.motion.coordinate("a_low").value.min() > -1e-3

@@ -152,7 +152,7 @@ static int make_room(Dynamics *d)
         {&d->step, nv}, {&d->trial, nq}, {&d->solved, nv}, {&d->goal, n * n + nq}, {&d->asking, 3 * n},
         {&d->before, n}, {&d->rates, n}, {&d->off, n}, {&d->force, 3 * nj}, {&d->moment, 3 * nj},
         {&d->twist, 6 * nj * d->n_free}, {&d->mass, d->n_free * d->n_free + 1},
-        {&d->freedoms, d->n_free * nv},
+        {&d->freedoms, d->n_free * nv}, {&d->change, n},
         {&d->laws, 3 * d->n_drives},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)

@@ -81,6 +81,7 @@ typedef struct Dynamics {
     Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
     Real room; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
+    Real *change; /* (n_held) derivatives of the determinant along the last step, relative to it */
     Real mantissa;
     Int exponent; /* of the determinant here */
     Real refused[MOST_STRIPS];

@@ -16,6 +16,8 @@
 #define LONGEST 0.7          /* longest step in one go [rad, characteristic lengths] */
 #define FARTHEST 1280.0      /* way of one trial, beyond which it is a wild one */
 #define HALVINGS 10
+#define SHORTEST 1e-8        /* way on which a change of the determinant is more than round-off */
+#define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
 #define SINGULAR_PIVOT 1e-9  /* smallest over largest pivot below which nothing can be solved */
 #define OLD_FACTORS_DO 1e-6  /* residual that the last factors reduce below round-off's square root */
 #define CLOSED 1e-11         /* residual that ends a contraction by round-off */
@@ -328,12 +330,38 @@ static int is_worn(const Dynamics *d)
            equations_error(k) > 10.0 * d->spare + TOLERANCE_TIGHT + d->tolerance;
 }
 
+/* How the determinant has changed on the way to x: relative to what it is there. */
+static void note_change(Dynamics *d, const Real *x)
+{
+    const Kernel *k = d->k;
+    const Real change =
+        1.0 - ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent));
+    Real square = 0.0;
+    for (Int i = 0; i < d->n_held; i++)
+        square += (x[i] - d->x[i]) * (x[i] - d->x[i]);
+    if (!(square > SHORTEST * SHORTEST))
+        return;
+    if (d->passes)
+        d->room = (d->x[0] - x[0]) / change;
+    for (Int i = 0; i < d->n_held; i++)
+        d->change[i] = change * (x[i] - d->x[i]) / square;
+}
+
+/* Whether the determinant, as it has changed, would nearly vanish on the way to x. Where it has a
+ * zero of even order its sign does not tell a step across: one freedom may look for what is there,
+ * more may not get there. */
+static int may_cross(const Dynamics *d, const Real *x)
+{
+    Real left = 1.0;
+    for (Int i = 0; !d->passes && i < d->n_held; i++)
+        left += d->change[i] * (x[i] - d->x[i]);
+    return left < REMAINS;
+}
+
 static void accept(Dynamics *d, const Real *x)
 {
     const Kernel *k = d->k;
-    const Real way = x[0] - d->x[0];
-    if (d->passes && fabs(way) > 1e-8)
-        d->room = way / (ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent)) - 1.0);
+    note_change(d, x);
     d->mantissa = k->mantissa;
     d->exponent = k->exponent;
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
@@ -354,6 +382,7 @@ static int choose_anew(Dynamics *d)
         return UNSAFE;
     d->first_pivot = d->pivot;
     d->room = 0.0;
+    memset(d->change, 0, (size_t)d->n_held * sizeof *d->change);
     memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     if (newton(d, d->x, 1e-3) != DONE)
         return UNSAFE;
@@ -421,6 +450,12 @@ int independent_follow(Dynamics *d, const Real *x)
         const Real fraction = done + part < 1.0 ? done + part : 1.0;
         for (Int i = 0; i < d->n_held; i++)
             goal[i] = fraction == 1.0 ? x[i] : from[i] + fraction * (x[i] - from[i]);
+        if (may_cross(d, goal)) {
+            part *= 0.5;
+            if (part < 1.0 / (1 << HALVINGS))
+                return LOST;
+            continue;
+        }
         if (independent_step(d, goal) == DONE) {
             done = fraction;
             part *= 2.0;
