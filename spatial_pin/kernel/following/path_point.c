@@ -68,6 +68,16 @@ Real point_way(const Kernel *k, const Point *point, Real h)
     return sqrt(square);
 }
 
+Real point_reach(const Kernel *k, const Point *point, Real h)
+{
+    Real first = 0.0, second = 0.0;
+    for (Int v = 0; v < k->nv; v++) {
+        first += (point->t[v] / k->scale[v]) * (point->t[v] / k->scale[v]);
+        second += (point->c[v] / k->scale[v]) * (point->c[v] / k->scale[v]);
+    }
+    return fabs(h) * sqrt(first) + 0.5 * h * h * sqrt(second);
+}
+
 void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real h, Int order,
                     Real *q)
 {

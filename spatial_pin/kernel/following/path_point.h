@@ -26,6 +26,9 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point);
 /* Norm of the scaled way of the joints over a step h, by Taylor's series to second order. */
 Real point_way(const Kernel *k, const Point *point, Real h);
 
+/* The same as the sum of what its two terms go, there and back. */
+Real point_reach(const Kernel *k, const Point *point, Real h);
+
 /* q (nq) a step h from a point: Taylor's series of an order from 0 to 2, or to 3, the derivative
  * being the difference of two second ones, where there is a point before. */
 void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real h, Int order,

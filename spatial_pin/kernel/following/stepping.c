@@ -192,29 +192,51 @@ static int choose_again(Path *path)
     return DONE;
 }
 
+static Real product(const Real *a, const Real *b, Int n)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+/* Does the path go on in its direction? Where polynomials are prescribed it may come to rest, and
+ * back: then second derivatives have to account for the change of the first ones. */
+static int goes_on(const Path *path)
+{
+    const Int nv = path->k->nv;
+    const Point *a = path->here, *b = path->next;
+    const Real square0 = product(a->t, a->t, nv), square1 = product(b->t, b->t, nv);
+    if (product(a->t, b->t, nv) >= TURNED * sqrt(square0 * square1))
+        return 1;
+    const Real h = b->s - a->s;
+    Real left = 0.0;
+    for (Int v = 0; v < nv; v++) {
+        const Real one = b->t[v] - a->t[v] - 0.5 * h * (a->c[v] + b->c[v]);
+        left += one * one;
+    }
+    const Real bent = 0.25 * h * h * (product(a->c, a->c, nv) + product(b->c, b->c, nv));
+    return path->prescribed.n_pieces && left <= TURNED * TURNED * (square0 + square1 + bent);
+}
+
 /* Do the rates at both ends of a step account for the way between?
  * Hermite: q1 - q0 = h (t0 + t1) / 2 + h² (c0 - c1) / 12, in the joints of one freedom. */
 static int is_explained(const Path *path)
 {
     const Kernel *k = path->k;
     const Point *a = path->here, *b = path->next;
-    const Real h = b->s - a->s;
-    Real along = 0.0, square0 = 0.0, square1 = 0.0, moved = 0.0, missed = 0.0;
-    for (Int v = 0; v < k->nv; v++) {
-        along += a->t[v] * b->t[v];
-        square0 += a->t[v] * a->t[v];
-        square1 += b->t[v] * b->t[v];
-    }
+    const Real h = b->s - a->s, part = path->prescribed.n_pieces ? 0.25 * h * h : 0.0;
+    Real moved = 0.0, missed = 0.0;
     for (Int j = 1; j < k->n_joints; j++) {
         if (joint_nv(k->kind[j]) != 1)
             continue;
         const Int v = k->iv[j];
         const Real way = b->q[k->iq[j]] - a->q[k->iq[j]];
         const Real left = way - 0.5 * h * (a->t[v] + b->t[v]) - h * h / 12.0 * (a->c[v] - b->c[v]);
-        moved += way * way;
+        moved += way * way + part * (a->t[v] * a->t[v] + b->t[v] * b->t[v]); /* there and back */
         missed += left * left;
     }
-    return along >= TURNED * sqrt(square0 * square1) &&
+    return goes_on(path) &&
            missed <= TOLERANCE_UNEXPLAINED * TOLERANCE_UNEXPLAINED * moved + MISSED;
 }
 
@@ -262,7 +284,8 @@ static int arrive(Path *path, Real way)
 static int try_step(Path *path, Real target)
 {
     const Real h = target - path->here->s;
-    Real way = point_way(path->k, path->here, h);
+    Real way = path->prescribed.n_pieces ? point_reach(path->k, path->here, h)
+                                         : point_way(path->k, path->here, h);
     int code = DONE;
     if (!(way <= TOLERANCE_LONGEST_STEP) || (path->k->n_idle && way > 1.1 * path->idle_way))
         return UNSAFE;
@@ -366,7 +389,7 @@ int step(Path *path, Real target)
         return code;
     }
     take(path);
-    path->is_between = path->way <= BETWEEN_LONGEST;
+    path->is_between = !path->prescribed.n_pieces; /* as the first way is, that of one driver */
     if (path->accuracy.between > 0.0 && ratio > 0.0)
         note_missed(path, ratio, h);
     return DONE;
