@@ -124,8 +124,8 @@ def test_least_constraint_gives_the_accelerations_of_the_mass_matrix(name):
     q = pin.integrate(mech.model, sp.assemble(mech).q, rng.uniform(-0.3, 0.3, mech.model.nv))
     v, a, given = rng.normal(size=(3, mech.model.nv))
     columns = rng.normal(size=(mech.model.nv, 3))
-    mass = problem.mass(q)
-    missing = given - pin.rnea(mech.model, problem.data, q, v, a)
+    mass = problem.bodies.matrix(q)
+    missing = given - problem.bodies.needed(q, v, a)
     want = np.linalg.solve(columns.T @ mass @ columns, columns.T @ missing)
     found = LeastConstraint(mech).solve(
         q, v, Blurred(a, 0.0 * a), Blurred(columns, 0.0 * columns), given)

@@ -133,7 +133,7 @@ def _is_pulled(problem: Problem, end: Place) -> bool:
     """Whether efforts, springs and friction have a part in the accelerations."""
     q, v = end.state.q, end.state.v
     given = problem.given(end.t, q, v, _rows(problem, end.state)[0]) * problem.scale
-    needed = problem.mass(q) @ end.a * problem.scale
+    needed = problem.bodies.matrix(q) @ end.a * problem.scale
     return bool(np.abs(given).max(initial=0.0) > FALLEN * np.abs(needed).max(initial=0.0))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -12,20 +12,22 @@ import pinocchio as pin
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.trees import Piece, is_large, pieces_of
+from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
 from spatial_pin.dynamics.simulation.result import Energies
+from spatial_pin.dynamics.solvers.accelerations import no_inertia
+from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
 from spatial_pin.dynamics.solvers.independent_coordinates import Blurred
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
-from spatial_pin.errors import SingularError
 from spatial_pin.kernel.packing import Packed, packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
-from spatial_pin.mechanism.inertia import KineticEnergy, MassMatrix
+from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 
@@ -83,28 +85,20 @@ class Problem:
         return with_masses(packed(self.mechanism, idle=False), self.model)
 
     @cached_property
-    def data(self) -> pin.Data:
-        """Pinocchio's memory, overwritten by whoever asks."""
-        return self.model.createData()
-
-    @cached_property
-    def mass(self) -> MassMatrix:
-        """Its mass matrix at a configuration."""
-        return MassMatrix(self.model)
-
-    @cached_property
-    def _pieces(self) -> list[Piece]:
-        return pieces_of(self.model)
+    def bodies(self) -> Bodies:
+        """Its masses, and the forces that its motions need."""
+        return bodies_of(self.model, is_large(self.model))
 
     def heaviest(self, q: Array) -> float:
         """Return the largest inertia of a joint, scaled, the others held, at q (nq,)."""
-        found = np.zeros(self.model.nv)
-        if is_large(self.model):
-            for piece in self._pieces:
-                found[piece.v] = piece.mass(q[piece.q]).diagonal()
-        else:
-            found[:] = self.mass(q).diagonal()
-        return float((found * self.scale**2).max(initial=0.0))
+        rows, columns, at = self.bodies.mass_at
+        own = rows == columns
+        inertias = self.bodies.masses(q)[at[own]] * self.scale[rows[own]] ** 2
+        return float(inertias.max(initial=0.0))
+
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self.model.createData()
 
     @cached_property
     def kinetic(self) -> KineticEnergy:
@@ -134,14 +128,10 @@ class Problem:
             total = total + self.forces.generalised(evaluation, q, v)
         return total
 
-    def energy(self, q: Array, v: Array, evaluation: Evaluation) -> float:
-        """Return kinetic, potential and spring energy [J]."""
-        return self.energies(q, v, evaluation, 0.0).total
-
     def energies(self, q: Array, v: Array, evaluation: Evaluation, work: float) -> Energies:
         """Return the energies at a place, the evaluation standing at q, after so much work [J]."""
         kinetic = self.kinetic(q, v)
-        total = kinetic + float(pin.computePotentialEnergy(self.model, self.data, q))
+        total = kinetic + float(pin.computePotentialEnergy(self.model, self._data, q))
         return Energies(kinetic, total + self.forces.energy(evaluation, q), work)
 
     def least(self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array) -> Least:
@@ -163,17 +153,12 @@ class Problem:
         found = self.least_constraint.solve(q, v, a, columns, given)
         if found.pulled:
             moving = np.abs(found.still / self.scale).max(axis=0)
-            raise self.no_inertia(np.flatnonzero(moving > 1e-6 * moving.max()).tolist())
+            by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
+            moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
+            raise no_inertia(self.mechanism, [by_v[v] for v in moved.tolist()])
         if found.lost:
             raise Lost("masses differ too much there")
         return found
-
-    def no_inertia(self, names: Sequence[int]) -> SingularError:
-        """Return the error for forces on freedoms, by velocity entries, that have no inertia."""
-        by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
-        return SingularError(
-            f"mechanism {self.mechanism.name!r}: a motion of {', '.join(by_v[v] for v in names)} "
-            "has no inertia but a force works on it: give its links a mass or a moment of inertia")
 
     def unknowns(self, u: Array, work: float) -> Array:
         """Return the unknowns: chart coordinates 0, their rates u, and the work if any is done."""

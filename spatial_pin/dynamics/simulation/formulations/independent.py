@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.forces import Forces, joint_efforts
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
@@ -30,11 +29,10 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.dynamics import Asked, Dynamics, Samples
 from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 FAST = 4.0  # speed of a joint, by the independent coordinates', at which others are taken
 FAR = 1.0  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
-USELESS = 1e-7  # pivots below which no chart is begun
-FINEST = 1e-14  # closure residual that can be reached anywhere
 
 
 class Independent:
@@ -62,11 +60,11 @@ class Independent:
         self._prescribed = [c.v for c, _ in problem.drives]
         rows = problem.freedoms.equations(state)
         self._is_whole = len(rows) == constraints_of(mechanism).n_rows
-        wanted = problem.tolerance if self._is_whole else min(problem.tolerance, TIGHT)
+        wanted = problem.tolerance if self._is_whole else min(problem.tolerance, TOLERANCES.tight)
         asked = Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
                       self._drives if problem.drives else None, self._least)
         self.kernel = Dynamics(mechanism, problem.packed,
-                               *self._arrays(state, max(wanted, FINEST)), asked)
+                               *self._arrays(state, max(wanted, TOLERANCES.round_off)), asked)
         self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         self._begin(state, rows)
 
@@ -100,7 +98,7 @@ class Independent:
                 f"{state.q}, but {held} independent coordinates")
         sigmas = np.array(self.spins.rates(state.q, state.v))
         begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
-        if not begun or not self.kernel.keep() or self.kernel.pivot < USELESS:
+        if not begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
         self._note_chart(state)
 

@@ -19,7 +19,6 @@ import pinocchio as pin
 from spatial_pin.assembly.newton import rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.continuation.branch import TIGHT
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Projection
@@ -35,6 +34,7 @@ from spatial_pin.numerics.linalg import (
     independent_rows,
     null_space,
 )
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 FAR = 0.5  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
 OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
@@ -74,8 +74,9 @@ class Projected:
         self.q0 = np.array(state.q)
         self.evaluation.update(self.q0)
         self.selected = independent_rows(self.evaluation.jacobian[: self.n_rows])
-        wanted = problem.tolerance  # open loops hide which equations depend on others
-        self.tolerance = wanted if len(self.selected) == self.n_rows else min(wanted, TIGHT)
+        self.tolerance = problem.tolerance
+        if len(self.selected) < self.n_rows:  # open loops hide which equations depend on others
+            self.tolerance = min(problem.tolerance, TOLERANCES.tight)
         if rank_loss(self.evaluation, self.q0, len(self.selected)):
             raise SingularError(
                 f"mechanism {problem.mechanism.name!r}: singular configuration, {state}: the "
