@@ -1,15 +1,15 @@
-"""What Taylor order, step, Newton corrections and the cut of a loop cost, and what they lose.
+"""What the predictor's order, step, Newton corrections and the cut of a loop cost, and lose.
 
 RSPC: one turn of the crank for every predictor order (0 to 3), step and number of corrections;
 largest errors against the closed form. Predictions without corrections drift; a corrected step
-starts anew each time. RSSR: the same linkage with its loop cut at a joint, in a body, and with the
-coupler replaced by one distance.
+starts anew each time; loose tolerances interpolate. RSSR: the same linkage with its loop cut at a
+joint, in a body, and with the coupler replaced by one distance.
 
     python scripts/predictor_study.py --json study.json --figure study.png
 
 Settings take turns within one run, so that noise hits all alike. Times are those of `sp.sweep`,
-less those of a sweep of one row: assembly is left out, position, velocity and acceleration are in.
-They are lower quartiles of the repeats, because other work on the machine only adds.
+less those of a sweep of one value: assembly is left out, position, velocity and acceleration are
+in. They are lower quartiles of the repeats, because other work on the machine only adds.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ import importlib.util
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -35,9 +34,6 @@ from benchmark.workers import Worker
 from numpy.typing import NDArray
 
 import spatial_pin as sp
-from spatial_pin.assembly.newton import SquareSystem
-from spatial_pin.continuation.branch import Branch
-from spatial_pin.continuation.follow import Start
 
 Array = NDArray[np.float64]
 Job = Callable[[], Any]
@@ -45,9 +41,9 @@ Job = Callable[[], Any]
 ORDERS = (0, 1, 2, 3)
 CORRECTIONS = (0, 1, 2, None)
 DEGREES = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+TIGHT, LOOSE = 1e-13, (1e-4, 1e-6)  # tolerances; samples are interpolated to the loose ones
 SHOWN = 1.0  # step of the work-precision diagram [degrees]
-LEAST_TIMED, MOST_TIMED = 72, 120  # steps in one measurement: several turns, or part of one
-MOST_TOGETHER = 360  # the same for rows together
+LEAST_TIMED = 1440  # steps in one measurement: one turn or several
 QUARTILE = 25  # percentile of the repeats that is reported
 ERRORS = ("position", "velocity", "acceleration", "closure")
 
@@ -120,16 +116,16 @@ class Setting:
     """One entry of the study.
 
     Attributes:
-        order: of the Taylor predictor.
+        order: of the predictor.
         corrections: Newton corrections a step, None for as many as the tolerance takes.
         degrees: step of the crank.
-        together: many rows at a time, as `sp.sweep` takes them; else one by one.
+        tolerance: of these, or of interpolated samples.
     """
 
     order: int
     corrections: int | None
     degrees: float
-    together: bool = False
+    tolerance: float = TIGHT
 
     @property
     def steps(self) -> int:
@@ -144,12 +140,8 @@ class Setting:
     @property
     def accuracy(self) -> sp.Accuracy:
         """What `sp.sweep` is told."""
-        return sp.Accuracy(order=self.order, corrections=self.corrections)
-
-    @property
-    def timed(self) -> int:
-        """Steps in a sweep that is timed: the turn or the first part of it."""
-        return min(self.steps, MOST_TOGETHER if self.together else MOST_TIMED)
+        return sp.Accuracy(order=self.order, corrections=self.corrections,
+                           tolerance=self.tolerance)
 
     @property
     def loops(self) -> int:
@@ -159,17 +151,11 @@ class Setting:
     def run(self, mechanism: sp.Mechanism) -> None:
         """Do what is timed."""
         for _ in range(self.loops):
-            self.sweep(mechanism, self.values[: self.timed + 1])
+            self.sweep(mechanism)
 
-    def sweep(self, mechanism: sp.Mechanism, values: Array) -> sp.Motion:
-        """Return the motion through some values."""
-        path = Start._path
-        if not self.together:
-            Start._path = lambda *_: None
-        try:
-            return sp.sweep(mechanism, "crank", values, accuracy=self.accuracy)
-        finally:
-            Start._path = path
+    def sweep(self, mechanism: sp.Mechanism) -> sp.Motion:
+        """Return the motion of one turn."""
+        return sp.sweep(mechanism, "crank", self.values, accuracy=self.accuracy)
 
 
 def time_in_turns(jobs: list[Job], repeats: int) -> Array:
@@ -189,39 +175,14 @@ def time_in_turns(jobs: list[Job], repeats: int) -> Array:
     return np.percentile(seconds, QUARTILE, axis=1)
 
 
-@contextmanager
-def counted(owner: type, name: str) -> Iterator[list[int]]:
-    """Count the calls of a method in a list of one number."""
-    count, method = [0], getattr(owner, name)
-
-    def call(*args: Any, **keywords: Any) -> Any:
-        count[0] += 1
-        return method(*args, **keywords)
-
-    setattr(owner, name, call)
-    try:
-        yield count
-    finally:
-        setattr(owner, name, method)
-
-
 def judge(setting: Setting, mechanism: sp.Mechanism) -> dict[str, Any]:
-    """Return largest errors [rad and lengths / characteristic length, per unit crank speed].
-
-    `taken` counts the steps tried, refused ones too, `solves` the Newton corrections; steps that
-    the library takes together pass by both.
-    """
-    with counted(Branch, "step") as taken, counted(SquareSystem, "correction") as solves:
-        motion = setting.sweep(mechanism, setting.values)
+    """Return largest errors [rad and lengths / characteristic length, per unit crank speed]."""
+    motion = setting.sweep(mechanism)
     found = np.array([motion.coordinate(name) for name in COORDINATES]).swapaxes(0, 1)
     scale = np.array([1.0, mechanism.characteristic_length, mechanism.characteristic_length])
     gap = np.abs(found - Rspc().exact(setting.values)) / scale[:, None]
     errors = [*gap.max(axis=(1, 2)).tolist(), float(motion.closure_error.max())]
-    return {
-        **asdict(setting), **dict(zip(ERRORS, errors, strict=True)), "steps": setting.steps,
-        "taken": None if setting.together else taken[0],
-        "solves": None if setting.together else solves[0] / setting.steps,
-    }
+    return {**asdict(setting), **dict(zip(ERRORS, errors, strict=True)), "steps": setting.steps}
 
 
 def predictor_settings() -> list[Setting]:
@@ -231,11 +192,12 @@ def predictor_settings() -> list[Setting]:
     """
     settings = [Setting(order, corrections, degrees) for order in ORDERS
                 for corrections in CORRECTIONS if order or corrections != 0 for degrees in DEGREES]
-    return settings + [Setting(3, None, degrees, together=True) for degrees in DEGREES]
+    return settings + [Setting(3, None, degrees, tolerance) for tolerance in LOOSE
+                       for degrees in DEGREES]
 
 
 def predictor_jobs(mechanism: sp.Mechanism) -> list[Job]:
-    """Return what is timed: a sweep of one row, then the settings."""
+    """Return what is timed: a sweep of one value, then the settings."""
     jobs: list[Job] = [partial(sp.sweep, mechanism, "crank", [0.0])]
     return jobs + [partial(setting.run, mechanism) for setting in predictor_settings()]
 
@@ -244,7 +206,7 @@ def predictor_rows(mechanism: sp.Mechanism, seconds: Array) -> list[dict[str, An
     """Return one row per setting."""
     rows = []
     for setting, turn in zip(predictor_settings(), seconds[1:], strict=True):
-        micro = 1e6 * float(turn / setting.loops - seconds[0]) / setting.timed
+        micro = 1e6 * float(turn / setting.loops - seconds[0]) / setting.steps
         rows.append({**judge(setting, mechanism), "microseconds": micro})
     return rows
 
@@ -397,20 +359,19 @@ def load_cuts() -> dict[str, sp.Mechanism]:
 
 
 def cut_jobs(mechanisms: dict[str, sp.Mechanism]) -> list[Job]:
-    """Return what is timed for each description: one row, rows together, and one by one."""
-    phi, one_by_one = Problem().phi, sp.Accuracy(order=2)
-    return [partial(sp.sweep, mechanism, "crank", values, accuracy=accuracy)
-            for mechanism in mechanisms.values()
-            for values, accuracy in ((phi[:1], None), (phi, None), (phi, one_by_one))]
+    """Return what is timed for each description: one value, and a turn."""
+    phi = Problem().phi
+    return [partial(sp.sweep, mechanism, "crank", values)
+            for mechanism in mechanisms.values() for values in (phi[:1], phi)]
 
 
 def cut_rows(mechanisms: dict[str, sp.Mechanism], seconds: Array) -> list[dict[str, Any]]:
     """Return one row per description: size, largest errors of B [m, per unit crank speed], time."""
     problem, rows = Problem(speed=1.0), []
     exact = rocker_tip(problem)
-    seconds = seconds.reshape(len(mechanisms), 3)
-    micro = 1e6 * (seconds[:, 1:] - seconds[:, :1]) / (len(problem.phi) - 1)
-    for (title, mechanism), times in zip(mechanisms.items(), micro.tolist(), strict=True):
+    seconds = seconds.reshape(len(mechanisms), 2)
+    micro = 1e6 * (seconds[:, 1] - seconds[:, 0]) / (len(problem.phi) - 1)
+    for (title, mechanism), time_of_step in zip(mechanisms.items(), micro.tolist(), strict=True):
         motion = sp.sweep(mechanism, "crank", problem.phi)
         tip = motion.frame("rocker_b")
         found = np.array([tip.position, tip.velocity, tip.acceleration])
@@ -422,7 +383,7 @@ def cut_rows(mechanisms: dict[str, sp.Mechanism], seconds: Array) -> list[dict[s
             "closure rows": sum(closure.n_rows for closure in mechanism.closures),
             "spin rows": len(mechanism.passives),
             **dict(zip(ERRORS, errors, strict=True)),
-            "microseconds": times[0], "microseconds singly": times[1],
+            "microseconds": time_of_step,
         })
     return rows
 
@@ -432,21 +393,17 @@ def cut_rows(mechanisms: dict[str, sp.Mechanism], seconds: Array) -> list[dict[s
 
 def title_of(row: dict[str, Any]) -> str:
     """Return what the table calls the corrections of a row."""
-    if row["together"]:
-        return "to 1e-13, rows together"
-    return {None: "to 1e-13", 1: "1 correction"}.get(
-        row["corrections"], f"{row['corrections']} corrections"
-    )
+    if row["corrections"] is None:
+        return f"{'interpolated ' * (row['tolerance'] != TIGHT)}to {row['tolerance']:g}"
+    return f"{row['corrections']} correction{'s' * (row['corrections'] != 1)}"
 
 
 def table(rows: list[dict[str, Any]], key: str, form: str) -> str:
-    """Return one quantity: settings down, steps across; * where a step was subdivided."""
+    """Return one quantity: settings down, steps across."""
     lines = [" " * 30 + "".join(f"{degrees:8g}°" for degrees in DEGREES)]
     for first in rows[:: len(DEGREES)]:
         same = [r for r in rows if title_of(r) == title_of(first) and r["order"] == first["order"]]
-        cells = ("-" if row[key] is None else
-                 format(row[key], form) + "*" * (row["taken"] not in (None, row["steps"]))
-                 for row in same)
+        cells = (format(row[key], form) for row in same)
         name = f"order {first['order']}, {title_of(first)}"
         lines.append(f"{name:<30}" + "".join(f"{cell:>9}" for cell in cells))
     return "\n".join(lines)
@@ -456,14 +413,13 @@ def digest(rows: list[dict[str, Any]]) -> str:
     """Return position error and time per step at one step size, in Markdown."""
     lines = ["| order | no correction | 1 | 2 | to 1e-13 |", "|---|---|---|---|---|"]
     for order in ORDERS:
-        some = {row["corrections"]: f"{row['position']:.0e}, {row['microseconds']:.0f} µs"
+        some = {row["corrections"]: f"{row['position']:.0e}, {row['microseconds']:.1f} µs"
                 for row in rows if row["order"] == order and row["degrees"] == SHOWN
-                and not row["together"]}
+                and row["tolerance"] == TIGHT}
         cells = " | ".join(some.get(corrections, "") for corrections in CORRECTIONS)
         lines.append(f"| {order} | {cells} |")
-    default = next(row for row in rows if row["together"] and row["degrees"] == SHOWN)
-    lines.append(f"| 3, rows together | | | | {default['position']:.0e}, "
-                 f"{default['microseconds']:.0f} µs |")
+    lines += [f"| 3, {title_of(row)} | | | | {row['position']:.0e}, {row['microseconds']:.1f} µs |"
+              for row in rows if row["tolerance"] != TIGHT and row["degrees"] == SHOWN]
     return "\n".join(lines)
 
 
@@ -476,18 +432,17 @@ def print_report(report: dict[str, Any]) -> None:
           "the characteristic length, per unit crank speed)")
     for key in ERRORS:
         print(f"\n{key}\n{table(report['predictor'], key, '.0e')}")
-    print(f"\nNewton corrections a step\n{table(report['predictor'], 'solves', '.2f')}")
-    print(f"\nµs a step\n{table(report['predictor'], 'microseconds', '.1f')}")
+    print(f"\nµs a step\n{table(report['predictor'], 'microseconds', '.2f')}")
     print(f"\nposition error and time per step at {SHOWN:g}°\n{digest(report['predictor'])}")
     print(f"\nRSSR, one turn in {Problem().steps} steps; largest errors of the rocker's end "
-          "(m, per unit crank speed); µs a step, rows together and one by one (order 2)")
+          "(m, per unit crank speed); µs a step")
     print(f"{'':<26}unknowns  equations " + "".join(f"{key:>13}" for key in ERRORS)
-          + "      µs  one by one")
+          + "      µs")
     for row in report["cuts"]:
         equations = f"{row['closure rows']} + {row['spin rows']}"
         print(f"{row['title']:<26}{row['unknowns']:8d}{equations:>11} "
               + "".join(f"{row[key]:13.0e}" for key in ERRORS)
-              + f"{row['microseconds']:8.1f}{row['microseconds singly']:12.1f}")
+              + f"{row['microseconds']:8.2f}")
 
 
 COLOURS = ("#E69F00", "#009E73", "#0072B2", "#CC79A7")  # Okabe and Ito, by order
@@ -513,10 +468,10 @@ def draw(report: dict[str, Any], path: Path) -> None:
     handles = [Line2D([], [], color=COLOURS[order], lw=2.0) for order in ORDERS]
     handles += [Line2D([], [], marker=marker, mfc="white" if marker == "D" else None, **grey)
                 for marker in MARKERS.values()]
-    handles += [Line2D([], [], marker="*", markersize=12, color=COLOURS[3], linestyle="")]
+    handles += [Line2D([], [], marker="P", markersize=8, color=COLOURS[3], linestyle="")]
     labels = [f"order {order}" for order in ORDERS]
-    labels += ["no correction", "1 correction", "2 corrections", "to tolerance",
-               "default, rows together"]
+    labels += ["no correction", "1 correction", "2 corrections", "to 1e-13",
+               "interpolated to 1e-4, 1e-6"]
     figure.legend(handles, labels, loc="outside lower center", ncols=9, frameon=False,
                   columnspacing=1.2, handletextpad=0.4)
     figure.savefig(path, dpi=100)
@@ -545,15 +500,16 @@ def draw_work(axes: Any, rows: list[dict[str, Any]]) -> None:
         axes.loglog([r["position"] for r in fixed], [r["microseconds"] for r in fixed],
                     color=COLOURS[order], lw=1.3)
         for row in some:
-            marker, size = ("*", 14) if row["together"] else (MARKERS[row["corrections"]], 6)
+            marker = MARKERS[row["corrections"]] if row["tolerance"] == TIGHT else "P"
             axes.loglog(row["position"], row["microseconds"], color=COLOURS[order], marker=marker,
-                        markersize=size, mfc="white" if marker == "D" else None)
+                        markersize=8 if marker == "P" else 6,
+                        mfc="white" if marker == "D" else None)
     axes.set(xlabel="largest position error of a turn", ylabel="time per step [µs]",
              title=f"RSPC: time and error at steps of {SHOWN:g}°")
-    ticks = (10, 15, 20, 30, 40, 50, 60, 80, 100, 150)
-    axes.set_yticks(ticks, [str(tick) for tick in ticks])
+    ticks = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     times = [r["microseconds"] for r in shown]
-    axes.set(xlim=(1e-16, 0.1), ylim=(0.8 * min(times), 1.1 * max(times)))
+    axes.set(xlim=(1e-16, 0.1), ylim=(0.8 * min(times), 1.25 * max(times)))
     axes.minorticks_off()
     axes.grid(alpha=0.3)
 
@@ -561,21 +517,21 @@ def draw_work(axes: Any, rows: list[dict[str, Any]]) -> None:
 def draw_cuts(axes: Any, rows: list[dict[str, Any]]) -> None:
     """Draw time by description of the same linkage."""
     place = np.arange(len(rows))[::-1]
-    for key, shift, colour, label in (("microseconds singly", 0.2, "0.6", "step by step"),
-                                      ("microseconds", -0.2, COLOURS[2], "together (default)")):
-        times = [row[key] for row in rows]
-        bars = axes.barh(place + shift, times, 0.38, color=colour)
-        axes.bar_label(bars, [f"{times[0]:.0f}  {label}", *(f"{x:.0f}" for x in times[1:])],
-                       padding=3)
+    times = [row["microseconds"] for row in rows]
+    bars = axes.barh(place, times, 0.5, color=COLOURS[2])
+    axes.bar_label(bars, [f"{x:.2g}" for x in times], padding=3)
     names = [f"{r['title']}\n{r['unknowns']} unknown{'s' * (r['unknowns'] > 1)}" for r in rows]
     axes.set_yticks(place, names)
     axes.set(xlabel="time per step [µs]", title="RSSR: one motion, four cuts")
-    axes.set_xlim(0.0, 1.4 * max(row["microseconds singly"] for row in rows))
+    axes.set_xlim(0.0, 1.2 * max(times))
 
 
 def study(repeats: int) -> dict[str, list[dict[str, Any]]]:
     """Time everything in turns, and judge it."""
     rspc, mechanisms = sp.load("rspc"), load_cuts()
+    model = rspc.model  # where joint limits are passed is no part of a step
+    model.lowerPositionLimit = np.full(model.nq, -np.inf)
+    model.upperPositionLimit = np.full(model.nq, np.inf)
     jobs, more = predictor_jobs(rspc), cut_jobs(mechanisms)
     seconds = time_in_turns([*jobs, *more], repeats)
     return {
