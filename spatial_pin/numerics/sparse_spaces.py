@@ -6,14 +6,15 @@ as there are freedoms, both
 
     [1  J_r^T; J_r  0]     and     [1  J_c; J_c^T  0]
 
-are regular. The first takes any velocities to the nearest that the loops allow, the second any
-multipliers to the nearest self-stress, or generalised forces to the shortest multipliers that bear
-them [GolubVanLoan2013, 5.5]. Both have the pattern of the loops: their factors grow with the
-number of loops.
+are regular. The first, a KKT system, takes any velocities to the nearest that the loops allow, the
+second any multipliers to the nearest self-stress, or generalised forces to the shortest multipliers
+that bear them [GolubVanLoan2013, 5.5]. Both have the pattern of the loops: their factors grow with
+the number of loops.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -35,44 +36,29 @@ class SparseSpaces:
         row_at, column_at: (nnz,) places of its entries.
         values: (nnz,) its entries, of order one.
         shape: n_rows, nv.
-        chosen: the independent rows, as is thought.
+        rank: how many independent rows there are, as is thought.
+        nearest: takes motions (k, nv) to the nearest that as many rows allow.
+
+    Attributes:
+        null_space: (nv - rank, nv) orthonormal rows that span the freedoms.
+        is_sure: whether the other rows follow from those.
     """
 
     def __init__(
         self, row_at: NDArray[np.intp], column_at: NDArray[np.intp], values: Array,
-        shape: tuple[int, int], chosen: NDArray[np.intp],
+        shape: tuple[int, int], rank: int, nearest: Callable[[Array], Array],
     ) -> None:
         from scipy.sparse import csr_array  # imported on use: it takes a tenth of a second
 
         self.jacobian: Any = csr_array((values, (row_at, column_at)), shape=shape)
-        self.chosen, self.rank = chosen, len(chosen)
-
-    @cached_property
-    def is_sure(self) -> bool:
-        """Whether the chosen rows are independent, and the others follow from them."""
-        if not self._allowed.pivot > TOLERANCES.rank:
-            return False
-        motion = np.random.default_rng(3).standard_normal((1, self.jacobian.shape[1]))
-        motion = self._nearest(motion)[0]
-        left, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
-        return bool(np.all(left <= TOLERANCES.nothing * terms.max(initial=1.0)))
-
-    @cached_property
-    def _allowed(self) -> _Projection:
-        return _Projection(self.jacobian[self.chosen].T)
-
-    def _nearest(self, motions: Array) -> Array:
-        """Return the nearest of motions (k, nv) that the chosen rows allow."""
-        return np.array([self._allowed.nearest(x) for x in motions]).reshape(motions.shape)
-
-    @cached_property
-    def null_space(self) -> Array:
-        """(nv - rank, nv) orthonormal rows that span the freedoms."""
-        nv = self.jacobian.shape[1]
-        motions = np.random.default_rng(4).standard_normal((nv - self.rank, nv))
+        self.rank = rank
+        motions = np.random.default_rng(4).standard_normal((shape[1] - rank, shape[1]))
         for _ in range(2):  # once more for the digits that the first time has lost
-            motions = np.linalg.qr(self._nearest(motions).T)[0].T
-        return motions
+            motions = np.linalg.qr(nearest(motions).T)[0].T
+        self.null_space = motions
+        motion = np.ones(len(motions)) @ motions
+        left, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
+        self.is_sure = bool(np.all(left <= TOLERANCES.nothing * terms.max(initial=1.0)))
 
     @cached_property
     def _dependent(self) -> NDArray[np.intp]:
@@ -107,16 +93,7 @@ class _Projection:
 
         self._m, self._r = a.shape
         self._matrix = block_array([[eye_array(self._m), a], [a.T, None]], format="csc")
-        self.pivot = 1.0
-        if not self._r:
-            return
-        try:
-            self._factors = splu(self._matrix)
-        except RuntimeError:
-            self.pivot = 0.0
-            return
-        pivots = np.abs(self._factors.U.diagonal())
-        self.pivot = float(pivots.min() / pivots.max())
+        self._factors: Any = splu(self._matrix) if self._r else None
 
     def nearest(self, x: Array) -> Array:
         """Return the nearest vector (m,) to x with A^T y = 0."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.pinocchio_views import forces
 from spatial_pin.constraints.trees import pieces_of, related
@@ -26,6 +29,14 @@ class Bodies:
         rows, columns = related(model)
         self.mass_at = rows, columns, rows * model.nv + columns
         self.n_masses = model.nv**2
+
+    @cached_property
+    def centres(self) -> tuple[NDArray[np.intp], Array]:
+        """Joints (k,) whose bodies have a mass, and its centre (k, 4) in their axes, then 1."""
+        inertias = self.model.inertias
+        heavy = [k for k, body in enumerate(inertias) if k and body.mass > 0.0]
+        levers = np.array([[*inertias[k].lever, 1.0] for k in heavy]).reshape(-1, 4)
+        return np.array(heavy, dtype=np.intp), levers
 
     def masses(self, q: Array) -> Array:
         """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""

@@ -47,8 +47,7 @@ def _shifts(equations: Equations, motions: Array) -> Array:
     Per characteristic length; nothing for bodies without mass.
     """
     evaluation, mechanism = equations.evaluation, equations.mechanism
-    heavy = [k for k, body in enumerate(mechanism.model.inertias) if k and body.mass > 0.0]
-    levers = np.array([[*mechanism.model.inertias[k].lever, 1.0] for k in heavy]).reshape(-1, 4)
+    heavy, levers = equations.bodies.centres
     columns = joint_jacobian(evaluation.data, len(equations.scale))
     twists = ((columns * evaluation.constraints.supports[heavy][:, None])
               @ (motions * equations.scale).T)

@@ -115,13 +115,25 @@ class Loops:
         are no sure choice, are found densely.
         """
         if self._spaces is None and self._is_large and self._rank is None:
-            self._stand_without_masses()
-            found = SparseSpaces(*self.kkt.entries, (self.n_rows, len(self.scale)), self.kkt.rows)
-            self._spaces = found if found.is_sure else None
+            self._spaces = self._sparse_spaces()
         if self._spaces is None:
             svd = full_decomposition(self.scaled)
             self._spaces = svd if self._rank is None else svd._replace(rank=self._rank)
         return self._spaces
+
+    def _sparse_spaces(self) -> SparseSpaces | None:
+        """Return the subspaces if it is sure which equations are independent."""
+        self._stand_without_masses()
+        kkt, shape = self.kkt, (self.n_rows, len(self.scale))
+        if not kkt.pivot > TOLERANCES.rank:
+            return None
+
+        def nearest(motions: Array) -> Array:
+            found, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), self.n_rows)))
+            return found / self.scale
+
+        found = SparseSpaces(*kkt.entries, shape, kkt.rank, nearest)
+        return found if found.is_sure else None
 
     @property
     def self_stresses(self) -> Array:

@@ -168,6 +168,14 @@ static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
     return DONE;
 }
 
+static int choose_all(Kkt *s)
+{
+    s->n_chosen = s->k->n_closure;
+    for (Int i = 0; i < s->n_chosen; i++)
+        s->chosen[i] = i;
+    return DONE;
+}
+
 static int choose_in_closures(Kkt *s)
 {
     const Kernel *k = s->k;
@@ -318,21 +326,22 @@ static int factor_anew(Kkt *s, const Real *mass)
     return factor(s, mass);
 }
 
-/* Choose independent equations and factor: those of each closure by itself, then, in doubt, those
-   of all together. */
+/* Choose independent equations and factor: all if they are, then those of each closure by itself,
+   then, in doubt, those of all together. */
 static int choose_and_factor(Kkt *s, const Real *mass)
 {
+    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
     measure_freedoms(s, mass);
-    int code = choose_in_closures(s);
-    if (code == DONE && s->n_chosen <= s->k->nv) {
-        code = factor_anew(s, mass);
-        if (code != DONE || s->pivot > SURE || s->n_groups < 2)
+    s->pivot = 0.0;
+    for (int way = 0; way < 3; way++) {
+        const Int before = s->n_chosen;
+        int code = ways[way](s);
+        if (code == DONE && s->n_chosen <= s->k->nv && (!way || s->n_chosen != before))
+            code = factor_anew(s, mass);
+        if (code != DONE || s->pivot > SURE)
             return code;
     }
-    const Int before = s->n_chosen;
-    if (code == DONE)
-        code = choose_among_all(s);
-    return code != DONE || s->n_chosen == before ? code : factor_anew(s, mass);
+    return DONE;
 }
 
 /* ---------------------------------------------------------------- solutions */
