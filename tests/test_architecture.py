@@ -27,6 +27,7 @@ LAYERS = {
     "formats": ["xacro", "meshes", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],
     "formats.dialects": ["beside"],
+    "assembly": ["search"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations"],
     "view": ["scene", "page", "browser"],

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from spatial_pin.assembly.assemble import ACCEPTED, nearest_turn
 from spatial_pin.assembly.close import close
+from spatial_pin.assembly.search.closing import ACCEPTED
+from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.assemble import periodic
 from spatial_pin.assembly.close import MOST_STEPS
 from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.workspaces import acquired

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.assemble import nearest_turn
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import chain_links
+from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -9,15 +9,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.assemble import (
-    _read_guess,
-    _violated,
-    assembled,
-    standing_drivers,
-    tell,
-)
+from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
+from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.search.within_limits import violated_limit
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, generator, mapping, positive_number
 from spatial_pin.errors import AssemblyError, ContinuumError
@@ -165,7 +161,7 @@ def _base(mechanism: Mechanism, held: Mapping[str, float]) -> dict[str, float]:
     bases = free_bases(mechanism)
     if not bases:
         return {}
-    q = _read_guess(mechanism, mechanism.start(held)).q
+    q = read_guess(mechanism, mechanism.start(held)).q
     return {c.name: coordinate_value(mechanism, c, q)
             for c in mechanism.coordinate_table.values() if c.joint in bases}
 
@@ -208,7 +204,7 @@ class _Search:
         self.closer = Closer(core.mechanism)
         self.kernel = self.closer.kernel
         self.base = with_values(
-            mechanism, _read_guess(mechanism, mechanism.start(check.held)).q, check.held)
+            mechanism, read_guess(mechanism, mechanism.start(check.held)).q, check.held)
         table = core.mechanism.coordinate_table
         self.held = {name: x for name, x in check.held.items() if name in table}
         self.free = np.ones(model.nv, dtype=bool)
@@ -409,7 +405,7 @@ class _Search:
         found = [(q, mode.kind, mode.count) for mode in self.modes
                  for q in (self._readings(mode, copies, limits) if self.all_copies else [mode.q])]
         if limits:
-            found = [x for x in found if not _violated(check.mechanism, check.state(x[0]).q)]
+            found = [x for x in found if not violated_limit(check.mechanism, check.state(x[0]).q)]
         if self.all_copies and not copies:
             found = self._one_of_each(found)
         loose = {joint for _, kind, _ in found for joint, _ in kind.idle}

@@ -108,31 +108,23 @@ class Target:
         places = places_of(mechanism, tuple(named))
         # components of floating joints, and single ones of balls, have to be put in first
         self._is_whole, self._at, self._sizes = places.is_whole, places.at, places.sizes
-        self._values = np.array([named[name] for name in places.plain], dtype=float)
+        values = np.array([named[name] for name in places.plain], dtype=float)
+        self._values: list[float] = (values / places.sizes).tolist()
         self._balls: list[tuple[int, Array]] = []
         if places.balls and places.is_whole:
-            whole = with_values(mechanism, mechanism.neutral, named)
+            whole = with_values(mechanism, mechanism.neutral, {
+                name: x for name, x in named.items() if mechanism.coordinate_table[name].q < 0})
             self._balls = [(at, whole[at : at + 4]) for at in places.balls]
 
     def distance(self, q: Array) -> float:
         """Return how far q (nq,) is from the named values; an orientation counts by its angle."""
-        return self.distances(q[None])[0]
-
-    def distances(self, q: Array) -> list[float]:
-        """Return the distances of the rows of q (m, nq)."""
         if self._is_whole:
-            gaps = (self._values - q[:, self._at]) / self._sizes
-            turns = [[_angle_between(x[at : at + 4], goal) for x in q] for at, goal in self._balls]
-            if turns:
-                gaps = np.hstack([gaps, np.array(turns).T])
-        else:
-            model, size = self.mechanism.model, self.mechanism.velocity_scale
-            gaps = np.array([pin.difference(model, x, with_values(self.mechanism, x, self.named))
-                             / size for x in q])
-        sizes = np.abs(gaps).max(axis=1, initial=1.0)  # squares stay numbers
-        gaps /= sizes[:, None]
-        found: list[float] = (sizes * np.sqrt(np.vecdot(gaps, gaps))).tolist()
-        return found
+            apart = math.dist((q[self._at] / self._sizes).tolist(), self._values)
+            return math.hypot(apart, *(
+                _angle_between(q[at : at + 4], goal) for at, goal in self._balls))
+        model, size = self.mechanism.model, self.mechanism.velocity_scale
+        gaps = pin.difference(model, q, with_values(self.mechanism, q, self.named)) / size
+        return math.hypot(*gaps.tolist())
 
 
 def _angle_between(one: Array, two: Array) -> float:

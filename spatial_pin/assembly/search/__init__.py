@@ -1,0 +1,1 @@
+"""Searching for the closed configuration that a guess means."""

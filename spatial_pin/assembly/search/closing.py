@@ -1,0 +1,201 @@
+"""What an assembly closes with what it holds, and how it judges what that has led to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.close import MOST_STEPS, close, closed, closed_by, finite
+from spatial_pin.assembly.rounding import cut_of
+from spatial_pin.assembly.search.release import least_motion
+from spatial_pin.assembly.search.targets import free_but, left_of
+from spatial_pin.assembly.search.whole_turns import periodic, turned_angles, with_places
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.closer import Closed, Closer
+from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import EPS, Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.settings import Accuracy
+
+OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
+# A branch this near to the guess [rad, characteristic lengths] is not questioned: guesses have two
+# or three digits.
+NEAR_GUESS = 1e-2
+ACCEPTED, LOOSE = TOLERANCES.closed, TOLERANCES.nothing
+
+
+class Closing:
+    """The equations to close, what is held meanwhile, and what counts as closed.
+
+    Args:
+        evaluation: of the mechanism.
+        whole: of the mechanism with all equations, where the file's numbers are rounded: these
+            lead, and stay closed to the gap.
+        held: coordinates that were given values.
+        standing: drivers that stand, by coordinate.
+        named: other coordinates that the guess names.
+        accuracy: the tolerance to reach.
+        let_go: drivers that go as little as possible from these values.
+    """
+
+    def __init__(
+        self,
+        evaluation: Evaluation,
+        whole: Evaluation | None,
+        held: Mapping[str, float],
+        standing: Mapping[str, float],
+        named: Mapping[str, float],
+        accuracy: Accuracy,
+        let_go: Mapping[str, float] | None = None,
+    ) -> None:
+        self.mechanism = evaluation.mechanism
+        self.evaluation, self.given, self.standing = evaluation, held, standing
+        self.held = {**held, **standing}
+        self.named = {name: value for name, value in named.items() if name not in self.held}
+        self.let_go = let_go or {}
+        self.accuracy, self.tolerance = accuracy, accuracy.tolerance
+        self.whole, self.gap = whole, accuracy.gap
+        self._cut = cut_of(whole.mechanism, accuracy.gap) if whole else 0.0
+        left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), tuple(self.named))
+        self.pinned = {name: self.held[name] for name in left.pinned}
+        self.still, self.free = left.still, left.free
+        self.first, self.has_first = left.first, left.has_first
+        self.closer: Closer | None = None
+
+    def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
+        """Return (nv,) which velocities are left where coordinates and free bases are held."""
+        return free_but(self.mechanism, self.still, held)
+
+    def closed(
+        self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
+        tolerance: float | None = None,
+    ) -> Closed:
+        """Close the loops from q (nq,), all equations first as well as they can be."""
+        tolerance = tolerance or self.tolerance
+        if self.whole is not None:
+            q = closed(self.whole.mechanism, q, free, self.whole.turns, tolerance, pinned=pinned,
+                       cut=self._cut).q
+        turns = self.evaluation.turns
+        if self.closer is not None and pinned is self.pinned:
+            return closed_by(self.closer, q, free, turns, tolerance, pinned=pinned)
+        return closed(self.mechanism, q, free, turns, tolerance, pinned=pinned)
+
+    def reached(self, q: Array) -> Closed:
+        """Close the loops from a start q (nq,), first while what is named is held too."""
+        if self.has_first:
+            q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
+        return self.closed(q, self.free, self.pinned)
+
+    def all_reached(self, starts: Sequence[Array]) -> Iterator[Closed]:
+        """Yield where `reached` leads from starts; in one go, where no other equations lead."""
+        if self.whole is not None or self.closer is None or not starts:
+            yield from map(self.reached, starts)
+            return
+        turns, pinned, q = self.evaluation.turns, self.pinned.values(), np.array(starts)
+        before: Sequence[Closed] = ()
+        if self.has_first:
+            before = self.closer.close_all(q, self.first, turns, max(self.tolerance, LOOSE),
+                                           MOST_STEPS, pinned, TOLERANCES.rank)
+            q = np.array([x.q for x in before])
+        after = self.closer.close_all(q, self.free, turns, self.tolerance, MOST_STEPS, pinned,
+                                      TOLERANCES.rank)
+        for k, found in enumerate(after):
+            if before:
+                finite(before[k])
+            yield finite(found)
+
+    def judged(self, q: Array, known: Closed | None = None) -> tuple[Array, float, str]:
+        """Return q with its whole turns, its closure error, and the closure at fault or nothing.
+
+        Args:
+            q: the configuration.
+            known: how it was closed, which may tell without a closer look that nothing is.
+        """
+        evaluation = self.evaluation
+        turned = turned_angles(self.mechanism, q, self.held, self.named)
+        if (known is not None and self.whole is None and known.error <= ACCEPTED
+                and not known.may_be_mirrored and q is known.q and not turned):
+            return q, known.error, ""
+        q = with_places(q, turned)
+        evaluation.update(q)
+        error = evaluation.closure_error
+        fault = "" if error <= self.accepted(q) else evaluation.worst_closure()
+        if self.whole is not None and not fault:
+            self.whole.update(q)
+            if self.whole.closure_error > self.gap:
+                return q, self.whole.closure_error, self.whole.worst_closure()
+        return q, error, fault or evaluation.mirrored()
+
+    def accepted(self, q: Array) -> float:
+        """Return the closure error that q (nq,) may have, round-off of its own included.
+
+        An angle that is held counts turns without making its sine any worse.
+        """
+        q = q.copy()
+        q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
+        return min(max(ACCEPTED, coordinate_round_off(self.mechanism, q)), OPEN)
+
+    def least(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+        """Return the closed configuration near q in which the drivers let go have gone the least.
+
+        Those that need not go at all stand exactly.
+        """
+        q = self.closed(q, free, self.pinned).q
+        q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
+                                self.pinned)
+        kept = {name: self.let_go[name] for name in self.let_go
+                if name not in gone_from(self.mechanism, q, self.let_go)}
+        if not kept:
+            return q, error
+        table = self.mechanism.coordinate_table
+        entries = [name for name in kept if table[name].q >= 0]
+        pinned = {name: x for name, x in kept.items() if table[name].q < 0}
+        there, open_by = close(self.evaluation, with_values(self.mechanism, q, kept),
+                               free & self.left_by(entries), self.tolerance,
+                               pinned=self.pinned | pinned)
+        moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
+        near = bool(np.abs(moved).max(initial=0.0) < NEAR_GUESS)
+        return (there, open_by) if open_by <= ACCEPTED and near else (q, error)
+
+    def evaluate(self, q: Array) -> None:
+        """Evaluate the equations at q (nq,), which nobody changes, if they do not stand there."""
+        if self.evaluation.q is not q:
+            self.evaluation.update(q)
+
+
+def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:
+    """Return how far coordinates are from values, those that are there left out [rad, m]."""
+    table, gone = mechanism.coordinate_table, {}
+    for name, value in said.items():
+        by = coordinate_value(mechanism, table[name], q) - value
+        if abs(by) > TOLERANCES.nothing * mechanism.velocity_scale[table[name].v]:
+            gone[name] = by
+    return gone
+
+
+def coordinate_sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp], Array]:
+    """Return names, places in q, and sizes of coordinates, but of periodic angles."""
+    if "sizes" not in mechanism.memo:
+        turning = {c.name for c in periodic(mechanism)}
+        found = [(name, at, mechanism.velocity_scale[c.v])
+                 for name, c in mechanism.coordinate_table.items()
+                 if (at := mechanism.place_of(c)) >= 0 and name not in turning]
+        mechanism.memo["sizes"] = (
+            [x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
+            np.array([x[2] for x in found], dtype=float))
+    names, places, sizes = mechanism.memo["sizes"]
+    return names, places, sizes
+
+
+def size_of(mechanism: Mechanism, q: Array) -> Any:
+    """Return the largest coordinate of q (nq,) or (m, nq) by the size of the mechanism.
+
+    Angles that mean the same after a turn do not count.
+    """
+    _, places, sizes = coordinate_sizes(mechanism)
+    return np.abs(q[..., places] / sizes).max(axis=-1, initial=0.0)

@@ -1,0 +1,154 @@
+"""Why an assembly has failed, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
+from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS
+from spatial_pin.assembly.search.search import Search
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.errors import AssemblyError
+from spatial_pin.mechanism.coordinates import coordinate_value, with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+def failure(search: Search) -> AssemblyError:
+    """Return why a search has found nothing, with its best attempt."""
+    closing, mechanism = search.closing, search.mechanism
+    where = f"mechanism {mechanism.name!r}"
+    if closing.given:
+        where += f" with {_values(closing.given)}"
+    if search.nearest_miss is None:
+        q = with_values(mechanism, mechanism.neutral, {**closing.named, **closing.held})
+        return AssemblyError(f"{where} cannot be closed: {_too_large(mechanism, q)}",
+                             closure_error=np.inf, worst_closure="")
+    error, q, worst = search.nearest_miss
+    closing.evaluation.update(q)
+    state = State(mechanism, q, closure_error=error, angles=closing.evaluation.angles)
+    if not error <= ACCEPTED:
+        message = f"{where} cannot be closed: {_gap_words(search, error, q, worst)}"
+    elif worst.startswith("limit of "):
+        own = any(worst.startswith(f"limit of {name}:") for name in closing.held)
+        message = (f"{where} closes only outside the joint limits ({worst}); " + (
+            "that is the value given: give one within its limits" if own else
+            "give values of the drivers at which it stays inside"))
+    else:
+        message = f"{where} {_mirror_words(search, q)}"
+    if closing.standing:
+        message += (f"; drivers that were given no value stand at {_values(closing.standing)}: "
+                    "give them values, or let them go with release=True or free=[...]")
+    return AssemblyError(message, closure_error=error, worst_closure=worst, state=state)
+
+
+def _values(given: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in given.items())
+
+
+def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
+    """Say how far closure `worst` stays open at the best attempt q (nq,), and why."""
+    mechanism, whole = search.mechanism, search.closing.whole or search.closing.evaluation
+    whole.update(q)
+    gap = open_gap(whole.mechanism, whole, worst)
+    large = size_of(mechanism, q) * COORDINATE_ERROR > ACCEPTED
+    words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
+             "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
+    if any(c.name == worst and c.type == "screw" for c in mechanism.closures):
+        words += ("; a screw closure is assembled within half a turn of zero: sweep to further "
+                  "turns, or put the screw into the tree")
+    return words
+
+
+def _mirror_words(search: Search, q: Array) -> str:
+    """Say why loops close only with the axes of closures opposite, the evaluation at q (nq,).
+
+    Where they close with other driver values, these are the cause; else the frames are.
+    """
+    closing = search.closing
+    opposite = closing.evaluation.opposite_axes()
+    names = " and ".join(map(repr, opposite))
+    words = (f"closes only with the axes of closure {names} pointing opposite ways, which is "
+             "no assembly of it; ")
+    elsewhere = _closed_elsewhere(search, q) if closing.held else {}
+    if elsewhere:
+        values = _values(elsewhere)
+        return (f"{words}the values are out of reach: left free, the loops close at "
+                f"{values}")
+    if not all(opposite.values()):
+        return (f"{words}its three axes are interchanged, too: give its two frames "
+                "the same orientation where the loop is closed")
+    some = "one of its frames" if len(opposite) == 1 else "one frame of each"
+    return f"{words}turn {some} round, by half a turn about its x axis"
+
+
+def _open_words(search: Search, q: Array, worst: str) -> str:
+    """Say why loops stay open at the best attempt q (nq,), closure `worst` the most."""
+    closing = search.closing
+    elsewhere = _closed_elsewhere(search, q) if closing.held else {}
+    if not elsewhere:
+        return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
+                "the loops" + " at other values of the drivers" * bool(closing.held)
+                + f": check the frames of {worst!r} and the lengths between them; if they "
+                "are right, give a guess nearer to a closed configuration")
+    values = _values(elsewhere)
+    n = closing.evaluation.constraints.n_rows
+    freedoms = search.mechanism.model.nv - decompose(closing.evaluation.jacobian[:n]).rank
+    if len(closing.given) > freedoms:
+        return (f"{len(closing.given)} coordinates have a value, but the mechanism has {freedoms} "
+                f"freedom{'s' * (freedoms != 1)}: leave out {len(closing.given) - freedoms} "
+                f"(the nearest values that fit are {values})")
+    return ("a value is out of reach: left free, the loops close at "
+            f"{values}")
+
+
+def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
+    """Return values at which the loops close, near those given, if there are any.
+
+    The evaluation stands there then.
+    """
+    closing = search.closing
+    other = Search(Closing(
+        closing.evaluation, closing.whole, {}, {}, {**closing.named, **closing.held},
+        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0)), search.limits)
+    other.run(q)
+    if other.best is None:
+        return {}
+    closing.evaluation.update(other.best[1])
+    table = closing.mechanism.coordinate_table
+    return {name: coordinate_value(closing.mechanism, table[name], other.best[1])
+            for name in closing.held}
+
+
+def _too_large(mechanism: Mechanism, q: Array) -> str:
+    """Say which coordinate of q is too large for its loops to be closed."""
+    names, places, sizes = coordinate_sizes(mechanism)
+    name = max(zip(np.abs(q[places] / sizes).tolist(), names, strict=True))[1]
+    value = float(q[mechanism.place_of(mechanism.coordinate_table[name])])
+    return (f"{name} = {value:.3g} {mechanism.coordinate_table[name].unit} is so large that its "
+            "round-off alone opens the loops; give a value nearer to the mechanism's size of "
+            f"{mechanism.characteristic_length:.3g} m (angles: fewer turns)")
+
+
+def open_gap(mechanism: Mechanism, evaluation: Evaluation, closure: str) -> str:
+    """Return how far a closure is open at the evaluation, in m or rad, as text."""
+    constraints = evaluation.constraints
+    rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure]
+    kinds = {c.name: c for c in mechanism.closures}[closure]
+    is_length = [row.is_length for row in kinds.rows] if kinds.type != COUPLING else [
+        mechanism.coordinate(kinds.joints[1]).unit == "m"]
+    values = evaluation.residual[rows]
+    lengths = float(np.linalg.norm(values[np.array(is_length)]))
+    angles = float(np.linalg.norm(values[~np.array(is_length)]))
+    parts, least = [], TOLERANCES.half_precision * max(lengths, angles)
+    if lengths > least:
+        parts.append(f"{lengths * mechanism.characteristic_length:.1e} m")
+    if angles > least:
+        parts.append(f"{angles:.1e} rad")
+    return " and ".join(parts) or "0"

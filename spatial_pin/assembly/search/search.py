@@ -1,0 +1,176 @@
+"""Attempts from several starts, and the best of what they found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+
+import numpy as np
+
+from spatial_pin.assembly.rounding import may_be_rounded
+from spatial_pin.assembly.search.closing import (
+    ACCEPTED,
+    NEAR_GUESS,
+    Closing,
+    gone_from,
+    size_of,
+)
+from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, starts_from
+from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
+from spatial_pin.assembly.search.targets import Target
+from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
+from spatial_pin.kernel.closer import Closed, closer_of
+from spatial_pin.numerics.linalg import Array
+
+# Starts of drivers that stand, where they need go a little only for the loops to close: a place
+# beside where they stand is found from there, and other starts seldom find a nearer one.
+FEW_STARTS = 4
+# Starts after the first success, to find the branch nearest to the guess: of two branches that as
+# many starts end at, the nearer is missed in one of 256 cases.
+MORE_STARTS = 8
+# rad, characteristic lengths; drivers that go no further are just out of reach: by rounding of what
+# one reads off a drawing, not by a wrong value.
+OUT_OF_REACH = 0.05
+
+
+class Search:
+    """Attempts from several starts, and the best of what they found.
+
+    Args:
+        closing: what closes the loops.
+        limits: whether joint limits are kept.
+
+    Attributes:
+        best: the nearest closed configuration, after its distance from what is named.
+        nearest_miss: closure error, configuration and what is at fault, of the best attempt else.
+        is_near: whether some loops closed but for what the file's rounded numbers may leave.
+    """
+
+    def __init__(self, closing: Closing, limits: bool) -> None:
+        self.closing, self.limits, self.mechanism = closing, limits, closing.mechanism
+        self.is_near = False
+        self.best: tuple[float, Array] | None = None
+        self.nearest_miss: tuple[float, Array, str] | None = None
+        self._target = Target(self.mechanism, closing.named)
+        self._found_at = -1
+
+    def run(self, q: Array, release: bool = False) -> None:
+        """Try starts, the first at q (nq,), until one is surely the nearest, or all have failed.
+
+        Args:
+            q: the guess.
+            release: whether to give up where the drivers that stand cannot.
+        """
+        closing = self.closing
+        with closer_of(self.mechanism, closing.pinned) as closing.closer:
+            self._try_starts(starts_from(
+                self.mechanism, q, closing.held, closing.named, closing.still), release)
+        closing.closer = None
+
+    def _try_starts(self, starts: Iterator[Array], release: bool) -> None:
+        most = MAX_STARTS
+        for k, start in enumerate(starts):
+            if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
+                self.attempt(start)
+            if self._done(k) or self.is_near:
+                break
+            if self.best is not None:
+                self._compare(list(islice(starts, min(MORE_STARTS, most - 1 - k))), k + 1)
+                break
+            if k == 0 and release and self.closing.standing:
+                most = self._worth_trying(start)
+            if k + 1 == most:
+                break
+
+    def _compare(self, starts: Sequence[Array], first: int) -> None:
+        """Try starts after one that has led to a closed configuration: mostly all of them count.
+
+        Args:
+            starts: configurations (nq,).
+            first: number of the first of them.
+        """
+        if not starts:
+            return
+        small = size_of(self.mechanism, np.array(starts)) * COORDINATE_ERROR < 1.0
+        reached = self.closing.all_reached(
+            [x for x, ok in zip(starts, small.tolist(), strict=True) if ok])
+        for k, ok in enumerate(small.tolist(), start=first):
+            if ok:
+                self._keep(next(reached))
+            if self._done(k) or self.is_near:
+                break
+
+    def _worth_trying(self, q: Array) -> int:
+        """Return how many starts the drivers that stand are worth, the first having failed at q.
+
+        None more where the loops near q would move them, and a few where they need go a little only
+        for the loops to close: their values are just out of reach then.
+        """
+        closing = self.closing
+        table = self.mechanism.coordinate_table
+        pinned = {name: x for name, x in closing.given.items() if table[name].q < 0}
+        free = closing.left_by(name for name in closing.given if name not in pinned)
+        if size_of(self.mechanism, q) * COORDINATE_ERROR >= 1.0:
+            return MAX_STARTS
+        there, error, _ = closing.closed(q, free, pinned)
+        if not error <= ACCEPTED:
+            return MAX_STARTS
+        closing.evaluation.update(there)
+        if not can_stand(closing.evaluation, free, closing.standing, pinned):
+            return 1
+        there, _ = least_motion(
+            closing.evaluation, there, free, closing.standing, closing.tolerance, pinned)
+        gone = gone_from(self.mechanism, there, closing.standing)
+        sizes = self.mechanism.velocity_scale
+        far = max((abs(by) / sizes[table[name].v] for name, by in gone.items()), default=0.0)
+        return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS
+
+    def attempt(self, q: Array) -> None:
+        """Solve from one start and keep the result if it is the best so far."""
+        self._keep(self.closing.reached(q))
+
+    def _keep(self, found: Closed) -> None:
+        """Keep where closing has led if it is the best so far."""
+        closing = self.closing
+        evaluation = closing.evaluation
+        q, error = found.q, found.error
+        if closing.let_go and error <= ACCEPTED:
+            least, error = closing.least(q, closing.free)
+            if closing.given or can_move(evaluation, closing.free, closing.let_go, closing.pinned):
+                q = least
+        q, error, problem = closing.judged(q, found)
+        violated = violated_limit(self.mechanism, q) if self.limits and not problem else ""
+        if violated:
+            bounded, loose_ones = within_limits(evaluation, q, closing.free, closing.let_go)
+            bounded = (closing.least(bounded, loose_ones)[0] if closing.let_go else
+                       closing.closed(bounded, loose_ones, closing.pinned).q)
+            bounded, _, fault = closing.judged(bounded)
+            if fault or violated_limit(self.mechanism, bounded):
+                problem = violated
+            else:
+                q = bounded
+        if problem:
+            self.is_near |= closing.whole is None and closing.accepted(q) < error <= closing.gap
+            if self.nearest_miss is None or error < self.nearest_miss[0]:
+                self.nearest_miss = (error, q, problem)
+            return
+        distance = self._target.distance(q)
+        if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
+            self.best = (distance, q)
+
+    def may_be_rounded(self) -> bool:
+        """Whether loops closed nearly, or some equations nearly follow from others."""
+        closing = self.closing
+        if self.best is None or closing.whole is not None:
+            return self.is_near
+        closing.evaluate(self.best[1])
+        return may_be_rounded(closing.evaluation, closing.gap)
+
+    def _done(self, k: int) -> bool:
+        """Whether further starts can be spared after start number `k`."""
+        if self.best is None:
+            return False
+        if self._found_at < 0:
+            self._found_at = k
+        near = OUT_OF_REACH if self.closing.let_go else NEAR_GUESS
+        return self.best[0] < near or k - self._found_at >= MORE_STARTS
