@@ -1,7 +1,7 @@
 """A Monte Carlo over dimensions: all samples together against load and assemble, one by one.
 
 Both take turns in one run. The time of the samples is that of `tolerance` with them less that of
-`tolerance` without; it includes the mechanisms loaded to learn the geometry.
+`tolerance` without.
 
     python scripts/monte_carlo.py rssr four_bar rspc --samples 10000
 """

@@ -8,7 +8,7 @@ by sets of dimensions between; those that come to a singular configuration are l
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.drive import Drive
 from spatial_pin.dimensions.numbers import DimensionNumbers
-from spatial_pin.dimensions.variants import TracedGeometry, Variants
+from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
 from spatial_pin.mechanism.coordinates import coordinate_rates
@@ -84,18 +84,12 @@ class Samples:
 
     Args:
         mechanism: at its own dimensions.
-        numbers: the kernel's, by dimensions.
-        variants: of the dimensions that change.
+        tree: its file, traced from the dimensions that change.
         wanted: the outputs.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, variants: Variants, outputs: Sequence[str],
-        wanted: list[_Wanted],
-    ) -> None:
-        assert variants.tree is not None
-        self.mechanism, self.outputs, self._wanted = mechanism, list(outputs), wanted
-        self._tree = variants.tree
+    def __init__(self, mechanism: Mechanism, tree: TracedTree, wanted: list[_Wanted]) -> None:
+        self.mechanism, self._tree, self._wanted = mechanism, tree, wanted
         self._points = list(dict.fromkeys(x.name for x in wanted if x.is_point))
         self._numbers = DimensionNumbers(mechanism, self._tree, self._points)
         self._own = np.array([[*self._tree.dimensions.values()]]).T
@@ -109,12 +103,12 @@ class Samples:
         That is so where the file cannot be followed from its dimensions, and for outputs that are
         more than rates of coordinates and points.
         """
-        outputs, variants = list(outputs), Variants(mechanism, dimensions)
-        wanted = [_wanted(mechanism, spec) for spec in outputs]
-        if variants.tree is None or not wanted or None in wanted:
+        wanted, tree = [_wanted(mechanism, x) for x in outputs], Variants(mechanism, dimensions).tree
+        known = [x for x in wanted if x is not None]
+        if tree is None or not wanted or len(known) < len(wanted):
             return None
         try:
-            return cls(mechanism, variants, outputs, [x for x in wanted if x])
+            return cls(mechanism, tree, known)
         except SpatialPinError:  # an output that does not exist: whoever asks for it says so
             return None
 

@@ -93,6 +93,8 @@ def sensitivity(
     """
     if not isinstance(state, Motion):
         return sensitivities(mechanism, state, [output], parameters)[0]
+    if not len(state):
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
     own = state.mechanism
     name = state.driver_name if state.driver is not None else ""
     is_driver = not name or own.coordinate(name) in [
@@ -135,8 +137,8 @@ def _differentiated(
         if name not in mechanism.dimensions:
             raise UnknownNameError("dimension", name, mechanism.dimensions,
                                    f"mechanism {mechanism.name!r}: ")
-    around = _Around(asked[0][0].mechanism, names, outputs) if asked else None
-    return [around.differentiated(state, drive) for state, drive in asked] if around else []
+    around = _Around(asked[0][0].mechanism, names, outputs)
+    return [around.differentiated(state, drive) for state, drive in asked]
 
 
 class _Around:

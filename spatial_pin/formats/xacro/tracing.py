@@ -180,8 +180,8 @@ class Tape:
 
     def _needed(self, wanted: tuple[int, ...]) -> list[int]:
         """Return the places, in order, of the operations that numbers and decisions are made of."""
-        key = wanted, len(self._operations), len(self._decisions)
-        if key != self._ordered[0]:
+        key, order = self._ordered
+        if key != (wanted, len(self._operations), len(self._decisions)):
             todo, seen = [*wanted, *(p for o, _ in self._decisions for p in _places(o))], set()
             while todo:
                 place = todo.pop()
@@ -189,8 +189,9 @@ class Tape:
                 if operation is not None and place not in seen:
                     seen.add(place)
                     todo += _places(operation)
-            self._ordered = key, sorted(seen)
-        return self._ordered[1]
+            order = sorted(seen)
+            self._ordered = (wanted, len(self._operations), len(self._decisions)), order
+        return order
 
 
 def _places(operation: Operation) -> list[int]:
