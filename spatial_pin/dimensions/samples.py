@@ -103,7 +103,8 @@ class Samples:
         That is so where the file cannot be followed from its dimensions, and for outputs that are
         more than rates of coordinates and points.
         """
-        wanted, tree = [_wanted(mechanism, x) for x in outputs], Variants(mechanism, dimensions).tree
+        tree = Variants(mechanism, dimensions).tree
+        wanted = [_wanted(mechanism, spec) for spec in outputs]
         known = [x for x in wanted if x is not None]
         if tree is None or not wanted or len(known) < len(wanted):
             return None
