@@ -12,7 +12,7 @@ from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
 from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked, mapping
+from spatial_pin.checks import checked, mapping, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
@@ -66,9 +66,15 @@ def prescribed_first(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
     """Return what `prescribed_at` returns where that is regular, and what stands still too."""
-    wanted = _wanted(mechanism, names)
-    usual = driven_coordinates(mechanism, [c.name for c in wanted])
-    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+    names, hold = tuple(names), None if hold is None else tuple(names_of(hold, "hold"))
+    key = "prescribed", names, hold
+    if key not in mechanism.memo:
+        wanted = _wanted(mechanism, names)
+        usual = driven_coordinates(mechanism, [c.name for c in wanted])
+        mechanism.memo[key] = divided(
+            mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+    driven, still = mechanism.memo[key]
+    return [*driven], still
 
 
 def _wanted(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:

@@ -34,7 +34,7 @@ void point_carve(const Kernel *k, Real **from, Point *point)
 
 int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
 {
-    Real sum = 0.0;
+    Real sum = 0.0, square = 0.0;
     point->size = log2(k->mantissa) + (Real)k->exponent;
     point->error = equations_error(k);
     system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
@@ -53,8 +53,11 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
     for (Int i = 0; i < k->n_idle; i++)
         idle_axis(k, i, point->axis + i);
     tree_entry_rates(k, point->q, point->t, point->c, point->first, point->second);
-    for (Int v = 0; v < k->nv; v++)
+    for (Int v = 0; v < k->nv; v++) {
         sum += fabs(point->t[v]) + fabs(point->c[v]);
+        square += (point->t[v] / k->scale[v]) * (point->t[v] / k->scale[v]);
+    }
+    point->pace = sqrt(square);
     return isfinite(sum) ? DONE : NOT_FINITE;
 }
 
@@ -70,12 +73,10 @@ Real point_way(const Kernel *k, const Point *point, Real h)
 
 Real point_reach(const Kernel *k, const Point *point, Real h)
 {
-    Real first = 0.0, second = 0.0;
-    for (Int v = 0; v < k->nv; v++) {
-        first += (point->t[v] / k->scale[v]) * (point->t[v] / k->scale[v]);
+    Real second = 0.0;
+    for (Int v = 0; v < k->nv; v++)
         second += (point->c[v] / k->scale[v]) * (point->c[v] / k->scale[v]);
-    }
-    return fabs(h) * sqrt(first) + 0.5 * h * h * sqrt(second);
+    return fabs(h) * point->pace + 0.5 * h * h * sqrt(second);
 }
 
 void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real h, Int order,

@@ -11,6 +11,7 @@ typedef struct {
     Real *t, *c;              /* first and second derivative by s, joint rates */
     Real *angle, *angle_rate; /* of screws, counting turns */
     IdleAxis *axis;           /* of links with an idle rotation */
+    Real pace;                /* norm of t, scaled */
     Real size;                /* of the determinant: its binary logarithm */
     Real error;               /* largest residual of all closure equations */
 } Point;

@@ -332,11 +332,9 @@ static void note_missed(Path *path, Real ratio, Real h)
 {
     const Real growth = 64.0 * pow(1.0 + 1.0 / ratio, 3.0), way = path->way;
     const Kernel *k = path->k;
-    Real bend = 0.0, pace = 0.0; /* second derivative by the way: that is what errors are parts of */
-    for (Int v = 0; v < k->nv; v++) {
+    Real bend = 0.0, pace = path->here->pace * path->here->pace;
+    for (Int v = 0; v < k->nv; v++) /* by the way: that is what errors are parts of */
         bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
-        pace += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
-    }
     if (path->prescribed.n_pieces) /* these may be at rest */
         pace = fmax(pace, way * way / (h * h));
     bend = fmax(sqrt(bend) / pace, STRAIGHT);
@@ -395,14 +393,7 @@ int step(Path *path, Real target)
     return DONE;
 }
 
-Real step_of(const Path *path, Real way)
-{
-    const Kernel *k = path->k;
-    Real square = 0.0;
-    for (Int v = 0; v < k->nv; v++)
-        square += (path->here->t[v] / k->scale[v]) * (path->here->t[v] / k->scale[v]);
-    return way / (CURVED * sqrt(square));
-}
+Real step_of(const Path *path, Real way) { return way / (CURVED * path->here->pace); }
 
 Real longest_step(const Path *path)
 {
