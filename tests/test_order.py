@@ -18,10 +18,10 @@ def apart(mech, first, second):
 
 def counted(monkeypatch):
     """Count the values that a branch is asked to go to one by one."""
-    from spatial_pin.continuation.branch import Branch
+    from spatial_pin.continuation.cursor import Cursor
 
-    asked, reach = [], Branch.reach
-    monkeypatch.setattr(Branch, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])
+    asked, reach = [], Cursor.reach
+    monkeypatch.setattr(Cursor, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])
     return asked
 
 

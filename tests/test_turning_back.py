@@ -7,7 +7,6 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.continuation.branch import Branch
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.simulate import _independent
@@ -134,10 +133,7 @@ def test_a_motion_goes_to_the_limit_itself(tmp_path, gap):
 def test_a_step_of_nothing_tells_nothing_of_the_next(first):
     """Change of curvature over no way at all is no third derivative."""
     mechanism = sp.load("rssr")
-    branch = Branch(sp.assemble(mechanism, {"crank": 0.0}), [mechanism.coordinate("crank")],
-                    sp.Accuracy(order=3))
-    for value in (first, 0.01, 0.02):
-        assert branch.step(value)
+    motion = sp.sweep(mechanism, "crank", [0.0, first, 0.01, 0.02])
     exact = sp.assemble(mechanism, {"crank": 0.02})
     rocker = mechanism.coordinate("rocker_pin").q
-    assert branch.q[rocker] == pytest.approx(exact.q[rocker], abs=1e-12)
+    assert motion.q[-1, rocker] == pytest.approx(exact.q[rocker], abs=1e-12)

@@ -8,14 +8,14 @@ sides everything is interpolated from both.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.continuation.cursor import Cursor, Place, Stopped
+from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
@@ -93,159 +93,150 @@ def _arc(t: Array) -> float:
     return float(np.linalg.norm(t) / np.abs(t).max())
 
 
-class Strip(NamedTuple):
-    """The stretch of a branch about a crossing, as polynomials in the driver value.
+class Passage(NamedTuple):
+    """The stretch of a branch about a branch point, as polynomials in the driver value.
 
     Attributes:
-        crossings: driver values of the crossing, and of others that are as near.
+        cursor: the point that came to it.
+        branch_points: driver values of the branch point, and of others that are as near.
         ends: driver values before and behind them, where the equations are solvable.
         q, angles: interpolators of configuration and relative angles of screw closures.
         t, c: of the first and second derivatives with respect to the driver.
-        places: (q, driver value) of two nodes at either end, the outer one first.
+        outside: the places at the ends.
     """
 
-    crossings: list[float]
+    cursor: Cursor
+    branch_points: list[float]
     ends: tuple[float, float]
     q: Callable[[float], Array]
     t: Callable[[float], Array]
     c: Callable[[float], Array]
     angles: Callable[[float], Array]
-    places: tuple[tuple[Array, Array], tuple[Array, Array]]
+    outside: tuple[Place, Place]
 
     def holds(self, value: float) -> bool:
         """Whether a driver value lies between the ends."""
         return min(self.ends) < value < max(self.ends)
 
-    def crossed(self, first: float, last: float) -> list[float]:
-        """Return the crossings met on the way from one driver value to another, in this order."""
+    def passed(self, first: float, last: float) -> list[float]:
+        """Return the branch points met on the way from one driver value to another, in order."""
         low, high = min(first, last) - SAME, max(first, last) + SAME
-        met = [x for x in self.crossings if low <= x <= high and abs(x - first) > SAME]
+        met = [x for x in self.branch_points if low <= x <= high and abs(x - first) > SAME]
         return met if last > first else met[::-1]
 
-    def is_told(self, branch: Branch, value: float, fewer: Callable[[float], Array]) -> bool:
+    def place(self, value: float) -> Place:
+        """Return the place at a driver value between the ends, else the end that is nearer."""
+        if not self.holds(value):
+            return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
+        q, angles = self.configuration(value), self.angles(value)
+        evaluation = self.cursor.start.evaluation
+        evaluation.turns[:] = angles
+        evaluation.update(q)
+        error = float(np.abs(evaluation.residual).max(initial=0.0))
+        return Place(value, q, self.t(value), self.c(value), error, angles)
+
+    def is_told(self, value: float, fewer: Callable[[float], Array]) -> bool:
         """Whether loops are closed at a value, where an interpolator of fewer nodes says the same.
 
-        The one alone is not enough: at a crossing open loops are no measure of what is amiss.
+        The one alone is not enough: at a branch point open loops are no measure of what is amiss.
         """
-        other = pin.normalize(branch.model, fewer(value))
-        self.put(branch, value)
-        off = pin.difference(branch.model, other, branch.q) / branch.scale
-        return bool(np.abs(branch.residual).max(initial=0.0) < CLOSED and np.abs(off).max() < KNOWN)
+        mechanism, place = self.cursor.start.mechanism, self.place(value)
+        other = pin.normalize(mechanism.model, fewer(value))
+        off = pin.difference(mechanism.model, other, place.q) / mechanism.velocity_scale
+        return bool(place.error < CLOSED and np.abs(off).max() < KNOWN)
 
-    def matrices(self, branch: Branch, values: Array) -> Array:
-        """Return the matrices (k, nv, nv) of rows and tangent at driver values (k,)."""
-        curve = Curve(branch.system, ROUND_OFF)
-        return curve.matrices((self.configuration(branch, x), self.t(x) / branch.scale)
+    def matrices(self, curve: Curve, values: Array) -> Array:
+        """Return the matrices (k, nv, nv) of equations and tangent at driver values (k,)."""
+        return curve.matrices((self.configuration(x), self.t(x) / curve.scale)
                               for x in values.tolist())
 
-    def configuration(self, branch: Branch, value: float) -> Array:
+    def configuration(self, value: float) -> Array:
         """Return the configuration (nq,) at a driver value between the ends."""
-        q: Array = pin.normalize(branch.model, self.q(value))
-        branch.hold(q, value)
+        q: Array = pin.normalize(self.cursor.start.mechanism.model, self.q(value))
+        self.cursor.hold(q, value)
         return q
 
-    def put(self, branch: Branch, value: float) -> None:
-        """Write the branch at a driver value between the ends into `branch`."""
-        q = self.configuration(branch, value)
-        branch.q, branch.s = q, value
-        branch.t, branch.c, branch.angles = (x(value) for x in (self.t, self.c, self.angles))
-        branch.evaluation.turns[:] = branch.angles
-        branch.evaluation.update(q)
-        branch.residual = branch.evaluation.residual.copy()
 
-    def leave(self, branch: Branch, value: float) -> None:
-        """Take a branch to the end that is nearer to a driver value outside."""
-        side = int(abs(value - self.ends[1]) < abs(value - self.ends[0]))
-        before, q = self.places[side]
-        branch.evaluation.turns[:] = self.angles(self.ends[side])
-        branch.place(q)
-        branch.jump(before, q, self.ends[side], self.ends[side] - float(before[branch.at]))
-        branch.reselect()
+def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
+    """Return the branch about a branch point where it has stopped, going straight on.
 
-
-def strip(branch: Branch, crossing: float) -> Strip | None:
-    """Return the branch about a crossing ahead of it, going straight on; None if none does.
-
-    The branch is left somewhere on the strip, or before it where there is none.
+    None where it has stopped for another reason, or none goes straight on; the point then stands
+    where it stood.
 
     Args:
-        branch: stands before the crossing.
-        crossing: driver value of the crossing [rad or m].
+        cursor: stands before the branch point.
+        arrival: why it stopped, and at which driver value.
     """
-    sense = 1.0 if crossing >= branch.s else -1.0
-    clear = branch.q, branch.angles  # where the equations are solvable, before the crossing
+    if arrival.kind not in ("branch point", "singular"):
+        return None
+    before, size = cursor.here, cursor.start.mechanism.velocity_scale
+    sense = 1.0 if arrival.value >= before.s else -1.0
+    clear = before  # where the equations are solvable
     for k, reach in enumerate(REACHES.tolist()):
+        if k:
+            cursor.stand(clear)
         try:
-            if k:
-                branch.evaluation.turns[:] = clear[1]
-                branch.place(clear[0])
             for _ in range(APPROACHES):
-                pace = float(np.abs(branch.t / branch.scale).max())
-                branch.reach(crossing - sense * reach / pace)
+                pace = float(np.abs(cursor.here.t / size).max())
+                cursor.reach(arrival.value - sense * reach / pace)
             if k == 0:
-                clear = branch.q, branch.angles
-            sides = _sides(branch, sense, reach * _arc(branch.t / branch.scale))
+                clear = cursor.here
+            found = _passage(cursor, sense, reach * _arc(cursor.here.t / size))
         except (Stopped, SingularError):
             continue
-        if sides is not None:
-            values = np.concatenate([sides[0].q[::-1, branch.at], sides[1].q[:, branch.at]])
-            if np.all(sense * np.diff(values) > 0.0):  # else the driver turns back
-                found = _joined(branch, *sides)
-                if found is not None:
-                    return found
-    with contextlib.suppress(SingularError):
-        branch.evaluation.turns[:] = clear[1]
-        branch.place(clear[0])
+        if found is not None:
+            return found
+    cursor.stand(before)
     return None
 
 
-class _Side(NamedTuple):
-    """Nodes on one side of a crossing, the nearest first, as in `Strip`."""
-
-    q: Array
-    t: Array
-    c: Array
-    angles: Array
-
-
-def _sides(branch: Branch, sense: float, reach: float) -> tuple[_Side, _Side] | None:
-    curve = Curve(branch.system, ROUND_OFF)
-    near = curve.settle(branch.q, sense * branch.t / branch.scale)
+def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
+    """Return the passage that begins where the cursor stands, as far as the arc length `reach`."""
+    here = cursor.here
+    curve = Curve(cursor.system(), ROUND_OFF)
+    near = curve.settle(here.q, sense * here.t / curve.scale)
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:
         return None
-    outward = near._replace(t=-near.t)
-    return _side(branch, curve, outward, reach), _side(branch, curve, far, reach)
+    sides = [_nodes(cursor, curve, point, reach) for point in (near._replace(t=-near.t), far)]
+    values = [place.s for place in (*sides[0][::-1], *sides[1])]
+    if not np.all(sense * np.diff(values) > 0.0):  # the driver turns back
+        return None
+    return _joined(cursor, curve, *sides)
 
 
-def _side(branch: Branch, curve: Curve, point: CurvePoint, reach: float) -> _Side:
-    """Return nodes from a point on, away from the crossing.
+def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> list[Place]:
+    """Return nodes from a point on, away from the branch point, the nearest to it first.
 
     Raises:
         SingularError: the rates are not determined at one of them.
     """
-    rows: list[tuple[Array, ...]] = []
+    nodes: list[Place] = []
     for length in reach * np.arange(NODES):
         q = curve.ahead(point, length)
         if q is None:
-            raise SingularError("the branch bends away from its crossing")
-        branch.place(q, anew=not rows)  # further away from the crossing those rows do better still
-        rows.append((q, branch.t, branch.c, branch.angles))
-    return _Side(*(np.array(column) for column in zip(*rows, strict=True)))
+            raise SingularError("the branch bends away from its branch point")
+        # further away from the branch point the first node's equations do better still
+        if not nodes:
+            curve.system.select(q)
+        nodes.append(cursor.place(q, curve.evaluation.angles.copy(), curve.system))
+    return nodes
 
 
-def _joined(branch: Branch, near: _Side, far: _Side) -> Strip | None:
-    """Return the strip between two sides; None if the nodes do not tell it, or nothing crosses."""
-    values = np.concatenate([side.q[:, branch.at] for side in (near, far)])
-    columns = [np.concatenate(pair) for pair in zip(near, far, strict=True)]
-    q, t, c, angles = (_polynomial(values, x) for x in columns)
-    ends = float(near.q[0, branch.at]), float(far.q[0, branch.at])
-    places = (near.q[1], near.q[0]), (far.q[1], far.q[0])
-    found = Strip([], ends, q, t, c, angles, places)
-    fewer = _polynomial(*(np.delete(x, [NODES - 1, -1], axis=0) for x in (values, columns[0])))
+def _joined(
+    cursor: Cursor, curve: Curve, near: list[Place], far: list[Place]
+) -> Passage | None:
+    """Return the passage between two sides; None if nodes do not tell it, or no branch crosses."""
+    nodes = [*near, *far]
+    values = np.array([node.s for node in nodes])
+    q, t, c, angles = (_polynomial(values, np.array(x)) for x in zip(
+        *((node.q, node.t, node.c, node.angles) for node in nodes), strict=True))
+    ends = near[0].s, far[0].s
+    found = Passage(cursor, [], ends, q, t, c, angles, (near[0], far[0]))
+    kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
+    fewer = _polynomial(values[kept], np.array([nodes[k].q for k in kept]))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
-    if not all(found.is_told(branch, x, fewer) for x in between[1::3].tolist()):
+    if not all(found.is_told(x, fewer) for x in between[1::3].tolist()):
         return None
-    crossings = zeros(between, found.matrices(branch, between))
-    crossings = [x for x in crossings if found.holds(x)]
-    return found._replace(crossings=crossings) if crossings else None
+    met = [x for x in zeros(between, found.matrices(curve, between)) if found.holds(x)]
+    return found._replace(branch_points=met) if met else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.checks import checked
-from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.continuation.cursor import Stopped, cursor_along
 from spatial_pin.errors import SingularError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
@@ -75,22 +75,23 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
 
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
     output = mechanism.coordinate(name)
-    branch = Branch.along(motion.state(first), driver, Accuracy.named("reference"), motion.held)
-
-    def rate(value: float) -> float:
-        branch.reach(value)
-        return float(branch.t[output.v])
-
     ends = motion.swept[first], motion.swept[last]
-    try:
-        value = float(brentq(rate, *ends, xtol=1e-14, rtol=1e-14))
-        branch.reach(value)
-    except Stopped as stopped:
-        raise SingularError(
-            f"mechanism {mechanism.name!r}: {stopped.arrival.kind} between {driver} = "
-            f"{ends[0]:.9g} and {ends[1]:.9g} {unit}, where {name} turns back", motion=motion,
-        ) from None
-    return _event(motion, name, first + 1, value, float(branch.q[output.q]))
+    with cursor_along(motion.state(first), driver, Accuracy.named("reference"),
+                      motion.held) as cursor:
+
+        def rate(value: float) -> float:
+            cursor.reach(value)
+            return float(cursor.here.t[output.v])
+
+        try:
+            value = float(brentq(rate, *ends, xtol=1e-14, rtol=1e-14))
+            cursor.reach(value)
+        except Stopped as stopped:
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: {stopped.arrival.kind} between {driver} = "
+                f"{ends[0]:.9g} and {ends[1]:.9g} {unit}, where {name} turns back", motion=motion,
+            ) from None
+        return _event(motion, name, first + 1, value, float(cursor.here.q[output.q]))
 
 
 def _event(motion: Motion, name: str, row: int, value: float, turned: float) -> Event:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.continuation.cursor import Stopped, cursor_along
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -213,20 +213,26 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
         Stopped: the branch of row k does not lead to row k + 1.
         SpatialPinError: the driver does not determine it.
     """
-    branch = Branch.along(motion.state(k), motion.driver_name, Accuracy.named("reference"),
-                          motion.held)
     first, last = motion.swept[k : k + 2].tolist()
-    branch.reach(last)
-    moved = (branch.q - motion.q[k + 1])[branch.linear[0]] / branch.scale[branch.linear[1]]
-    if np.abs(moved).max(initial=0.0) > ELSEWHERE:
-        raise SpatialPinError("the rows were taken with other coordinates held")
     sense = float(np.sign(last - first))
+    with cursor_along(motion.state(k), motion.driver_name, Accuracy.named("reference"),
+                      motion.held) as cursor:
 
-    def at(value: float) -> tuple[Array, Array]:
-        branch.reach(value)
-        return branch.q, sense * branch.t
+        def at(value: float) -> tuple[Array, Array]:
+            cursor.reach(value)
+            return cursor.here.q, sense * cursor.here.t
 
-    return first_passing(limit, at, (first, last), ends)
+        q, _ = at(last)
+        if _elsewhere(motion, q, k + 1):
+            raise SpatialPinError("the rows were taken with other coordinates held")
+        return first_passing(limit, at, (first, last), ends)
+
+
+def _elsewhere(motion: Motion, q: Array, k: int) -> bool:
+    """Whether joints of one freedom stand elsewhere in q (nq,) than in row k."""
+    table = [c for c in motion.mechanism.coordinate_table.values() if c.q >= 0]
+    size = motion.mechanism.velocity_scale
+    return any(abs(q[c.q] - motion.q[k, c.q]) > ELSEWHERE * size[c.v] for c in table)
 
 
 def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:

@@ -14,8 +14,8 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.branch import MOST_STRETCHES, STRETCH, TIGHT, Stopped
-from spatial_pin.continuation.follow import Start, follow, followed_in_order
+from spatial_pin.continuation.cursor import FARTHEST, Start, Stopped
+from spatial_pin.continuation.follow import follow, followed_in_order
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
@@ -28,6 +28,7 @@ from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
@@ -120,7 +121,7 @@ def sweep(
     stop, n, crossed = None, len(values), list[tuple[float, int]]()
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
     with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
-        start = Start(state, [driver, *given], held, accuracy, kernel, evaluation)
+        start = Start.along(state, [driver, *given], held, accuracy, kernel, evaluation)
         samples = followed_in_order(start, values, bar) if accuracy.corrections is None else None
         if samples is None:
             samples = start.samples(n)
@@ -170,7 +171,8 @@ def _released(
 @cache
 def _tight(accuracy: Accuracy) -> Accuracy:
     """Return the settings that the first value is closed with: the way begins there."""
-    return accuracy if accuracy.tolerance <= TIGHT else replace(accuracy, tolerance=TIGHT)
+    tight = TOLERANCES.tight
+    return accuracy if accuracy.tolerance <= tight else replace(accuracy, tolerance=tight)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
@@ -295,7 +297,7 @@ def _error(
     if stop.is_far:
         return SpatialPinError(
             f"{where} is too far from the row before to be followed to ({last}): joints move by "
-            f"more than {STRETCH * MOST_STRETCHES:g} rad or characteristic lengths between them; "
+            f"more than {FARTHEST:g} rad or characteristic lengths between them; "
             "ask for values between")
     lost = f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "
     why = _run_away(motion.mechanism, stop.q) or "ask for values nearer to each other"

@@ -41,14 +41,14 @@ static int factor_here(Kernel *k)
     return system_factor(k);
 }
 
-/* Whether the residual says that no correction more is wanted. */
+/* Whether no correction more is wanted: a last one of round-off is as good as any after it. */
 static int is_closed(const Correction *c, Real residual, Real size)
 {
+    if (size <= TOLERANCE_ROUND_OFF && residual <= c->left)
+        return 1;
     if (c->fixed >= 0)
         return c->count >= c->fixed;
-    if (c->count == 0)
-        return residual <= c->enough;
-    return residual <= c->tolerance || (size <= TOLERANCE_ROUND_OFF && residual <= c->left);
+    return residual <= (c->count ? c->tolerance : c->enough);
 }
 
 int correct(Kernel *k, Real *q, Correction *c)

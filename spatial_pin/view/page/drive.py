@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation import branch_points
-from spatial_pin.continuation.branch import Branch, Stopped
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.branch_points import passage
+from spatial_pin.continuation.cursor import Cursor, Start, Stopped
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limits_passed
@@ -27,7 +29,7 @@ SLIDE = 0.5  # the same of one that slides relative to the characteristic length
 FARTHEST = 20.0  # turns, or characteristic lengths, that one move may go
 BESIDE = 1e-5  # distance from a limit that the next move begins at [rad, characteristic lengths]
 FIRM = 1e-4  # smallest over largest pivot that a move may begin with
-MOST_CROSSINGS = 100  # in one move
+MOST_BRANCH_POINTS = 100  # in one move
 STOPS = {
     "limit": "limit position",
     "branch point": "branch point",
@@ -106,8 +108,8 @@ class Drive:
         Raises:
             SingularError: the drivers do not determine the motion there.
         """
-        Branch(state, self._driven, self._accuracy)
-        self.state = self._regular = state  # moves begin where the motion is determined
+        with self._cursor(state, self._driven):
+            self.state = self._regular = state  # moves begin where the motion is determined
         self._home = {name: self.value(name) for name in self.names}
 
     def value(self, name: str) -> float:
@@ -139,7 +141,13 @@ class Drive:
             words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
             raise ValueError(f"{name}: a move goes no further than {FARTHEST:g} {words}")
         limit = self._joint_limit(self._followed(name, np.array([self.value(name), value])))
-        stop = self._go(self._branch(coordinate), value if limit is None else limit.value)
+        goal = value if limit is None else limit.value
+        driven = sorted(self._driven, key=lambda c: c.name != coordinate.name)
+        with self._cursor(self._regular, driven) as cursor:
+            stop = self._go(cursor, goal)
+        if self.state is not self._regular:  # else the others would jump in the next move
+            with self._cursor(self._regular, driven) as cursor:
+                self._come_near(cursor, goal if stop is None else stop.value)
         return stop or limit
 
     def _followed(self, name: str, values: Array) -> Motion | None:
@@ -168,64 +176,61 @@ class Drive:
                 stops.append(Stop("joint limit", start, passing.limit.name))
         return min(stops, key=lambda stop: abs(stop.value - start), default=None)
 
-    def _branch(self, moved: Coordinate) -> Branch:
-        driven = sorted(self._driven, key=lambda c: c.name != moved.name)
-        return Branch(self._regular, driven, self._accuracy)
+    @contextlib.contextmanager
+    def _cursor(self, state: State, driven: Sequence[Coordinate]) -> Iterator[Cursor]:
+        """Lend a point that moves along the branch of a state, the first coordinate driven.
 
-    def _go(self, branch: Branch, value: float) -> Stop | None:
+        Raises:
+            SingularError: the drivers do not determine the motion there.
+        """
+        with evaluation_of(self.mechanism, state.angles) as evaluation, \
+                kernel_of(self.mechanism) as kernel:
+            yield Cursor(Start(state, driven, None, self._accuracy, kernel, evaluation))
+
+    def _go(self, cursor: Cursor, value: float) -> Stop | None:
         """Follow a branch to a value, straight on where it crosses another one."""
-        for _ in range(MOST_CROSSINGS):
+        for _ in range(MOST_BRANCH_POINTS):
             try:
-                branch.reach(value)
+                cursor.reach(value)
             except Stopped as stopped:
-                arrival = stopped.arrival
-            else:
+                self._keep(cursor)
+                found = passage(cursor, stopped.arrival)
+                if found is None:
+                    return self._stop(cursor, stopped.arrival)
+                cursor.stand(found.place(value))
+            if cursor.here.s == value:
                 break
-            last = self._keep(branch)
-            passed = None
-            if arrival.kind in ("branch point", "singular"):
-                passed = branch_points.strip(branch, arrival.value)
-            if passed is None:
-                return self._stop(branch, last, arrival)
-            if passed.holds(value):
-                passed.put(branch, value)
-                break
-            passed.leave(branch, value)
-        self.state = self._keep(branch)
-        if self.state is not self._regular:
-            self._come_near(branch.driven[0], branch.s)
+        self.state = self._keep(cursor)
         return None
 
-    def _stop(self, branch: Branch, last: State, arrival: Arrival) -> Stop:
-        """Stand where a branch has ended; the next move begins just before it."""
-        self.state = last
+    def _stop(self, cursor: Cursor, arrival: Arrival) -> Stop:
+        """Stand where a branch has ended."""
+        self.state = cursor.here.state(cursor.start)
         if arrival.kind != "lost":
-            evaluation = branch.evaluation
-            evaluation.turns[:] = last.angles
+            evaluation = cursor.start.evaluation
+            evaluation.turns[:] = self.state.angles
             evaluation.update(arrival.q)
             self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
                                closure_error=evaluation.closure_error)
-        self._come_near(branch.driven[0], arrival.value)
         return Stop(arrival.kind, float(arrival.value))
 
-    def _keep(self, branch: Branch) -> State:
-        """Return where a branch stands; the next move begins there if the motion is determined."""
-        error = float(np.abs(branch.residual).max(initial=0.0))
-        state = State(self.mechanism, branch.q, closure_error=error, angles=branch.angles)
+    def _keep(self, cursor: Cursor) -> State:
+        """Return where a point stands; the next move begins there if the motion is determined."""
+        state = cursor.here.state(cursor.start)
         with contextlib.suppress(SingularError):
-            if Branch(state, branch.driven, self._accuracy).system.pivots()[1] >= FIRM:
+            if cursor.start.checked_system(state).pivots()[1] >= FIRM:
                 self._regular = state
         return state
 
-    def _come_near(self, moved: Coordinate, end: float) -> None:
+    def _come_near(self, cursor: Cursor, end: float) -> None:
         """Let the next move begin just before an end, or the others would jump."""
-        branch = self._branch(moved)
-        way = end - branch.s
-        near = float(np.copysign(BESIDE * self.mechanism.velocity_scale[moved.v], way))
+        way = end - cursor.here.s
+        size = self.mechanism.velocity_scale[cursor.start.driven[0].v]
+        near = float(np.copysign(BESIDE * size, way))
         if abs(way) > abs(near):
             with contextlib.suppress(Stopped):
-                branch.reach(end - near)
-                self._keep(branch)
+                cursor.reach(end - near)
+                self._keep(cursor)
 
     def reach(self, name: str, rows: int) -> Reach:
         """Return how far a driver can be moved, by as many rows either way.

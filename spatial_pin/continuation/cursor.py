@@ -1,0 +1,369 @@
+"""A point on a branch of closed configurations that goes where its driver is asked to.
+
+The kernel follows regular stretches with the driver as parameter. Where it stops, the curve is
+followed by pseudo-arclength, which passes the hard stretch or finds what ends the branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.holding import BASE, Hold, divided, still_entries
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.continuation.pseudo_arclength import Arrival, towards
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.paths import Path, Samples, prescribed_places
+from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.rates import prescribed_at, prescribed_first
+from spatial_pin.settings import Accuracy
+
+FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
+STRETCH = 64.0  # the same by pseudo-arclength, before the kernel is asked again
+SMALL_STEP, SMALLER = 2.0**-8, 6  # part of a step that is tried next, how often: to round-off
+UNBOUND = 300.0  # speed of a joint relative to the driver's at which that has come to its limit
+
+
+class Stopped(Exception):
+    """The branch cannot be followed to the value asked for.
+
+    Attributes:
+        arrival: where it ended.
+        row: row of the sweep that was asked for.
+    """
+
+    def __init__(self, arrival: Arrival) -> None:
+        super().__init__(arrival.kind)
+        self.arrival = arrival
+        self.row = 0
+
+
+class Place(NamedTuple):
+    """A closed configuration of a branch.
+
+    Attributes:
+        s: driver value [rad or m].
+        q: (nq,) configuration.
+        t, c: (nv,) dq/ds and d²q/ds².
+        error: largest closure residual.
+        angles: (n_angles,) of screw closures, counting turns [rad].
+    """
+
+    s: float
+    q: Array
+    t: Array
+    c: Array
+    error: float
+    angles: Array
+
+    @classmethod
+    def of(cls, samples: Samples, k: int, s: float) -> Place:
+        """Return sample k, at driver value s."""
+        q, t, c, error, angles = (part[k].copy() for part in samples)
+        return cls(s, q, t, c, float(error), angles)
+
+    def state(self, start: Start) -> State:
+        """Return the State there, without rates."""
+        return State(start.mechanism, self.q, closure_error=self.error, angles=self.angles)
+
+
+class Start:
+    """The beginning of a branch: where it is, what is prescribed, how exactly it is followed.
+
+    Attributes:
+        driven: the prescribed coordinates, the driver first.
+        still: places in the velocity vector that stand still.
+
+    Args:
+        state: closed.
+        driven: the prescribed coordinates, the driver first.
+        still: places in the velocity vector that stand still; default: those of free bases.
+        accuracy: of the motion.
+        kernel: of the state's mechanism.
+        evaluation: its closure equations.
+    """
+
+    def __init__(
+        self, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
+        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation,
+    ) -> None:
+        self.state, self.mechanism, self.accuracy = state, state.mechanism, accuracy
+        self.kernel, self.evaluation = kernel, evaluation
+        self.driven = driven
+        self.still = still_entries(state.mechanism, driven) if still is None else tuple(still)
+        self._first: Path | None = None
+
+    @classmethod
+    def along(
+        cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, kernel: Kernel,
+        evaluation: Evaluation,
+    ) -> Start:
+        """Return the beginning along which the first of some names is driven, the others held.
+
+        Args:
+            state: closed.
+            names: what is prescribed, the driver first.
+            hold: what stands still, see `sweep`.
+            accuracy: of the motion.
+            kernel: of the state's mechanism.
+            evaluation: its closure equations.
+        """
+        driven, still = prescribed_first(state.mechanism, names, hold)
+        start = cls(state, driven, still, accuracy, kernel, evaluation)
+        start._first = start._path_of_regular(state.q, state.angles)
+        if start._first is None:
+            start.driven = prescribed_at(state, names, hold)
+            start.still = divided(state.mechanism, start.driven, hold)[1]
+        return start
+
+    def samples(self, n: int) -> Samples:
+        """Return room for n samples."""
+        return Samples.empty(n, self.kernel.nq, self.kernel.nv, self.kernel.n_angles)
+
+    def system(self, q: Array, angles: Array) -> SquareSystem:
+        """Return the square system at a configuration.
+
+        Raises:
+            SingularError: the driver does not determine the motion there.
+        """
+        self.evaluation.turns[:] = angles
+        return SquareSystem(self.evaluation, self.driven, q, self.still)
+
+    def checked_system(self, state: State) -> SquareSystem:
+        """Return the square system at a state.
+
+        Raises:
+            SingularError: the driver does not determine the motion there, or loops lose rank.
+        """
+        system = self.system(state.q, state.angles)
+        system.check_regular(state.q)
+        if system.pivots()[1] < TOLERANCES.singular:
+            raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
+                                f"the start, {state}", state=state)
+        return system
+
+    def first_path(self) -> Path | None:
+        """Return the path that the kernel follows from the state; None as `path`."""
+        found, self._first = self._first, None
+        return found or self.path(self.state.q, self.state.angles)
+
+    def path(self, q: Array, angles: Array) -> Path | None:
+        """Return the path that the kernel follows from q; None where it cannot, or may not.
+
+        Args:
+            q: (nq,) closed configuration.
+            angles: (n_angles,) of screw closures.
+        """
+        return self._path_of_regular(q, angles) or self._path_of_system(q, angles)
+
+    def _path_of_regular(self, q: Array, angles: Array) -> Path | None:
+        """Return the path where as many equations are independent as there are unknowns."""
+        k = self.kernel
+        wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
+        if not 0 <= wanted <= k.n_rows:
+            return None
+        return self._path(np.arange(wanted), np.empty((0, k.nv)), q, angles, True)
+
+    def _path_of_system(self, q: Array, angles: Array) -> Path | None:
+        """Return the path where passive freedoms are left."""
+        try:
+            system = self.system(q, angles)
+            system.check_regular(q)
+        except SingularError:
+            return None
+        return self._path(system.rows, system.passive, q, angles)
+
+    def _path(
+        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array,
+        choose: bool = False,
+    ) -> Path | None:
+        driven = prescribed_places(self.kernel, self.driven, self.still)
+        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
+        return path if path.start(q, angles, choose) else None
+
+
+class Cursor:
+    """A point on a branch of closed configurations.
+
+    Attributes:
+        start: where it begins.
+        at: place of the driver in q.
+        has_arc_length: whether the branch can be followed by pseudo-arclength.
+
+    Raises:
+        SingularError: the driver does not determine the motion at the start.
+    """
+
+    def __init__(self, start: Start) -> None:
+        self.start = start
+        self.at = start.driven[0].q
+        state = start.state
+        # components of balls and floating joints are no entries of q that a curve could lead by
+        self.has_arc_length = all(c.q >= 0 for c in start.driven)
+        self._held = [(c.q, float(state.q[c.q])) for c in start.driven[1:]]
+        self._path = start.first_path()
+        self._here = None if self._path is not None else self._solved(
+            start.checked_system(state), state.q)
+
+    @property
+    def here(self) -> Place:
+        """Where it stands."""
+        if self._here is None:
+            assert self._path is not None
+            here = self._path.here
+            self._here = Place(here.s, here.q, here.t, here.c, here.error, here.angles)
+        return self._here
+
+    def stand(self, place: Place) -> None:
+        """Go to a place of the branch."""
+        self._here, self._path = place, None
+
+    def hold(self, q: Array, value: float) -> None:
+        """Write the driver's value and those of what is held into a configuration (nq,)."""
+        q[self.at] = value
+        for index, fixed in self._held:
+            q[index] = fixed
+
+    def system(self) -> SquareSystem:
+        """Return the square system where the point stands.
+
+        Raises:
+            SingularError: the driver does not determine the motion there.
+        """
+        return self.start.system(self.here.q, self.here.angles)
+
+    def place(self, q: Array, angles: Array, system: SquareSystem) -> Place:
+        """Return the place at a closed configuration.
+
+        Args:
+            q: (nq,) the configuration.
+            angles: (n_angles,) of screw closures.
+            system: its equations are chosen anew only if they are dependent there.
+
+        Raises:
+            SingularError: the driver does not determine the motion there.
+        """
+        self.start.evaluation.turns[:] = angles
+        self.start.evaluation.update(q)
+        if not system.factor():
+            system.select(q)
+        return self._solved(system, q)
+
+    def _solved(self, system: SquareSystem, q: Array) -> Place:
+        t = system.driver_rates()[:, 0]
+        c = system.acceleration(q, t, np.zeros(len(self.start.driven)))
+        evaluation = system.evaluation
+        error = float(np.abs(evaluation.residual).max(initial=0.0))
+        s = coordinate_value(self.start.mechanism, self.start.driven[0], q)
+        return Place(s, q, t, c, error, evaluation.angles.copy())
+
+    def _moving_path(self) -> Path | None:
+        """Return the kernel's path, about to leave this place; None where it may not start here."""
+        if self._path is None:
+            self._path = self.start.path(self.here.q, self.here.angles)
+        if self._path is not None:
+            self._here = None
+        return self._path
+
+    def follow(self, values: Array, samples: Samples) -> int:
+        """Write samples at driver values (m,) as far as the kernel goes; return how many."""
+        path = self._moving_path()
+        return path.follow(values, samples) if path is not None else 0
+
+    def reach(self, value: float) -> None:
+        """Go to a driver value.
+
+        Raises:
+            Stopped: a limit or a singular configuration lies before it, or it is too far away; the
+                point then stands before that.
+        """
+        while value != self.here.s:
+            begin = self.here
+            stretches = self.way(begin, value) / STRETCH
+            goal = value if stretches <= 1.0 else begin.s + (value - begin.s) / stretches
+            # a stretch may be lost in the round-off of the driver's value
+            if not stretches * STRETCH <= FARTHEST or goal == begin.s:
+                raise Stopped(Arrival("lost", begin.q, begin.s, is_far=True))
+            if self._go(goal):
+                continue
+            if self.has_arc_length:
+                self._go_by_arc_length(goal, begin)
+            else:
+                self._go_by_small_steps(goal)
+
+    def _go(self, value: float) -> bool:
+        """Go to a driver value as far as the kernel goes; say whether that is all the way."""
+        path = self._moving_path()
+        return path is not None and path.go(value) is None
+
+    def _go_by_small_steps(self, value: float) -> None:
+        """Go on where arc length is of no use, to the end of the branch or over a hard stretch.
+
+        A driver has come to its limit where joints move without bound relative to it.
+        """
+        size = value - self.here.s
+        for _ in range(SMALLER):
+            size *= SMALL_STEP
+            while self._go(value if abs(value - self.here.s) <= abs(size) else self.here.s + size):
+                if self.here.s == value:
+                    return
+                size *= 2.0
+        here, scale = self.here, self.start.mechanism.velocity_scale
+        pace = float(np.abs(here.t / scale).max()) * scale[self.start.driven[0].v]
+        raise Stopped(Arrival("limit" if pace > UNBOUND else "lost", here.q, here.s))
+
+    def way(self, place: Place, value: float) -> float:
+        """Return how far joints move from a place to a driver value at the rates there."""
+        pace = float(np.linalg.norm(place.t / self.start.mechanism.velocity_scale))
+        return abs(value - place.s) * pace
+
+    def _go_by_arc_length(self, value: float, clear: Place) -> None:
+        """Go on by pseudo-arclength, which finds the limit or passes the hard stretch.
+
+        From a place before, if that is not far and clear of what the kernel has come near to.
+        """
+        if self.way(clear, self.here.s) < TOLERANCES.longest_step:
+            self.stand(clear)
+        try:
+            system = self.system()
+        except SingularError:
+            self.stand(clear)
+            system = self.system()
+        here = self.here
+        wanted = self.start.accuracy.tolerance
+        if system.has_redundant_rows:  # open loops hide which equations are redundant
+            wanted = min(wanted, TOLERANCES.tight)
+        arrival = towards(system, here.q, value, here.t, wanted)
+        if arrival.kind != "reached":
+            raise Stopped(arrival)
+        try:
+            system.select(arrival.q)
+        except SingularError:
+            raise Stopped(Arrival("singular", arrival.q, value)) from None
+        if system.pivots()[1] < TOLERANCES.singular:
+            raise Stopped(Arrival("singular", arrival.q, value))
+        self.stand(self._solved(system, arrival.q)._replace(s=value))
+
+
+@contextmanager
+def cursor_along(
+    state: State, driver: str, accuracy: Accuracy, hold: Hold = BASE
+) -> Iterator[Cursor]:
+    """Lend a point at a state that moves along the branch of one driver, the others held.
+
+    Raises:
+        SingularError: the driver does not determine the motion there.
+    """
+    mechanism = state.mechanism
+    with evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel:
+        yield Cursor(Start.along(state, [driver], hold, accuracy, kernel, evaluation))
