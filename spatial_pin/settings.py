@@ -46,8 +46,9 @@ class Accuracy:
             would make it creep, Radau), "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,
-            or of a pendulum as large, see `dynamics.simulation.scales`. The pace and the masses of
-            a mechanism make no difference. Below 2.2e-14, round-off, it makes none either.
+            or of a pendulum as large, see `dynamics.simulation.integrators`. The pace and the
+            masses of a mechanism make no difference. Below 2.2e-14, round-off, it makes none
+            either.
         step: fixed step of "RK4" and "Gauss", longest step of the others [s].
         most_steps: of `simulate`: steps after which an adaptive integrator gives up, so that every
             simulation ends; a motion of a hundred thousand turns takes about a million. One

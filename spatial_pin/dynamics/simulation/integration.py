@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import constraints_of
 from spatial_pin.dynamics.simulation.ending import why_it_ends
 from spatial_pin.dynamics.simulation.energy_balance import Balance
-from spatial_pin.dynamics.simulation.events import Found, Watch
+from spatial_pin.dynamics.simulation.events import Watch
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
@@ -21,17 +20,12 @@ from spatial_pin.dynamics.simulation.integrators import (
     EXPLICIT,
     FIXED,
     STEPPERS,
+    natural_units,
     successor,
 )
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.result import (
-    ByDriver,
-    Energies,
-    Projection,
-    Simulation,
-    energy_drift,
-)
-from spatial_pin.dynamics.simulation.scales import natural_units
+from spatial_pin.dynamics.simulation.record import Record
+from spatial_pin.dynamics.simulation.result import Energies, Projection, Simulation
 from spatial_pin.dynamics.simulation.system import Step, System
 from spatial_pin.errors import (
     EnergyError,
@@ -40,12 +34,10 @@ from spatial_pin.errors import (
     StepLimitError,
     warn,
 )
-from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, WORN, Samples
+from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, WORN
 from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
-from spatial_pin.motion.joint_limits import Passing
-from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -64,56 +56,6 @@ GivenUp = Set[tuple[type, tuple[int, ...]]]  # kinds of equations, and their ind
 Formulate = Callable[[Problem, State, GivenUp], System]
 
 
-class Rows:
-    """Samples of a simulation, filled one after the other.
-
-    Args:
-        times: (N,) when.
-        problem: what is simulated.
-
-    Attributes:
-        filled: how many there are.
-    """
-
-    def __init__(self, times: Array, problem: Problem) -> None:
-        self.times, self.filled = times, 0
-        n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
-        self._at = np.empty(n)
-        n_angles = constraints_of(problem.mechanism).n_angles
-        self._samples = Samples(*(np.empty((n, k)) for k in (
-            nq, nv, nv, 4, len(problem.drives), n_angles)))
-
-    def until(self, end: float) -> Array:
-        """Return the times of samples that are not yet there, up to `end`."""
-        return self.times[self.filled : np.searchsorted(self.times, end, "right")]
-
-    def ask(self, system: System, times: Array, unknowns: Array) -> None:
-        """Work out samples at times (N,) and unknowns (N, n)."""
-        if not times.size:
-            return
-        self.put(times)
-        for into, row in zip(self._samples, system.rows(times, unknowns), strict=True):
-            into[self.filled : self.filled + len(times)] = row
-        self.filled += len(times)
-
-    def put(self, times: Array) -> None:
-        """Note the times (N,) of samples to come."""
-        self._at[self.filled : self.filled + len(times)] = times
-
-    @property
-    def last(self) -> float:
-        """Time of the last one, -inf if there is none."""
-        return float(self._at[self.filled - 1]) if self.filled else -np.inf
-
-    def room(self) -> Samples:
-        """Return where all samples stand."""
-        return self._samples
-
-    def all(self) -> tuple[Array, Samples]:
-        """Return the times (N,) of samples that are there, and these."""
-        return self._at[: self.filled], Samples(*(x[: self.filled] for x in self._samples))
-
-
 class Run:
     """A simulation under way.
 
@@ -121,7 +63,7 @@ class Run:
         problem: what acts.
         accuracy: integrator, tolerance or step.
         formulate: makes the equations of motion that fit a state, others than were given up.
-        times: (N,) of the rows.
+        times: (N,) of the samples.
         watch: what is looked for.
 
     Attributes:
@@ -135,23 +77,17 @@ class Run:
         watch: Watch,
     ) -> None:
         self.problem, self.accuracy, self.formulate = problem, accuracy, formulate
-        self.rows, self.watch = Rows(times, problem), watch
+        self.record, self.watch = Record(problem, times, watch), watch
         self.start = Energies(0.0, 0.0, 0.0)
-        self.passed: list[Passing] = list(watch.at_start)
-        self.events = [passing.event for passing in watch.at_start]
-        self.events += watch.rated.at_start if watch.rated else []
         self.t, self.end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
-        self.steps, self.evaluations = 0, 0
-        self.used: list[str] = []
         self.system: System | None = None
-        self._solver: Any = None
+        self._evaluations = 0
         self._projections: list[Projection] = []  # of systems that were given up
         self._largest, self._creeping, self._standing = np.zeros(2), 0, 0
         self._begun_at, self._failed_at = 0.0, -1.0
         self._has_failed = self._warned = self._is_short = False
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
-        self.integrators: list[str] = []
         self._began = time.perf_counter()
 
     def follow(self, state: State) -> Iterator[float]:
@@ -161,11 +97,11 @@ class Run:
         self.y = system.unknowns(state.v, 0.0)
         self.start = system.energies(0.0, self.y)
         self._balance = Balance(self.problem, self.accuracy, self.start)
-        start = self.rows.until(0.0)
-        self.rows.ask(system, start, self.y[None][: len(start)])
+        start = self.record.until(0.0)
+        self.record.ask(system, start, self.y[None][: len(start)])
         if not len(self.y):  # nothing is free, nor does anything work: laws alone say where it is
-            rest = self.rows.until(self.end)
-            self.rows.ask(system, rest, np.empty((len(rest), 0)))
+            rest = self.record.until(self.end)
+            self.record.ask(system, rest, np.empty((len(rest), 0)))
             self.t = self.end
         while self.t < self.end:
             before = system.evaluations
@@ -175,7 +111,7 @@ class Run:
                     if stopped:
                         return
             finally:
-                self.evaluations += system.evaluations - before
+                self._evaluations += system.evaluations - before
             if self.t < self.end:
                 system = self._begin_again(system, self._has_failed)
 
@@ -200,7 +136,7 @@ class Run:
 
     def _steps(self, system: System) -> Iterator[bool]:
         """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
-        self._solver = solver = self._integrator(system)
+        solver = self._integrator(system)
         self._has_failed = False
         while solver.status == "running":
             why = self._leap(system, solver)
@@ -217,7 +153,7 @@ class Run:
                     break
                 continue
             if isinstance(system, Projected) and not self._is_projected(system, solver):
-                self._solver = solver = self._shortened(system, solver.t - self.t)
+                solver = self._shortened(system, solver.t - self.t)
                 continue
             self._refuse_to_creep(system, solver)
             self._note_integrator(system, solver)
@@ -228,7 +164,7 @@ class Run:
             if solver.status == "running":
                 if system.is_worn(self.t, solver.y):
                     break
-                self._solver = solver = self._succeeded(system, solver)
+                solver = self._succeeded(system, solver)
 
     def _leap(self, system: System, solver: Any) -> int | None:
         """Take many steps with their samples in the kernel; why it paused, None if it cannot.
@@ -237,27 +173,27 @@ class Run:
         """
         if not isinstance(solver, RungeKutta) or not isinstance(system, Independent):
             return None
-        rows, before, bounds = self.rows, solver.steps, self.watch.bounds
-        rows.put(rows.until(self.end))
-        most = min(TRIED - self.steps % TRIED, max(self.accuracy.most_steps - self.steps, 1))
-        times = np.ascontiguousarray(rows.times)
+        record, before, bounds = self.record, solver.steps, self.watch.bounds
+        record.put(record.until(self.end))
+        most = min(TRIED - record.steps % TRIED, max(self.accuracy.most_steps - record.steps, 1))
         run = KernelRun(
-            address(times), len(times), rows.filled, *map(address, rows.room()), most,
-            system.patience, self._largest[1], self._largest[0], float(self.accuracy.most_steps),
+            address(record.times), len(record.times), record.filled, *map(address, record.room),
+            most, system.patience, self._largest[1], self._largest[0],
+            float(self.accuracy.most_steps),
             looks=self.watch.always, n_limits=len(bounds.q), limit_q=address(bounds.q),
             limit_v=address(bounds.v), limit_side=address(bounds.side),
             limit_value=address(bounds.value), limit_before=address(bounds.before))
         try:
             why = solver.run(run)
         finally:
-            rows.filled = run.row
+            record.filled = run.row
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
-            self._note_crossing(system.coordinate_at(x), row)
+            record.note_crossing(system.coordinate_at(x), row)
         taken = solver.steps - before
         if taken > 1:
             self._creeping = self._standing = 0
         self._largest = np.array([run.largest_pivot, run.largest_step])
-        self.steps += taken if why in ROUTINE else max(taken - 1, 0)
+        record.steps += taken if why in ROUTINE else max(taken - 1, 0)
         if why in ROUTINE:
             self._note_integrator(system, solver)
             self.t, self.y = solver.t, solver.y
@@ -277,18 +213,18 @@ class Run:
             "J were at the start: energy came from nowhere or was lost; take a smaller "
             "time_tolerance or step, or formulation='independent'")
 
-    def refuse_rows(self) -> None:
-        """Refuse rows of another energy than at the start, and leave them out.
+    def refuse_samples(self) -> None:
+        """Refuse samples of another energy than at the start, and leave them out.
 
         Raises:
             EnergyError: there are some.
         """
-        times, samples = self.rows.all()
+        times, samples = self.record.all()
         for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
             try:
                 self._refuse_to_lose_energy(t, Energies(*row[1:]))
             except EnergyError:
-                self.rows.filled = k
+                self.record.filled = k
                 raise
 
     def _refuse_to_go_on_for_ever(self, solver: Any) -> None:
@@ -299,16 +235,16 @@ class Run:
         Raises:
             StepLimitError: there would be more.
         """
-        most = self.accuracy.most_steps
+        most, steps = self.accuracy.most_steps, self.record.steps
         if solver.status != "running" or self.accuracy.integrator in FIXED:
             return
         is_hopeless = (self.problem.is_steady and not self.problem.is_damped
-                       and self.steps % TRIED == 0
-                       and self.t * HOPELESS * most < self.end * self.steps)
-        if self.steps < most and not is_hopeless:
+                       and steps % TRIED == 0
+                       and self.t * HOPELESS * most < self.end * steps)
+        if steps < most and not is_hopeless:
             return
         raise StepLimitError(
-            f"mechanism {self.problem.mechanism.name!r}: {self.steps} steps have led to "
+            f"mechanism {self.problem.mechanism.name!r}: {steps} steps have led to "
             f"{self.t:.6g} s of {self.end:.6g} s, the last of {solver.t - solver.t_old:.2g} s: "
             "take a shorter duration, a larger time_tolerance, integrator='Radau' where strong "
             f"springs or dampers make steps short, or Accuracy(most_steps={10 * most})")
@@ -316,8 +252,8 @@ class Run:
     def _note_integrator(self, system: System, solver: Any) -> None:
         """Keep the names of integrators used; warn once of an explicit one that only creeps."""
         chosen = self.accuracy.integrator
-        if self._method not in self.integrators:
-            self.integrators.append(self._method)
+        if self._method not in self.record.integrators:
+            self.record.integrators.append(self._method)
         if self._warned or chosen == AUTOMATIC or not getattr(solver, "creeps", False):
             return
         self._warned = True
@@ -404,8 +340,7 @@ class Run:
         return system
 
     def _note_begun(self, system: System) -> None:
-        by_v = {c.v: c.name for c in self.problem.mechanism.coordinate_table.values()}
-        self.used += [by_v[v] for v in system.free]
+        self.record.note_coordinates(system.free)
         self._begun_at = self.t
 
     def _begin_again(self, system: System, failed: bool) -> System:
@@ -438,55 +373,16 @@ class Run:
         return self.t - t <= NEAR**2 * self._largest[1]
 
     def _take(self, system: System, solver: Any, before: Array) -> bool:
-        """Keep rows and events of the last step; return whether it is to be the last."""
-        self.steps += 1
+        """Keep samples and events of the last step; return whether it is to be the last."""
+        self.record.steps += 1
         step = Step(system, solver)
         found = self.watch.look(step)
-        times = self.rows.until(solver.t if found.stop is None else found.stop)
-        if found.stop is not None and found.stop > max([self.rows.last, *times]):
-            times = np.union1d(times, [found.stop])
-        unknowns = step.unknowns(times) if times.size else np.empty((0, len(solver.y)))
-        for value, at in system.crossings(before, solver.y):
-            before_it = (unknowns[:, 0] - at) * solver.y[1] < 0.0
-            self._note_crossing(value, self.rows.filled + int(np.count_nonzero(before_it)))
-        self._note_limits(found, times)
-        self.rows.ask(system, times, unknowns)
-        if found.stop is not None:
-            self.events.append(Event("stopped", found.stop, self.rows.filled, found.text))
+        self.record.take(step, found, before)
         return found.stop is not None
 
-    def _note_crossing(self, value: float, row: int) -> None:
-        text = (f"branch point at {self.used[-1]} = {value:.9g}: branches cross; followed the one "
-                "that goes straight on")
-        self.events.append(Event("branch point", value, row, text))
-
-    def _note_limits(self, found: Found, times: Array) -> None:
-        """Keep the limits passed in the last step, which has rows at `times`."""
-        for t, limit in found.passed:
-            row = self.rows.filled + int(np.count_nonzero(times < t))
-            self.passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
-            self.events.append(self.passed[-1].event)
-        for t, rated in found.rated:
-            row = self.rows.filled + int(np.count_nonzero(times < t))
-            self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
-
     def motion(self) -> Simulation:
-        """Return the rows so far."""
-        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
-        times, samples = self.rows.all()
-        q, v, a, numbers, efforts, angles = samples
-        error, kinetic, energy, work = numbers.T.copy()
-        return Simulation(
-            mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=self.events,
-            angles=angles, energy=energy, work=work,
-            energy_drift=energy_drift(
-                problem.mechanism, kinetic, energy, work, self.start, problem.constant),
-            efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
-            coordinates=list(dict.fromkeys(self.used)), evaluations=self.evaluations,
-            steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self.passed,
-            projection=self._projection(), integrators=self.integrators,
-        )
+        """Return the samples so far."""
+        return self.record.motion(self.start, self._evaluations, self._projection())
 
     def _projection(self) -> Projection | None:
         """Return what projecting has taken, if anything was projected."""

@@ -125,7 +125,7 @@ def simulate(
             bar.update(t - bar.n)
         moved = motion()
         if moved.energy_drift > LOST:
-            run.refuse_rows()
+            run.refuse_samples()
         check_gaps(moved, accuracy.gap)
     except Lost as lost:
         why = str(lost) or run.why()

@@ -79,11 +79,13 @@ class Step:
         solver: the integrator.
 
     Attributes:
+        system: as given.
         first, last: when it begins and ends [s].
+        end: (n,) unknowns there.
     """
 
     def __init__(self, system: System, solver: Any) -> None:
-        self._system, self._solver = system, solver
+        self.system, self._solver, self.end = system, solver, np.array(solver.y)
         self._dense: Callable[[Any], Array] | None = None
         self.first, self.last = float(solver.t_old), float(solver.t)
 
@@ -94,17 +96,17 @@ class Step:
         return self._dense(times).T
 
     def _at(self, t: float) -> Array:
-        return self._solver.y if t == self.last else self.unknowns(np.array([t]))[0]
+        return self.end if t == self.last else self.unknowns(np.array([t]))[0]
 
     def place(self, t: float) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at a time."""
-        return self._system.place(t, self._at(t))
+        return self.system.place(t, self._at(t))
 
     def state(self, t: float) -> State:
         """Return the State at a time."""
-        return self._system.state(t, self._at(t))
+        return self.system.state(t, self._at(t))
 
     def efforts(self, t: float) -> Array:
         """Return the efforts of prescribed drivers at a time."""
-        efforts: Array = self._system.rows(np.array([t]), self._at(t)[None]).efforts[0]
+        efforts: Array = self.system.rows(np.array([t]), self._at(t)[None]).efforts[0]
         return efforts
