@@ -10,6 +10,7 @@ from spatial_pin.errors import (
     EnergyError,
     LimitError,
     MechanismFileError,
+    ReachError,
     SingularError,
     SpatialPinError,
     SpatialPinWarning,
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
     from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
     from spatial_pin.dynamics.simulation.result import Projection
     from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
+    from spatial_pin.inverse_kinematics import targets
+    from spatial_pin.inverse_kinematics.reach import reach
+    from spatial_pin.inverse_kinematics.targets import Target
     from spatial_pin.mobility.grashof import Grashof, grashof
     from spatial_pin.mobility.idle_freedoms import PassiveFreedom
     from spatial_pin.mobility.loops import Loop
@@ -100,6 +104,9 @@ _ON_USE = {
     "dynamics.kinetostatics": "Kinetostatics kinetostatics",
     "dynamics.simulation.result": "Projection",
     "dynamics.simulation.simulate": "Simulation simulate",
+    "inverse_kinematics": "targets",
+    "inverse_kinematics.reach": "reach",
+    "inverse_kinematics.targets": "Target",
     "mobility.grashof": "Grashof grashof",
     "mobility.idle_freedoms": "PassiveFreedom",
     "mobility.loops": "Loop",
@@ -169,6 +176,7 @@ __all__ = [
     "PointRates",
     "Projection",
     "Range",
+    "ReachError",
     "Reduced",
     "RelativeMotion",
     "Sensitivity",
@@ -179,6 +187,7 @@ __all__ = [
     "Spring",
     "State",
     "StepLimitError",
+    "Target",
     "Tolerance",
     "Tradeoff",
     "Transmission",
@@ -210,6 +219,7 @@ __all__ = [
     "mobility",
     "movie",
     "plot",
+    "reach",
     "reduce",
     "report",
     "screenshot",
@@ -219,6 +229,7 @@ __all__ = [
     "solve_jerks",
     "solve_rates",
     "sweep",
+    "targets",
     "tolerance",
     "trace",
     "tradeoff",

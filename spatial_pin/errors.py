@@ -89,6 +89,26 @@ class LimitError(SpatialPinError):
         self.motion = motion
 
 
+class ReachError(SpatialPinError):
+    """Targets cannot be reached.
+
+    Attributes:
+        state: the nearest configuration that was found; its loops are closed.
+        distances: how far off each target is there, by name [lengths relative to the
+            characteristic length, rad].
+        stops: what stops it there, in words.
+        limits: names of the coordinates whose joint limits hold it back.
+    """
+
+    def __init__(
+        self, message: str, *, state: State, distances: dict[str, float], stops: tuple[str, ...],
+        limits: tuple[str, ...],
+    ) -> None:
+        super().__init__(message)
+        self.state = state
+        self.distances, self.stops, self.limits = distances, stops, limits
+
+
 class SingularError(SpatialPinError):
     """The rates, or the branch to follow, are not determined at a configuration.
 

@@ -1,0 +1,137 @@
+"""Where the drivers must be for frames to be where they should: inverse kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.holding import BASE, Hold, held_by
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.errors import ReachError
+from spatial_pin.inverse_kinematics.solving import Reached, Solver
+from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
+from spatial_pin.mechanism.coordinates import coordinate_value, needed
+from spatial_pin.mechanism.joint_limits import joint_limits
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+EXACT = 1e-12  # residual of what is to be exact: some hundred times what round-off leaves
+SPREAD = 0.5  # rad, characteristic lengths: how far off other starts are, at most
+
+
+@checked
+def reach(
+    mechanism: Mechanism,
+    targets: Mapping[str, Any],
+    state: State | None = None,
+    *,
+    hold: Hold = BASE,
+    limits: bool = True,
+    starts: int = 10,
+) -> State:
+    """Return a configuration in which frames, coordinates, distances are where they should be.
+
+    Drivers and all else that is free are the unknowns; the loops stay closed. Of all configurations
+    that meet the targets near the one it starts from, it is the one least moved: the sum of the
+    squares of what the joints move, in radians and characteristic lengths, is least.
+
+    Args:
+        mechanism: the mechanism.
+        targets: by name of a link, frame or joint: a point (3,) of the world for its origin [m], a
+            `pinocchio.SE3` for its placement; by name of a coordinate or driver: its value [rad or
+            m]; or any of `spatial_pin.targets`: directions, distances, the centre of mass. With a
+            weight they are met as well as those without one, which are exact, leave freedom for.
+        state: where to start; default the assembled guess.
+        hold: names of what stands still where the state has it, as for `sweep`.
+        limits: whether joint limits are kept.
+        starts: if it ends short of the targets from the state, how many others, nearby and always
+            the same ones, it is tried from.
+
+    Returns:
+        A State without rates; `solve_rates` gives it some.
+
+    Raises:
+        ReachError: the targets cannot be reached; has the nearest configuration, how far off each
+            target is, and what stops it.
+        UnknownNameError: there is no such frame, coordinate or driver.
+        AssemblyError: the guess does not close.
+        TypeError: a target is of no kind there is.
+        ValueError: a number is not finite.
+    """
+    needed(mechanism)
+    asked = read_targets(mechanism, targets)
+    start = assembled(mechanism, {}) if state is None else of_mechanism(mechanism, state)
+    mechanism = start.mechanism
+    held = held_by(mechanism, hold)
+    asked += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
+              for c in held.coordinates]
+    kept = joint_limits(mechanism) if limits else []
+    with evaluation_of(mechanism, start.angles) as evaluation:
+        solver = Solver(evaluation, asked, kept, held.entries, EXACT)
+        best = None
+        for q in _starts(start, solver, starts):
+            found = solver.solve(q)
+            if best is None or found.distance < best.distance:
+                best = found
+            if best.distance <= EXACT:
+                break
+        assert best is not None
+        evaluation.update(best.q)
+        reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
+                        angles=evaluation.angles.copy())
+        if best.distance > EXACT:
+            raise _short(solver, best, reached)
+    return reached
+
+
+def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
+    """Yield configurations to start from: the state's own, then others about it."""
+    yield state.q
+    rng = np.random.default_rng(0)
+    for _ in range(count):
+        way = solver.scale * solver.moves * rng.uniform(-SPREAD, SPREAD, len(solver.scale))
+        yield pin.integrate(state.mechanism.model, state.q, way)
+
+
+def _short(solver: Solver, found: Reached, state: State) -> ReachError:
+    """Return the error that tells how near it comes, and what stops it there."""
+    mechanism, lengths = state.mechanism, {}
+    at = 0
+    for target in solver.exact:
+        n = len(target.residual(solver.evaluation)[0])
+        lengths[target.name] = float(np.linalg.norm(found.exact[at : at + n]))
+        at += n
+    worst = max(lengths, key=lengths.__getitem__)
+    stops = tuple(_stops(solver, found))
+    return ReachError(
+        f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
+        f"off by {lengths[worst]:.3g} (lengths relative to the characteristic length, "
+        f"{mechanism.characteristic_length:.4g} m; angles in rad); {'; '.join(stops)}",
+        state=state, distances=lengths, stops=stops,
+        limits=tuple(limit.name for limit in found.limits))
+
+
+def _stops(solver: Solver, found: Reached) -> Iterable[str]:
+    """Yield what stops a mechanism short of its targets."""
+    if found.limits:
+        yield "it is stopped by the " + " and the ".join(limit.words for limit in found.limits)
+        return
+    residual, rows = solver.residual(found.q, solver.exact)
+    motions = solver.motions(found.q, solver.moves, [])
+    freedom, asked = len(motions), len(residual)
+    rank = decompose(rows @ motions.T, TOLERANCES.half_precision).rank if freedom else 0
+    if rank < min(freedom, asked):
+        yield ("it is stretched out or folded: at this singular configuration no motion takes it "
+               "further towards them")
+    elif freedom < asked:
+        yield (f"it has {freedom} freedom{'s' * (freedom != 1)} there for {asked} numbers asked "
+               "for: ask for fewer, or give some a weight")
+    else:
+        yield "this is the nearest that was found: start from another state"

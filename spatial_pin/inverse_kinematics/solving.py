@@ -1,0 +1,262 @@
+"""Targets by Newton's and Gauss's methods on closed loops, one level of importance in the other.
+
+Loops are closed first; in the motions that keep them closed, what is to be exact is met; in those
+that keep that too, what has a weight is met as well as can be; what freedom is left is moved least
+[SicilianoSlotine1991]. Joint limits are kept by an active set: a joint that a step takes beyond its
+limit stands there, until a step would take it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.close import close
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.mechanism.joint_limits import JointLimit
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+MOST_STEPS = 200  # of a level: Newton's take ten, towards what cannot be reached some dozens
+CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
+DAMPING = 1e-3  # first damping where a step did not help, relative to the largest singular value
+MOST_DAMPING = 1e6  # with which nothing moves any more
+SETTLED = 1e-9  # rad, characteristic lengths: what a least motion or least sum still changes
+
+
+class Reached(NamedTuple):
+    """Where solving has led.
+
+    Attributes:
+        q: (nq,) configuration, its loops closed.
+        exact: (k,) residuals of what was to be exact.
+        limits: joint limits that hold it back.
+    """
+
+    q: Array
+    exact: Array
+    limits: tuple[JointLimit, ...]
+
+    @property
+    def distance(self) -> float:
+        """The length of `exact`."""
+        return _length(self.exact)
+
+
+class Solver:
+    """Moves a mechanism to targets.
+
+    Attributes:
+        exact, weighted: targets to be reached, and those to be met as well as can be.
+        limits: joint limits to keep.
+        scale: (nv,) velocity of a unit of each unknown.
+        moves: (nv,) which velocities may move.
+
+    Args:
+        evaluation: its closure equations.
+        targets: what is asked for.
+        limits: joint limits to keep.
+        still: places in the velocity vector that stand still.
+        tolerance: length of the residuals at which targets are reached.
+    """
+
+    def __init__(
+        self, evaluation: Evaluation, targets: Sequence[Target], limits: Sequence[JointLimit],
+        still: Sequence[int], tolerance: float,
+    ) -> None:
+        self.evaluation, self.tolerance = evaluation, tolerance
+        self.exact = [t for t in targets if t.weight is None]
+        self.weighted = [t for t in targets if t.weight is not None]
+        self.limits = limits
+        self.scale = evaluation.mechanism.velocity_scale
+        self.moves = np.ones(len(self.scale), dtype=bool)
+        self.moves[list(still)] = False
+
+    def solve(self, start: Array) -> Reached:
+        """Return where the targets are met, from a configuration (nq,) on."""
+        q, held = self._closed(start, self.moves), dict[int, JointLimit]()
+        if self.exact:
+            q, held = self._descend(q, held, [], self.exact)
+        polished = self._kept(q, self._free(held), self.exact)
+        if polished is None:
+            return self._reached(q, held)
+        q = polished
+        if self.weighted:
+            q, held = self._descend(q, held, self.exact, self.weighted)
+        return self._reached(self._least_motion(q, start, held), held)
+
+    def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
+        """Return weighted residuals (k,) and derivatives (k, nv) for scaled velocities."""
+        self.evaluation.update(q)
+        parts = [t.residual(self.evaluation) for t in targets]
+        weights = [1.0 if t.weight is None else t.weight for t in targets]
+        if not parts:
+            return np.empty(0), np.empty((0, len(self.scale)))
+        return (np.concatenate([w * r for w, (r, _) in zip(weights, parts, strict=True)]),
+                np.vstack([w * j * self.scale for w, (_, j) in zip(weights, parts, strict=True)]))
+
+    def _closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
+        found, _ = close(self.evaluation, q, free, TOLERANCES.round_off)
+        return found
+
+    def motions(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array:
+        """Return orthonormal rows (k, nv) of motions that keep loops closed and targets met."""
+        _, rows = self.residual(q, kept)
+        basis = decompose(np.vstack([self.evaluation.jacobian, rows])[:, free]).null_space
+        found = np.zeros((len(basis), len(free)))
+        found[:, free] = basis
+        return found
+
+    def _kept(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array | None:
+        """Return q with its loops closed and targets met again; None if that takes too far."""
+        q, last = self._closed(q, free), np.inf
+        for _ in range(CORRECTIONS):
+            residual, rows = self.residual(q, kept)
+            size = _length(residual)
+            if size <= TOLERANCES.last_digit or (size <= self.tolerance and size > 0.5 * last):
+                return q
+            if size > min(TOLERANCES.unexplained, last):
+                return None
+            last, n = size, self.evaluation.constraints.n_rows
+            rhs = np.concatenate([-self.evaluation.residual,
+                                  np.zeros(len(self.evaluation.jacobian) - n), -residual])
+            step = np.zeros(len(free))
+            step[free] = decompose(np.vstack([self.evaluation.jacobian, rows])[:, free]
+                                   ).minimum_norm(rhs)
+            q = self._closed(pin.integrate(self.evaluation.model, q, self.scale * step), free)
+        return q if last <= self.tolerance else None
+
+    def _descend(
+        self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
+        wanted: Sequence[Target],
+    ) -> tuple[Array, dict[int, JointLimit]]:
+        """Make the sum of squared residuals of targets least, others being kept."""
+        damping, size = 0.0, _length(self.residual(q, wanted)[0])
+        for _ in range(MOST_STEPS):
+            held = self._released(q, held, kept, wanted)
+            step, free, now_held = self._step(q, held, kept, wanted, damping)
+            moved = _length(step)
+            there = self._kept(self._moved(q, step, now_held), free, kept)
+            if there is None:
+                damping = max(DAMPING, 4.0 * damping)
+                continue
+            found = _length(self.residual(there, wanted)[0])
+            if found < size or (found <= self.tolerance and now_held == held):
+                done = found <= self.tolerance or (
+                    moved < SETTLED and now_held.keys() == held.keys())
+                q, size, held, damping = there, found, now_held, 0.1 * damping
+                if done:
+                    return q, held
+            elif now_held.keys() != held.keys() and found <= size * (1.0 + TOLERANCES.nothing):
+                q, size, held = there, found, now_held
+            else:
+                damping = max(DAMPING, 4.0 * damping)
+                if damping > MOST_DAMPING or moved < SETTLED:
+                    return q, held
+        return q, held
+
+    def _step(
+        self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
+        wanted: Sequence[Target], damping: float,
+    ) -> tuple[Array, NDArray[np.bool_], dict[int, JointLimit]]:
+        """Return a step, which velocities it may use, and the limits that it stops at."""
+        held = dict(held)
+        while True:
+            free = self._free(held)
+            motions = self.motions(q, free, kept)
+            residual, rows = self.residual(q, wanted)
+            step = damped(rows @ motions.T, -residual, damping) @ motions
+            length = np.linalg.norm(step)
+            if length > TOLERANCES.damped_step:
+                step *= TOLERANCES.damped_step / length
+            passed = self._passed(q, step, held)
+            if passed is None:
+                return step, free, held
+            held[passed.v] = passed
+
+    def _passed(
+        self, q: Array, step: Array, held: dict[int, JointLimit]
+    ) -> JointLimit | None:
+        """Return the limit that a step passes first, or None."""
+        first, part = None, 1.0
+        for limit in self.limits:
+            way = limit.side * step[limit.v] * self.scale[limit.v]
+            room = max(float(limit.room(q)), 0.0)
+            if limit.v not in held and self.moves[limit.v] and way > room and room / way < part:
+                first, part = limit, room / way
+        return first
+
+    def _released(
+        self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
+        wanted: Sequence[Target],
+    ) -> dict[int, JointLimit]:
+        """Return limits that a free step, of some of them released, would not leave."""
+        held = dict(held)
+        for v, limit in list(held.items()):
+            without = {k: x for k, x in held.items() if k != v}
+            motions = self.motions(q, self._free(without), kept)
+            residual, rows = self.residual(q, wanted)
+            step = -(residual @ rows @ motions.T) @ motions
+            if limit.side * step[v] < -TOLERANCES.nothing * np.linalg.norm(residual):
+                held = without
+        return held
+
+    def _free(self, held: dict[int, JointLimit]) -> NDArray[np.bool_]:
+        free = self.moves.copy()
+        free[list(held)] = False
+        return free
+
+    def _moved(self, q: Array, step: Array, held: dict[int, JointLimit]) -> Array:
+        found: Array = pin.integrate(self.evaluation.model, q, self.scale * step)
+        for limit in held.values():
+            found[limit.q] = limit.value
+        return found
+
+    def _least_motion(self, q: Array, start: Array, held: dict[int, JointLimit]) -> Array:
+        """Return the configuration nearest to the start that meets the targets as well."""
+        free = self._free(held)
+        part, model = 1.0, self.evaluation.model
+        for _ in range(MOST_STEPS):
+            rows = self.residual(q, self.weighted)[1]
+            motions = self.motions(q, free, self.exact)
+            left = decompose(rows @ motions.T, TOLERANCES.half_precision).null_space @ motions
+            away = pin.difference(model, start, q) / self.scale
+            step = -part * (left @ away) @ left
+            size = np.linalg.norm(step)
+            if size < SETTLED:
+                return q
+            step *= min(1.0, TOLERANCES.damped_step / float(size))
+            if self._passed(q, step, held) is not None:
+                part *= 0.5
+                continue
+            there = self._kept(pin.integrate(model, q, self.scale * step), free, self.exact)
+            nearer = there is not None and np.linalg.norm(
+                pin.difference(model, start, there) / self.scale) < np.linalg.norm(away)
+            if nearer and there is not None:
+                q = there
+            else:
+                part *= 0.5
+        return q
+
+    def _reached(self, q: Array, held: dict[int, JointLimit]) -> Reached:
+        return Reached(q, self.residual(q, self.exact)[0], tuple(held.values()))
+
+
+def _length(x: Array) -> float:
+    return float(np.linalg.norm(x))
+
+
+def damped(a: Array, b: Array, damping: float) -> Array:
+    """Return x (n,) with a x = b as nearly as can be, of least norm; damped as Levenberg does."""
+    svd = decompose(a, TOLERANCES.singular)
+    if not svd.rank:
+        return np.zeros(a.shape[1])
+    s = svd.s[: svd.rank]
+    parts = s / (s * s + damping * svd.s[0] ** 2)
+    found: Array = (parts * (svd.u[:, : svd.rank].T @ b)) @ svd.vt[: svd.rank]
+    return found

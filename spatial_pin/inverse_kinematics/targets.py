@@ -1,0 +1,291 @@
+"""Targets in space: where frames, directions, distances, coordinates, the centre of mass should be.
+
+Residuals of targets have no unit: lengths are divided by the characteristic length, angles are in
+radians. To add a kind of target: a class with `residual`, and its line in the constructors below.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import checked, finite_array, finite_number, positive_number, unit_vector
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import axes_from_z
+from spatial_pin.numerics.linalg import Array
+
+Residual = tuple[Array, Array]  # (k,), and its derivative (k, nv) for joint velocities
+
+
+@dataclass(frozen=True, eq=False)
+class Target(ABC):
+    """Something that should have a value.
+
+    Attributes:
+        name: frame or coordinate; filled in from the key that the target stands under.
+        weight: None: it is to be reached exactly; else it is met as well as those that are to be
+            reached leave freedom for, the sum of weight² residual² of all being least.
+    """
+
+    name: str = ""
+    weight: float | None = None
+
+    @abstractmethod
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """Return how far it is from its value, and the derivative, at the last `update`."""
+
+    def check(self, mechanism: Mechanism) -> None:
+        """Refuse names that the mechanism does not have.
+
+        Raises:
+            UnknownNameError: it has none of that name.
+        """
+        mechanism.frame_id(self.name)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Position(Target):
+    """The origin of a frame at a point of the world."""
+
+    point: Array
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`."""
+        frame = evaluation.mechanism.frame_id(self.name)
+        size = evaluation.mechanism.characteristic_length
+        return ((evaluation.frame(frame).translation - self.point) / size,
+                evaluation.frame_jacobian(frame)[:3] / size)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Orientation(Target):
+    """The axes of a frame along given directions of the world."""
+
+    rotation: Array
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: the logarithm of the rotation from where it should be to where it is."""
+        frame = evaluation.mechanism.frame_id(self.name)
+        turned = self.rotation.T @ evaluation.frame(frame).rotation
+        slope = pin.Jlog3(turned) @ evaluation.frame(frame).rotation.T
+        return pin.log3(turned), slope @ evaluation.frame_jacobian(frame)[3:]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pose(Target):
+    """A frame at a placement in the world."""
+
+    placement: pin.SE3
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: those of `Position`, then those of `Orientation`."""
+        parts = [Position(self.name, point=self.placement.translation).residual(evaluation),
+                 Orientation(self.name, rotation=self.placement.rotation).residual(evaluation)]
+        return (np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts]))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Direction(Target):
+    """An axis of a frame along a direction of the world; it may turn about it."""
+
+    axis: Array
+    along: Array
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: the angle between them, along two directions normal to the target."""
+        frame = evaluation.mechanism.frame_id(self.name)
+        axis = evaluation.frame(frame).rotation @ self.axis
+        moved = -pin.skew(axis) @ evaluation.frame_jacobian(frame)[3:]
+        across = axes_from_z(self.along)[:, :2].T
+        cosine = float(np.clip(self.along @ axis, -1.0, 1.0))
+        sine = float(np.linalg.norm(across @ axis))
+        angle = float(np.arctan2(sine, cosine))
+        if sine < 1e-8:  # where angle / sine is one to round-off, unless it points the other way
+            return (across @ axis if cosine > 0.0 else np.array([np.pi, 0.0])), across @ moved
+        part, bend = angle / sine, (cosine * angle / sine - 1.0) / (sine * sine)
+        return part * (across @ axis), part * (across @ moved) + bend * np.outer(
+            across @ axis, self.along @ moved)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoordinateValue(Target):
+    """A coordinate or driver at a value."""
+
+    value: float
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: by the coordinate's own size."""
+        mechanism = evaluation.mechanism
+        coordinate = mechanism.prescribed_coordinate(self.name)
+        size = mechanism.velocity_scale[coordinate.v]
+        value = coordinate_value(mechanism, coordinate, evaluation.q)
+        gradient = coordinate_gradient(mechanism, coordinate, evaluation.q)
+        return np.array([(value - self.value) / size]), gradient[None] / size
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`."""
+        mechanism.prescribed_coordinate(self.name)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Distance(Target):
+    """The origins of two frames at a distance from each other."""
+
+    other: str
+    length: float
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`."""
+        first, second = (evaluation.mechanism.frame_id(x) for x in (self.name, self.other))
+        size = evaluation.mechanism.characteristic_length
+        apart = evaluation.frame(second).translation - evaluation.frame(first).translation
+        length = float(np.linalg.norm(apart))
+        slope = evaluation.frame_jacobian(second)[:3] - evaluation.frame_jacobian(first)[:3]
+        along = apart / length if length > 0.0 else np.eye(3)[0]
+        return np.array([(length - self.length) / size]), along[None] @ slope / size
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`."""
+        mechanism.frame_id(self.name)
+        mechanism.frame_id(self.other)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CentreOfMass(Target):
+    """The centre of mass of all links at a point of the world; None leaves a coordinate free."""
+
+    point: tuple[float | None, ...]
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`."""
+        mechanism = evaluation.mechanism
+        model, size = mechanism.model, mechanism.characteristic_length
+        centre, slope, mass = np.zeros(3), np.zeros((3, model.nv)), 0.0
+        for joint in range(model.njoints):
+            body = model.inertias[joint]
+            if body.mass:
+                at = evaluation.data.oMi[joint].act(body.lever)
+                moved = evaluation.body_jacobian(joint)
+                centre += body.mass * at
+                slope += body.mass * (moved[:3] - pin.skew(at) @ moved[3:])
+                mass += body.mass
+        asked = [k for k, x in enumerate(self.point) if x is not None]
+        wanted = np.array([self.point[k] for k in asked], dtype=float)
+        return (centre[asked] / mass - wanted) / size, slope[asked] / (mass * size)
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`."""
+        if not sum(body.mass for body in mechanism.model.inertias) > 0.0:
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: its links have no mass, so that "
+                                  "it has no centre of mass")
+
+
+# ---------------------------------------------------------------- constructors
+
+
+def _weight(weight: float | None) -> float | None:
+    return None if weight is None else positive_number(weight, "weight")
+
+
+@checked
+def position(point: Array, weight: float | None = None) -> Target:
+    """Return the target that a frame's origin is at a point (3,) of the world [m].
+
+    Args:
+        point: where.
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        ValueError: a number is not finite, or a weight not positive; likewise of the others.
+    """
+    return Position(weight=_weight(weight), point=finite_array(point, (3,), "point"))
+
+
+@checked
+def orientation(rotation: Array, weight: float | None = None) -> Target:
+    """Return the target that a frame's axes are the columns of a rotation (3, 3) of the world."""
+    found = finite_array(rotation, (3, 3), "rotation")
+    if not np.allclose(found @ found.T, np.eye(3), atol=1e-9) or np.linalg.det(found) < 0.0:
+        raise ValueError("rotation is no rotation matrix: its columns are not three axes of length "
+                         "one normal to each other, right-handed")
+    return Orientation(weight=_weight(weight), rotation=found)
+
+
+def pose(placement: pin.SE3, weight: float | None = None) -> Target:
+    """Return the target that a frame is at a placement in the world."""
+    if not isinstance(placement, pin.SE3):
+        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
+    finite_array(placement.homogeneous, (4, 4), "placement")
+    return Pose(weight=_weight(weight), placement=placement)
+
+
+@checked
+def direction(axis: Array, along: Array, weight: float | None = None) -> Target:
+    """Return the target that an axis (3,) of a frame points along a direction (3,) of the world."""
+    unit_vector(axis, "axis")
+    unit_vector(along, "along")
+    return Direction(weight=_weight(weight), axis=np.array(axis, float),
+                     along=np.array(along, float))
+
+
+@checked
+def coordinate(value: float, weight: float | None = None) -> Target:
+    """Return the target that a coordinate or driver has a value [rad or m]."""
+    return CoordinateValue(weight=_weight(weight), value=finite_number(value, "value"))
+
+
+@checked
+def distance(other: str, length: float, weight: float | None = None) -> Target:
+    """Return the target that a frame's origin is at a distance [m] from that of another frame."""
+    if not finite_number(length, "length") > 0.0:
+        raise ValueError("length must be positive; for frames at one place ask for a position")
+    return Distance(weight=_weight(weight), other=other, length=float(length))
+
+
+def centre_of_mass(
+    x: float | None, y: float | None, z: float | None, weight: float | None = None
+) -> Target:
+    """Return the target that the centre of mass is at a point [m]; None leaves one free."""
+    point = tuple(None if v is None else finite_number(v, "a coordinate") for v in (x, y, z))
+    if not any(v is not None for v in point):
+        raise ValueError("the centre of mass is asked for nothing")
+    return CentreOfMass(weight=_weight(weight), point=point)
+
+
+def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
+    """Return targets given by name: a Target, a point (3,), a placement or a number.
+
+    Raises:
+        UnknownNameError: there is no such frame or coordinate.
+        TypeError: a target is nothing of that.
+        ValueError: there is none, or a number is not finite.
+    """
+    if not targets:
+        raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
+    found = []
+    for name, given in targets.items():
+        target = given if isinstance(given, Target) else _plain(name, given)
+        if not target.name:
+            target = replace(target, name=name)
+        target.check(mechanism)
+        found.append(target)
+    return found
+
+
+def _plain(name: str, given: Any) -> Target:
+    if isinstance(given, pin.SE3):
+        return pose(given)
+    if np.ndim(given) == 0 and not isinstance(given, str | bytes):
+        return coordinate(finite_number(given, f"target {name!r}"))
+    if np.shape(given) == (3,):
+        return position(finite_array(given, (3,), f"target {name!r}"))
+    raise TypeError(f"target {name!r} is none: it is a point (3,), a pinocchio.SE3, a number for a "
+                    "coordinate, or one of spatial_pin.targets")

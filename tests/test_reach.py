@@ -1,0 +1,263 @@
+"""Where the drivers must be for frames to be where they should, against closed forms."""
+
+from __future__ import annotations
+
+import mechanisms as known
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+import spatial_pin as sp
+from spatial_pin import targets
+
+
+def arm(folder, lengths=(1.0, 0.8, 0.6), limits=()):
+    """Return a plane arm of hinges about z, masses at the links' ends."""
+    links = ["<link name='base'/>"]
+    for k, length in enumerate(lengths, start=1):
+        bound = limits[k - 1] if k <= len(limits) else None
+        kind, stop = ("revolute", f"<limit lower='{bound[0]}' upper='{bound[1]}' effort='1' "
+                      "velocity='1'/>") if bound else ("continuous", "")
+        place = lengths[k - 2] if k > 1 else 0.0
+        parent = f"link{k - 1}" if k > 1 else "base"
+        links.append(
+            f"<link name='link{k}'><inertial><origin xyz='{length} 0 0'/><mass value='{k}'/>"
+            "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+            f"<joint name='j{k}' type='{kind}'><parent link='{parent}'/><child link='link{k}'/>"
+            f"<origin xyz='{place} 0 0'/><axis xyz='0 0 1'/>{stop}</joint>")
+    links.append(f"<link name='tip'/><joint name='end' type='fixed'><parent link='link"
+                 f"{len(lengths)}'/><child link='tip'/><origin xyz='{lengths[-1]} 0 0'/></joint>")
+    (folder / "arm.urdf").write_text(f"<robot name='arm'>{''.join(links)}</robot>")
+    return sp.load(folder / "arm.urdf")
+
+
+def at(mechanism, *angles):
+    names = mechanism.coordinates
+    return sp.assemble(mechanism, dict(zip(names, angles, strict=True)))
+
+
+SHIFTS = st.tuples(*[st.floats(-0.02, 0.02)] * 3)
+
+
+@given(SHIFTS, st.tuples(*[st.floats(-0.1, 0.1)] * 3))
+@settings(max_examples=25, deadline=None)
+def test_a_gough_platform_comes_to_a_pose_with_the_legs_of_the_closed_form(shift, turn):
+    mechanism = sp.load("stewart")
+    start = sp.assemble(mechanism)
+    there = start.placement("platform")
+    target = pin.SE3(there.rotation @ pin.exp3(np.array(turn)), there.translation + shift)
+    state = sp.reach(mechanism, {"platform": target}, start)
+    off = target.actInv(state.placement("platform"))
+    assert np.abs(off.translation).max() < 1e-13
+    assert np.abs(pin.log3(off.rotation)).max() < 1e-13
+    assert state.closure_error < 1e-13
+    for k in range(1, 7):  # the distance of a leg's ends, in the platform's and the base's frame
+        on_platform = there.actInv(start.placement(f"platform_{k}").translation)
+        foot = start.placement(f"cylinder_{k}").translation
+        length, before = (np.linalg.norm(pose.act(on_platform) - foot)
+                          for pose in (target, there))
+        moved = state.coordinate(f"leg_{k}").value - start.coordinate(f"leg_{k}").value
+        assert moved == pytest.approx(length - before, abs=1e-12)
+
+
+@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1))
+@settings(max_examples=25, deadline=None)
+def test_a_delta_robot_comes_to_a_point(x, y, z):
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    point = start.placement("platform").translation + np.array([x, y, z])
+    state = sp.reach(mechanism, {"platform": point}, start)
+    assert np.abs(state.placement("platform").translation - point).max() < 1e-12
+    again = sp.assemble(mechanism, {d: state.coordinate(d).value for d in mechanism.drivers}, state)
+    assert np.abs(again.placement("platform").translation - point).max() < 1e-11
+
+
+def test_two_links_reach_a_point_by_the_law_of_cosines(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8))
+    state = sp.reach(mechanism, {"tip": [1.1, 0.6, 0.0]}, at(mechanism, 0.1, 0.9))
+    square = 1.1**2 + 0.6**2
+    elbow = np.arccos((square - 1.0 - 0.8**2) / (2.0 * 0.8))
+    shoulder = np.arctan2(0.6, 1.1) - np.arctan2(0.8 * np.sin(elbow), 1.0 + 0.8 * np.cos(elbow))
+    assert state.coordinate("j2").value == pytest.approx(elbow, abs=1e-13)
+    assert state.coordinate("j1").value == pytest.approx(shoulder, abs=1e-13)
+    other = sp.reach(mechanism, {"tip": [1.1, 0.6, 0.0]}, at(mechanism, 1.0, -0.9))
+    assert other.coordinate("j2").value == pytest.approx(-elbow, abs=1e-13)
+
+
+def test_what_is_left_free_moves_least(tmp_path):
+    mechanism = arm(tmp_path)
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    state = sp.reach(mechanism, {"tip": [1.2, 1.3, 0.0]}, start)
+
+    def tip(q):
+        angles = np.cumsum(q)
+        return np.array([[1.0, 0.8, 0.6] @ np.cos(angles), [1.0, 0.8, 0.6] @ np.sin(angles)])
+
+    least = minimize(lambda q: np.sum((q - start.q) ** 2), state.q + 0.01, method="SLSQP",
+                     constraints={"type": "eq", "fun": lambda q: tip(q) - [1.2, 1.3]},
+                     options={"ftol": 1e-16, "maxiter": 500})
+    assert np.abs(tip(state.q) - [1.2, 1.3]).max() < 1e-13
+    assert np.abs(state.q - least.x).max() < 1e-6
+
+
+def test_targets_with_a_weight_are_met_in_the_freedom_that_is_left(tmp_path):
+    mechanism = arm(tmp_path)
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    state = sp.reach(mechanism, {
+        "tip": [1.2, 1.3, 0.0], "link3": targets.direction([1, 0, 0], [0, 1, 0], weight=1.0)},
+        start)
+    assert np.abs(state.placement("tip").translation - [1.2, 1.3, 0.0]).max() < 1e-13
+    axis = state.placement("link3").rotation[:, 0]
+    assert np.abs(axis - [0.0, 1.0, 0.0]).max() < 1e-7  # it can be met
+
+
+def test_two_weighted_targets_share_what_both_cannot_have(tmp_path):
+    mechanism = arm(tmp_path, (1.0,))
+    wanted = {"j1": targets.coordinate(0.0, weight=1.0),
+              "tip": targets.direction([1, 0, 0], [0, 1, 0], weight=2.0)}
+    state = sp.reach(mechanism, wanted, at(mechanism, 0.2))
+    assert state.q[0] == pytest.approx(4.0 / 5.0 * np.pi / 2.0, abs=1e-8)
+
+
+def test_every_kind_of_target_is_met_exactly(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4))
+    start = at(mechanism, 0.3, 0.4, -0.5, 0.3, 0.2)
+    state = sp.reach(mechanism, {
+        "tip": targets.direction([0, 1, 0], np.array([0.6, 0.8, 0.0])),
+        "link2": targets.distance("tip", 1.5),
+        "j2": 0.7,
+        "mass": targets.centre_of_mass(None, 1.2, None)}, start)
+    assert np.abs(state.placement("tip").rotation[:, 1] - [0.6, 0.8, 0.0]).max() < 1e-12
+    gap = state.placement("link2").translation - state.placement("tip").translation
+    assert np.linalg.norm(gap) == pytest.approx(1.5, abs=1e-12)
+    assert state.coordinate("j2").value == pytest.approx(0.7, abs=1e-12)
+    links = [f"link{k}" for k in range(1, 6)]
+    centre = sum(k * state.com(name).position for k, name in enumerate(links, start=1)) / 15.0
+    assert centre[1] == pytest.approx(1.2, abs=1e-12)
+    pose = sp.reach(mechanism, {"tip": targets.pose(start.placement("tip"))}, state)
+    assert pose.placement("tip").isApprox(start.placement("tip"), 1e-12)
+    turned = sp.reach(mechanism, {"tip": targets.orientation(pin.exp3(np.array([0, 0, 1.0])))})
+    assert np.abs(turned.placement("tip").rotation - pin.exp3(np.array([0, 0, 1.0]))).max() < 1e-12
+
+
+def test_derivatives_of_every_kind_are_those_of_differences(tmp_path):
+    mechanism = sp.load("stewart")
+    start = sp.assemble(mechanism)
+    placement = start.placement("platform") * pin.SE3(pin.exp3(np.array([0.4, 0.3, -0.5])),
+                                                      np.array([0.1, 0.2, 0.3]))
+    from spatial_pin.constraints.closure_equations import evaluation_of
+    wanted = {
+        "platform": targets.pose(placement), "platform_1": targets.position([0.1, 0.2, 0.3]),
+        "platform_2": targets.direction([0, 0.6, 0.8], [1, 0, 0]),
+        "platform_3": targets.distance("ground", 0.7), "leg_1": 0.3,
+        "hook_2.first": 0.2, "all": targets.centre_of_mass(0.1, None, 0.3)}
+    from spatial_pin.inverse_kinematics.targets import read_targets
+    with evaluation_of(mechanism) as evaluation:
+        for target in read_targets(mechanism, wanted):
+            evaluation.update(start.q)
+            _, slope = target.residual(evaluation)
+            for v in range(mechanism.model.nv):
+                step = np.zeros(mechanism.model.nv)
+                step[v] = 1e-6
+                ends = []
+                for sign in (1.0, -1.0):
+                    evaluation.update(pin.integrate(mechanism.model, start.q, sign * step))
+                    ends.append(target.residual(evaluation)[0])
+                assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(slope[:, v], abs=2e-8)
+
+
+# ---------------------------------------------------------------- limits, and what is out of reach
+
+
+def test_joint_limits_are_kept_where_the_target_can_be_met_with_them(tmp_path):
+    mechanism = arm(tmp_path, limits=[(-3, 3), (-0.2, 0.45), (-3, 3)])
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    free = sp.reach(mechanism, {"tip": [0.6, 1.2, 0.0]}, start, limits=False)
+    assert free.coordinate("j2").value > 0.5
+    kept = sp.reach(mechanism, {"tip": [0.6, 1.2, 0.0]}, start)
+    assert np.abs(kept.placement("tip").translation - [0.6, 1.2, 0.0]).max() < 1e-12
+    assert kept.coordinate("j2").value == pytest.approx(0.45, abs=1e-9)
+    assert not kept.beyond_limits
+
+
+def test_a_limit_that_stops_it_is_named(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8), limits=[(-0.5, 0.5), (-0.5, 0.5)])
+    with pytest.raises(sp.ReachError, match=r"upper limit 0\.5 rad of j1") as caught:
+        sp.reach(mechanism, {"tip": [-1.0, 1.0, 0.0]}, at(mechanism, 0.1, 0.1))
+    error = caught.value
+    assert set(error.limits) == {"j1", "j2"}
+    assert error.state.q == pytest.approx([0.5, 0.5], abs=1e-12)
+    nearest = error.state.placement("tip").translation
+    size = mechanism.characteristic_length
+    assert error.distances["tip"] == pytest.approx(
+        np.linalg.norm(nearest - [-1.0, 1.0, 0.0]) / size, abs=1e-12)
+
+
+def test_a_stretched_arm_is_the_nearest_and_said_to_be_stretched(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8))
+    with pytest.raises(sp.ReachError, match="stretched out or folded") as caught:
+        sp.reach(mechanism, {"tip": [3.0, 4.0, 0.0]}, at(mechanism, 0.1, 0.5))
+    nearest = caught.value.state.placement("tip").translation
+    assert np.abs(nearest - 1.8 * np.array([0.6, 0.8, 0.0])).max() < 1e-6
+    assert not caught.value.limits
+
+
+def test_too_much_is_asked_of_few_freedoms():
+    mechanism = sp.load("four_bar")
+    point = sp.assemble(mechanism).placement("coupler").translation + np.array([0.3, 0.1, 0.01])
+    with pytest.raises(sp.ReachError, match="1 freedom there for 3 numbers"):
+        sp.reach(mechanism, {"coupler": point})
+
+
+def test_what_is_held_stands_still():
+    mechanism = sp.load("stewart")
+    start = sp.assemble(mechanism)
+    point = start.placement("platform").translation + np.array([0.01, 0.0, 0.02])
+    state = sp.reach(mechanism, {"platform": point}, start, hold=["leg_1"])
+    assert state.coordinate("leg_1").value == start.coordinate("leg_1").value
+    assert np.abs(state.placement("platform").translation - point).max() < 1e-12
+
+
+def test_the_answer_does_not_depend_on_what_was_asked_before():
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    point = start.placement("platform").translation + np.array([0.1, 0.05, 0.02])
+    first = sp.reach(mechanism, {"platform": point}, start)
+    sp.reach(mechanism, {"platform": point - 0.1}, start)
+    assert np.array_equal(sp.reach(mechanism, {"platform": point}, start).q, first.q)
+
+
+# ---------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(("wanted", "error", "words"), [
+    ({"nobody": [0, 0, 0]}, sp.UnknownNameError, "nobody"),
+    ({"nobody": 0.1}, sp.UnknownNameError, "nobody"),
+    ({"coupler": "up"}, TypeError, "it is a point"),
+    ({"coupler": [0, 0]}, TypeError, "it is a point"),
+    ({"coupler": [0, 0, np.nan]}, ValueError, "coupler"),
+    ({}, ValueError, "targets is empty"),
+])
+def test_bad_targets_are_refused_before_work_begins(wanted, error, words):
+    with pytest.raises(error, match=words):
+        sp.reach(sp.load("four_bar"), wanted)
+
+
+@pytest.mark.parametrize("made", [
+    lambda: targets.position([0, 0]), lambda: targets.position([0, 0, 0], weight=-1.0),
+    lambda: targets.orientation(2 * np.eye(3)), lambda: targets.direction([0, 0, 2], [0, 0, 1]),
+    lambda: targets.distance("a", 0.0), lambda: targets.centre_of_mass(None, None, None),
+    lambda: targets.coordinate(np.inf),
+])
+def test_bad_numbers_are_refused_where_a_target_is_made(made):
+    with pytest.raises(ValueError):
+        made()
+
+
+def test_a_mechanism_without_mass_has_no_centre_of_mass(tmp_path):
+    mechanism = known.load(tmp_path, "bare", known.turning("a", "ground", "b"), "")
+    with pytest.raises(sp.SpatialPinError, match="no centre of mass"):
+        sp.reach(mechanism, {"all": targets.centre_of_mass(0.0, 0.0, 0.0)})
