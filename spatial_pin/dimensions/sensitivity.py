@@ -91,26 +91,34 @@ def sensitivity(
         UnknownNameError: no such dimension or output.
         SpatialPinError: the branch ends, or the output does not exist, at a nearby dimension.
     """
-    if not isinstance(state, Motion):
-        return sensitivities(mechanism, state, [output], parameters)[0]
-    if not len(state):
+    if isinstance(state, Motion):
+        return _over_motion(mechanism, state, output, parameters)
+    return sensitivities(mechanism, state, [output], parameters)[0]
+
+
+def _over_motion(
+    mechanism: Mechanism, motion: Motion, output: str, parameters: Iterable[str] | None
+) -> Sensitivity:
+    """Return the sensitivities of all samples as one."""
+    if not len(motion):
         raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
-    own = state.mechanism
-    name = state.driver_name if state.driver is not None else ""
-    is_driver = not name or own.coordinate(name) in [
-        own.coordinate(d.joint) for d in own.drivers.values()]
-    asked = []
-    for k in range(len(state)):
-        one = state.state(k)
-        held = [] if is_driver else [c.name for c in prescribed_at(one, [name])]
-        asked.append((of_mechanism(mechanism, one), Drive.of(one, name, held)))
+    asked = [(of_mechanism(mechanism, one), _drive_at(one, motion))
+             for one in map(motion.state, range(len(motion)))]
     found = [x[0] for x in _differentiated(mechanism, asked, [output], parameters)]
-    unit = state.output(output).unit if not end_of_range(output) else found[0].unit
-    names = found[0].derivatives
-    return Sensitivity(
-        output, np.array([x.value for x in found]),
-        {name: np.array([x.derivatives[name] for x in found]) for name in names},
-        {name: np.array([x.errors[name] for x in found]) for name in names}, unit)
+    derivatives, errors = (
+        {name: np.array([each[name] for each in several]) for name in several[0]}
+        for several in ([x.derivatives for x in found], [x.errors for x in found]))
+    unit = found[0].unit if end_of_range(output) else motion.output(output).unit
+    return Sensitivity(output, np.array([x.value for x in found]), derivatives, errors, unit)
+
+
+def _drive_at(state: State, motion: Motion) -> Drive:
+    """Return what is held at a state of a motion: its drivers, or what was swept in their place."""
+    mechanism, name = state.mechanism, motion.driver_name
+    drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
+    if motion.driver is None or mechanism.coordinate(name) in drivers:
+        return Drive.of(state, name)
+    return Drive.of(state, name, [c.name for c in prescribed_at(state, [name])])
 
 
 def sensitivities(
@@ -212,7 +220,8 @@ def _plain(value: Any) -> Any:
 def _known(state: State) -> float:
     """Return the round-off of closed configurations [rad, characteristic lengths].
 
-    What closure equations leave of it grows as the smallest pivot, by the largest, gets small.
+    What closure equations leave of it grows as the smallest pivot, relative to the largest, gets
+    small.
     """
     try:
         with square_system(state, [d.joint for d in state.mechanism.drivers.values()]) as system:
@@ -241,7 +250,7 @@ def _unit(state: State, drive: Drive, output: str) -> str:
 def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
     """Return a value, or a vector, ± its standard deviation, digits as that warrants.
 
-    Of a deviation two digits are told, of its value as many places; 12 digits where none scatters.
+    A deviation has two digits, its value as many places; 12 digits where nothing scatters.
     """
     if np.ndim(value):
         parts = [with_spread(x, dx) for x, dx in zip(value, deviation, strict=True)]

@@ -1,10 +1,10 @@
-/* Many mechanisms that differ in their dimensions, each closed near a configuration by itself.
+/* Many mechanisms that differ in their dimensions, each closed near a configuration of its own.
  *
  * A sample is a set of numbers in the place of the kernel's own. It is closed from where it starts
- * by the least motion (closing.c), as one mechanism by itself would be; then its rates follow from
- * the square system of `system_set`, K v = drive and K a = drive' - bias(v). What tells whether it
- * is on the branch of its start is written down, and judged by the caller: how far it has gone, how
- * little of the way the linear equations at its end leave unexplained, and the determinant. */
+ * by the least motion (closing.c), as one mechanism alone would be; then its rates follow from the
+ * square system of `system_set`, K v = drive and K a = drive' - bias(v). Whether it is on the
+ * branch of its start, the caller judges by what is written down here: how far it has gone, how
+ * much of the way the linear equations at its end leave unexplained, and the determinant. */
 #include <string.h>
 
 #include "closing.h"
@@ -114,7 +114,7 @@ static void take_off(const Real *direction, Int n, Real *x)
         x[v] -= part * direction[v];
 }
 
-/* Orthonormal motions that leave all equations and drivers alone, by Gram and Schmidt. */
+/* Orthonormal motions that leave all equations and drivers alone, by Gram and Schmidt's method. */
 static void find_idle(Work *w)
 {
     const Kernel *k = w->k;
