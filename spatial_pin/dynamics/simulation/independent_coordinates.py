@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.newton import rank_loss
+from spatial_pin.assembly.rank_loss import rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.trees import is_large

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spatial_pin.assembly.newton import Regular, lost_rank, rank_loss
+from spatial_pin.assembly.rank_loss import Regular, lost_rank, rank_loss
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
 from spatial_pin.constraints.trees import is_large

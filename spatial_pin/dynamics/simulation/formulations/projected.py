@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.newton import rank_loss
+from spatial_pin.assembly.rank_loss import rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
