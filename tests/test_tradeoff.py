@@ -103,7 +103,7 @@ def test_errors_told_of_the_rssr_are_those_of_the_closed_form():
         if together:
             assert row.errors.spin < 1e-10
         else:  # steps of 10° are long, and those that they are divided into are still seen
-            assert row.errors.spin > 1e-7
+            assert row.errors.spin > 1e-8
 
 
 def coupler_turned_without_spin(start, values):
@@ -138,8 +138,8 @@ def test_the_spin_of_the_reference_is_that_of_a_body_without_spin():
     assert np.abs(np.array(still) - want).max() < reference.spin_error < 1e-8
     coarse = sp.sweep(mech, "crank", TURN, accuracy=sp.Accuracy(order=2, corrections=3))
     gap, coarse_gap = (np.abs(m.frame("coupler").rotation - want).max() for m in (motion, coarse))
-    assert gap < 1e-9
-    assert 1e-9 < coarse_gap == pytest.approx(reference.judge(coarse).spin, rel=0.5)
+    assert gap < 1e-11
+    assert 1e-10 < coarse_gap == pytest.approx(reference.judge(coarse).spin, rel=0.5)
 
 
 def test_what_is_below_round_off_is_equally_exact(monkeypatch):
