@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Set
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -117,9 +118,8 @@ class Run:
 
     def _integrator(self, system: System, longest: float = np.inf) -> Any:
         """Return an integrator at the present place, its errors counted in natural units."""
-        q, _ = system.place(self.t, self.y)
-        self._units, chosen = natural_units(
-            system, self.t, self.y, q, self.end - self.t), self.accuracy.integrator
+        self._units = natural_units(system, self.t, self.y, self.end - self.t)
+        chosen = self.accuracy.integrator
         return self._made(EXPLICIT if chosen == AUTOMATIC else chosen, system, longest)
 
     def _made(self, method: str, system: System, longest: float = np.inf) -> Any:
@@ -166,6 +166,17 @@ class Run:
                     break
                 solver = self._succeeded(system, solver)
 
+    @cached_property
+    def _kernel_run(self) -> KernelRun:
+        """What steps in the kernel want, and where their samples go."""
+        record, bounds = self.record, self.watch.bounds
+        return KernelRun(
+            address(record.times), len(record.times), 0, *map(address, record.room),
+            allowed=float(self.accuracy.most_steps), looks=self.watch.always,
+            n_limits=len(bounds.q), limit_q=address(bounds.q), limit_v=address(bounds.v),
+            limit_side=address(bounds.side), limit_value=address(bounds.value),
+            limit_before=address(bounds.before))
+
     def _leap(self, system: System, solver: Any) -> int | None:
         """Take many steps with their samples in the kernel; why it paused, None if it cannot.
 
@@ -173,16 +184,11 @@ class Run:
         """
         if not isinstance(solver, RungeKutta) or not isinstance(system, Independent):
             return None
-        record, before, bounds = self.record, solver.steps, self.watch.bounds
-        record.put(record.until(self.end))
-        most = min(TRIED - record.steps % TRIED, max(self.accuracy.most_steps - record.steps, 1))
-        run = KernelRun(
-            address(record.times), len(record.times), record.filled, *map(address, record.room),
-            most, system.patience, self._largest[1], self._largest[0],
-            float(self.accuracy.most_steps),
-            looks=self.watch.always, n_limits=len(bounds.q), limit_q=address(bounds.q),
-            limit_v=address(bounds.v), limit_side=address(bounds.side),
-            limit_value=address(bounds.value), limit_before=address(bounds.before))
+        record, run, before = self.record, self._kernel_run, solver.steps
+        run.row, run.n_crossed, run.patience = record.filled, 0, system.patience
+        run.most = min(TRIED - record.steps % TRIED,
+                       max(self.accuracy.most_steps - record.steps, 1))
+        run.largest_pivot, run.largest_step = self._largest
         try:
             why = solver.run(run)
         finally:

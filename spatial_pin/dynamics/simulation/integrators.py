@@ -50,7 +50,7 @@ class Units(NamedTuple):
     unknowns: Array
 
 
-def natural_units(system: System, t: float, y: Array, q: Array, left: float) -> Units:
+def natural_units(system: System, t: float, y: Array, left: float) -> Units:
     """Return the natural units of a motion that stands at the unknowns y.
 
     A mechanism that moves a million times faster moves on the same curve. Its error control should
@@ -67,7 +67,6 @@ def natural_units(system: System, t: float, y: Array, q: Array, left: float) -> 
         system: its equations.
         t: when [s].
         y: (n,) unknowns.
-        q: (nq,) configuration there.
         left: how long it goes on [s].
 
     Raises:
@@ -88,7 +87,7 @@ def natural_units(system: System, t: float, y: Array, q: Array, left: float) -> 
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
-        units[-1] = problem.heaviest(q) * rate * rate or 1.0
+        units[-1] = problem.heaviest(system.place(t, y)[0]) * rate * rate or 1.0
     return Units(1.0 / rate, units)
 
 

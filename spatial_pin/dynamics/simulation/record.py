@@ -41,7 +41,7 @@ class Record:
         self._problem, self.times, self.filled = problem, np.ascontiguousarray(times), 0
         n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
         n_angles = constraints_of(problem.mechanism).n_angles
-        self._at = np.empty(n)
+        self._at = np.append(times, np.nan)
         self.room = Samples(*(np.empty((n, k)) for k in (
             nq, nv, nv, 4, len(problem.drives), n_angles)))
         self._passed: list[Passing] = list(watch.at_start)
@@ -58,14 +58,10 @@ class Record:
         """Work out samples at times (N,) and unknowns (N, n)."""
         if not times.size:
             return
-        self.put(times)
+        self._at[self.filled : self.filled + len(times)] = times
         for into, row in zip(self.room, system.rows(times, unknowns), strict=True):
             into[self.filled : self.filled + len(times)] = row
         self.filled += len(times)
-
-    def put(self, times: Array) -> None:
-        """Note the times (N,) of samples to come."""
-        self._at[self.filled : self.filled + len(times)] = times
 
     def take(self, step: Step, found: Found, before: Array) -> None:
         """Keep the samples and events of a step.

@@ -183,9 +183,10 @@ EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *sam
     if (*same)
         return DONE;
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
-    if (begin(d, free_ones, k->chosen, k->n_chosen) != DONE)
-        return SINGULAR;
-    if (k->n_chosen < k->n_closure && (system_reselect(k) != DONE || independent_begin(d) != DONE))
+    int begun = begin(d, free_ones, k->chosen, k->n_chosen);
+    if (k->n_chosen < k->n_closure && (begun == DONE || begun == SINGULAR))
+        begun = system_reselect(k) == DONE ? independent_begin(d) : SINGULAR;
+    if (begun != DONE)
         return SINGULAR;
     if (!(d->pivot > TOLERANCE_SINGULAR))
         return SINGULAR;
