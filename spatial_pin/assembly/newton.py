@@ -15,7 +15,6 @@ from spatial_pin.mechanism.coordinates import coordinate_bias
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import (
     Array,
-    aligned,
     decompose,
     independent_rows,
     pivots_of,
@@ -40,19 +39,18 @@ class SquareSystem:
         still: places in the velocity vector that are zero.
         rows: indices of the independent closure rows.
         scale: (nv,) velocity of a unit of each unknown.
-        passive: (k, nv) unresolved passive freedoms at the last `refresh_passive`, orthonormal.
-        selected_pivot: smallest over largest pivot where the rows were selected.
+        passive: (k, nv) unresolved passive freedoms where the rows were selected, orthonormal.
         size: length of the longest independent closure row wherever they were selected.
 
     Args:
         evaluation: the closure equations.
         driven: the prescribed coordinates.
-        q: (nq,) where rows are selected at once.
+        q: (nq,) where rows are selected.
         still: default those of the free bases that nobody drives.
     """
 
     def __init__(
-        self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array | None = None,
+        self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array,
         still: Sequence[int] | None = None,
     ) -> None:
         self.evaluation = evaluation
@@ -64,14 +62,11 @@ class SquareSystem:
         for row, v in zip(self._drive, (*self.drive_at, *self.still), strict=True):
             row[v] = 1.0
         self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
-        self.is_bent = any(c.q < 0 for c in self.driven)
         self._bent = [(k, c) for k, c in enumerate(self.driven)
                       if c.q < 0 and not isinstance(c, VelocityEntry)]
         self.matrix = np.zeros((nv, nv))
-        self._whole = False
         self.size = 0.0
-        if q is not None:
-            self.select(q)
+        self.select(q)
 
     def _aim(self) -> None:
         """Turn the rows of driven coordinates whose rates are no entries of the velocity."""
@@ -102,33 +97,11 @@ class SquareSystem:
         self.passive = svd.null_space
         if len(self.passive):
             check_passive(asked, self.passive, r, q)
-        self._whole = r == n and not len(self.passive)
         self._closure = slice(0, r)
         self._spin = slice(r, r + p)
         self._drivers = slice(r + p, r + p + len(self.driven))
         self._prescribed = slice(r + p, r + p + d)
-        self._fill = slice(r + p + d, None)
-        self.matrix[self._prescribed] = self._drive
-        self.matrix[self._fill] = self.passive
-        if self._whole:  # let the evaluation write its Jacobian straight into the matrix
-            evaluation.jacobian = self.matrix[: r + p]
-        elif evaluation.jacobian.base is not None:
-            evaluation.jacobian = np.zeros((n + p, evaluation.model.nv))
-        self._rhs = np.zeros(len(self.matrix))
-        evaluation.update(q)
         self.factor()
-        self.selected_pivot = self.pivots()[1]
-
-    def move(self, q: Array) -> None:
-        """Go to q, with the rows chosen before if that is a choice that any q would make.
-
-        Raises:
-            SingularError: as `select`.
-        """
-        self.evaluation.update(q)
-        if self._whole and self.factor() and self.pivots()[1] > TOLERANCES.regular:
-            return
-        self.select(q)
 
     @property
     def has_redundant_rows(self) -> bool:
@@ -145,27 +118,12 @@ class SquareSystem:
 
     def factor(self) -> bool:
         """Factor the matrix at the evaluation's configuration; False when it is singular."""
-        k = self.matrix
-        if self._bent:
-            self._aim()
-            k[self._prescribed] = self._drive
-        if not self._whole:
-            jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
-            k[self._closure] = jacobian[self.rows]
-            k[self._spin] = jacobian[n:]
-            k[self._fill] = self.passive
-        self._lu, self._pivots, is_regular = rows_factored(k)
+        self._aim()
+        jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
+        np.concatenate([jacobian[self.rows], jacobian[n:], self._drive, self.passive],
+                       out=self.matrix)
+        self._lu, self._pivots, is_regular = rows_factored(self.matrix)
         return is_regular
-
-    def refresh_passive(self) -> None:
-        """Recompute the unresolved passive freedoms, oriented as before."""
-        if not len(self.passive):
-            return
-        n, jacobian = self.evaluation.constraints.n_rows, self.evaluation.jacobian
-        regular = np.vstack([jacobian[self.rows], jacobian[n:], self._drive])
-        null_space = decompose(regular).null_space
-        if len(null_space) == len(self.passive):
-            self.passive = aligned(null_space, self.passive)
 
     def pivots(self) -> tuple[int, float]:
         """Return the sign of the determinant, and smallest over largest pivot, as last factored."""
@@ -175,28 +133,10 @@ class SquareSystem:
         """Solve the factored system for (nv,) or (nv, k) right-hand sides; unknowns are scaled."""
         return rows_solved(self._lu, self._pivots, rhs)
 
-    def correction(self, spun: Sequence[float] = ()) -> Array:
-        """Return the Newton correction (nv,), scaled, that closes the loops, drivers held.
-
-        Args:
-            spun: spin of each resolved passive freedom to take back [rad].
-        """
-        rhs = self._rhs
-        for k, angle in enumerate(spun, start=self._spin.start):
-            rhs[k] = -angle
-        residual = self.evaluation.residual
-        np.negative(residual if self._whole else residual[self.rows], out=rhs[self._closure])
-        return self.solve(rhs)
-
     @property
     def drive_at(self) -> list[int]:
         """Places of the driven coordinates in the velocity vector."""
         return [c.v for c in self.driven]
-
-    @property
-    def driver_rows(self) -> slice:
-        """Rows of the matrix that prescribe the drivers."""
-        return self._drivers
 
     @property
     def prescribed_rows(self) -> slice:
@@ -207,11 +147,6 @@ class SquareSystem:
     def closure_rows(self) -> slice:
         """Rows of the matrix that close the loops."""
         return self._closure
-
-    @property
-    def spin_rows(self) -> slice:
-        """Rows of the matrix that hold the resolved passive freedoms."""
-        return self._spin
 
     def driver_rates(self) -> Array:
         """Return (nv, n_drivers): joint velocities per unit speed of each driver."""
@@ -243,8 +178,8 @@ class SquareSystem:
     def _answer(self, bias: Array, drive: Array) -> Array:
         n = self.evaluation.constraints.n_rows
         rhs = np.zeros(len(self.matrix))
-        np.negative(bias[:n] if self._whole else bias[self.rows], out=rhs[self._closure])
-        np.negative(bias[n:], out=rhs[self._spin])
+        rhs[: len(self.rows)] = -bias[self.rows]
+        rhs[self._spin] = -bias[n:]
         rhs[self._drivers] = drive / self._drive_scale
         rates: Array = self.scale * self.solve(rhs)
         if not self._bent:

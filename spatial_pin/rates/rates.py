@@ -14,10 +14,9 @@ from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, mapping, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates import regular
@@ -145,15 +144,9 @@ def _system(
 ) -> Iterator[SquareSystem]:
     """Lend the factored square system of a closed state with coordinates prescribed."""
     mechanism = state.mechanism
-
-    def made() -> SquareSystem:
-        return SquareSystem(Evaluation(constraints_of(mechanism)), driven, still=still)
-
-    key = "system", tuple((c.v, isinstance(c, VelocityEntry)) for c in driven), still
-    with acquired(mechanism, key, made) as system:
-        system.evaluation.turns[:] = state.angles
+    with evaluation_of(mechanism, state.angles) as evaluation:
         try:
-            system.move(state.q)
+            system = SquareSystem(evaluation, driven, state.q, still)
             system.check_regular(state.q)
         except SingularError as error:
             raise SingularError(str(error), state=state) from None
