@@ -34,7 +34,6 @@ class KKT:
         pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
         error: estimated round-off of them, relative to their size.
         rank: how many independent equations there are.
-        lacking: what they lack in equations that were left out, relative to the size of the terms.
         closures: (nv,) joint forces of the closures.
         multipliers: (n_rows,) 0 of equations that are left out.
     """
@@ -53,10 +52,10 @@ class KKT:
         self._handle = handle
         end = weakref.finalize(self, _end, self._library, handle, kernel)
         end.atexit = False
-        self.pivot, self.error, self.lacking, self.rank = 1.0, 0.0, 0.0, 0
+        self.pivot, self.error, self.rank = 1.0, 0.0, 0
         self._q, self._turns = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._given, self._needed, self._a = np.empty((4, nv))
-        self.mass, self._facts = np.empty(n_masses), np.empty(4)
+        self.mass, self._facts = np.empty(n_masses), np.empty(3)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_rows)
         self._rows = np.empty(n_rows, np.int64)
         self._inputs = [handle, *map(address, (
@@ -81,7 +80,7 @@ class KKT:
         self._q[:], self._v[:], self._turns[:] = q, v, turns
         self._given[:], self._needed[:] = given, needed
         check(self._library.kkt_accelerations(*self._inputs, anew, *self._outputs))
-        self.pivot, self.error, rank, self.lacking = self._facts.tolist()
+        self.pivot, self.error, rank = self._facts.tolist()
         self.rank = int(rank)
         return self._a
 

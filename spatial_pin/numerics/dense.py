@@ -33,9 +33,6 @@ _lu = _function("dense_lu", _COUNT, _COUNT, _REALS, _COUNTS)
 _lu_solve = _function(
     "dense_lu_solve", None, _COUNT, _REALS, _COUNTS, _COUNT, _COUNT, _REALS)
 _upper_solve = _function("dense_upper_solve", None, _COUNT, _REALS, _COUNT, _COUNT, _REALS)
-_inverse_norm = _function(
-    "dense_inverse_norm", ctypes.c_double, _COUNT, _REALS, _COUNTS, _REALS)
-_cholesky_solve = _function("dense_cholesky_solve", _COUNT, _COUNT, _REALS, _REALS, ctypes.c_double)
 _qr = _function("dense_qr", None, _COUNT, _COUNT, _REALS, _COUNTS, _REALS, _REALS)
 _qr_turn = _function("dense_qr_turn", None, _COUNT, _COUNT, _REALS, _REALS, _COUNT, _COUNT, _COUNT,
                      _REALS, _REALS)
@@ -69,33 +66,12 @@ def lu_solve(factors: Array, order: Order, b: Array, transposed: bool = False) -
     return x
 
 
-def inverse_norm(factors: Array, order: Order) -> float:
-    """Return the 1-norm of a^-1, or nearly so and never more, for the factors of `lu`."""
-    n = len(factors)
-    if not n:
-        return 0.0
-    found: float = _inverse_norm(
-        n, _reals(factors), _counts(order), _reals(np.empty(2 * n)))
-    return found
-
-
 def upper_solve(upper: Array, b: Array, transposed: bool = False) -> Array:
     """Return R^-1 b, or R^-T b, for the upper triangle of (n, n), and b (n,) or (n, k)."""
     x = _own(b)
     if x.size:
         _upper_solve(len(x), _reals(_own(upper)), transposed, x.size // len(x), _reals(x))
     return x
-
-
-def cholesky_solve(a: Array, b: Array) -> tuple[Array, Array, bool]:
-    """Return the factor L of a symmetric `a` (n, n), a^-1 b (n,), and if `a` is positive definite.
-
-    L stands in the lower triangle. Where `a` is not positive definite, nothing is solved.
-    """
-    factor, x = _own(a), _own(b)
-    if not x.size:
-        return factor, x, True
-    return factor, x, not _cholesky_solve(len(x), _reals(factor), _reals(x), 0.0)
 
 
 class Independence(NamedTuple):

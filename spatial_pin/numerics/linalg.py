@@ -222,10 +222,6 @@ class Factors:
         """Return the solution for right-hand sides (n,) or (n, k)."""
         return dense.lu_solve(self._lu, self._order, b)
 
-    def inverse_norm(self) -> float:
-        """Return the 1-norm of the inverse, or nearly so and never more."""
-        return dense.inverse_norm(self._lu, self._order)
-
     def blur(self, x: Array, known: Array, rounding: float) -> Array:
         """Return bounds on the errors of a solution, entry by entry [Higham2002, 7.2, 9.3].
 

@@ -186,13 +186,21 @@ class Loops:
         any_way = np.random.default_rng(3).standard_normal(len(self.scale))
         motion = self._stand_without_masses(force=any_way / self.scale).copy()
         if self.kkt.pivot >= TOLERANCES.rank:
-            self._stand_without_masses(v=motion)
-            if self.kkt.lacking > FOLLOWS:
+            a = self._stand_without_masses(v=motion)
+            if self._lacking(a, motion) > FOLLOWS:
                 raise SingularError(
                     f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
                     "loops lose independent equations there, so that the forces do not determine "
                     "the motion; start beside this configuration", state=self.state)
         self._regular = Regular(self.state.q.copy(), rank, 0.0)
+
+    def _lacking(self, a: Array, v: Array) -> float:
+        """Return the most that a (nv,) lacks of an equation at v (nv,), relative to its terms."""
+        rows, columns, values = self.kkt.entries
+        gamma = self.evaluation.bias(self.state.q, v)[: self.n_rows]
+        terms, fastest = values * (a / self.scale)[columns], np.abs(v / self.scale).max()
+        left = np.abs(np.bincount(rows, terms, self.n_rows) + gamma)
+        return float(left.max()) / max(float(np.abs(terms).max()), float(fastest) ** 2)
 
     def _stand_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system of scaled velocities themselves: nothing in it but the loops."""

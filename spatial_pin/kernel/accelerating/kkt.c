@@ -429,24 +429,6 @@ static Real estimated_error(Kkt *s)
     return size > 0.0 ? told * largest * most / size : told;
 }
 
-/* The most that accelerations leave of an equation, by the largest sum of its terms. */
-static Real lacking(const Kkt *s, const Real *a, const Real *gamma)
-{
-    const Kernel *k = s->k;
-    Real most = 0.0, largest = 0.0;
-    for (Int i = 0; i < k->n_closure; i++) {
-        Real left = gamma[i], total = fabs(gamma[i]);
-        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++) {
-            const Real term = k->entry[e] * a[k->entry_v[e]] / k->scale[k->entry_v[e]];
-            left += term;
-            total += fabs(term);
-        }
-        most = fmax(most, fabs(left));
-        largest = fmax(largest, total);
-    }
-    return largest > 0.0 ? most / largest : 0.0;
-}
-
 /* Joint forces (nv) of multipliers. */
 static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
 {
@@ -462,8 +444,8 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
 /* Evaluate at q, choose equations if `anew`, factor and solve.
  *
  * mass: entries of M; given, needed (nv): f and b. Returns accelerations (nv), joint forces (nv) and
- * multipliers (n_closure) of the closures, and facts (4): smallest over largest pivot, estimated
- * error of the accelerations, how many equations are chosen, what the others lack. */
+ * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
+ * error of the accelerations, how many equations are chosen. */
 EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *turns,
                              const Real *mass, const Real *given, const Real *needed, Int anew,
                              Real *a, Real *closures, Real *multipliers, Real *facts)
@@ -482,7 +464,6 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *t
     facts[0] = s->pivot;
     facts[1] = estimated_error(s);
     facts[2] = (Real)s->n_chosen;
-    facts[3] = s->n_chosen < k->n_closure ? lacking(s, a, k->bias) : 0.0;
     return DONE;
 }
 
