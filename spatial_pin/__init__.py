@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
     from spatial_pin.mobility.modes import assembly_modes
     from spatial_pin.motion.dead_centres import dead_centres
+    from spatial_pin.motion.follow import follow
     from spatial_pin.motion.joint_limits import JointLimit, Passing
     from spatial_pin.motion.limits import Range, limits
     from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
@@ -113,6 +114,7 @@ _ON_USE = {
     "mobility.mode_list": "AssemblyModes Continuum",
     "mobility.modes": "assembly_modes",
     "motion.dead_centres": "dead_centres",
+    "motion.follow": "follow",
     "motion.joint_limits": "JointLimit Passing",
     "motion.limits": "Range limits",
     "motion.motion": "Event FrameMotion Motion Output",
@@ -204,6 +206,7 @@ __all__ = [
     "dynamics_derivatives",
     "export_html",
     "export_mjcf",
+    "follow",
     "forward_dynamics",
     "grashof",
     "influence",

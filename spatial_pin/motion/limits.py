@@ -11,11 +11,11 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked
+from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import towards
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.motion.joint_limits import Passing, falls, joint_limits_passed, passed_at_start
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep

@@ -106,7 +106,8 @@ class Motion:
         events: limits and singular configurations met.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
         per: unit of what v and a are derivatives by: "s"; "rad" or "m" of the driver where it has
-            no speed; "length" of the arc of a traced curve [rad, characteristic lengths]. Where
+            no speed; "length" of the arc of a traced curve [rad, characteristic lengths]; "sample"
+            where several drivers go along tables without times. Where
             it is not "s", forces are those at rest.
         held: what was held by name as the driver was swept, see `sweep`.
     """

@@ -100,8 +100,8 @@ def sweep(
     """
     accuracy = accuracy_of(accuracy)
     needed(mechanism)
-    _check_choice("on_limit", on_limit, ("raise", "stop"))
-    _check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
+    check_choice("on_limit", on_limit, ("raise", "stop"))
+    check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     values = np.atleast_1d(as_array(values, "values"))
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
@@ -175,7 +175,12 @@ def _tight(accuracy: Accuracy) -> Accuracy:
     return accuracy if accuracy.tolerance <= tight else replace(accuracy, tolerance=tight)
 
 
-def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Refuse a word that is none of some.
+
+    Raises:
+        ValueError: it is none.
+    """
     if value not in choices:
         raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
 

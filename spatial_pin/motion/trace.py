@@ -11,12 +11,12 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, positive_number
 from spatial_pin.continuation.branch_points import straight_on
+from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
 from spatial_pin.continuation.singular_points import distance_ahead, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -43,7 +43,9 @@ def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
 
 
 def abscissa(motion: Motion) -> tuple[Array, str, str]:
-    """Return values, name and unit of what outputs are drawn over: the driver, or the time."""
+    """Return values, name and unit of what outputs are drawn over: driver, time, or samples."""
+    if motion.time is None and motion.driver is None:
+        return np.arange(len(motion), dtype=float), "sample", ""
     if motion.time is not None and (motion.driver is None or not _one_way(motion.driver)):
         return np.asarray(motion.time, float), "time", "s"
     values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)

@@ -1,0 +1,296 @@
+"""Following one branch of a closed mechanism as several drivers go along tables of values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.cursor import Start
+from spatial_pin.continuation.parametrised import DrivenCurve
+from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.errors import LimitError, SingularError, SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.paths import Path, Samples
+from spatial_pin.mechanism.coordinates import coordinate_value, needed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.joint_limits import joint_limit_events
+from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.rated_limits import velocity_limit_events
+from spatial_pin.motion.sweep import check_choice, sweep
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.progress import progress_bar
+from spatial_pin.rates.rates import check_finite, check_not_held
+from spatial_pin.settings import Accuracy, accuracy_of
+
+CHUNK = 1000  # samples followed at a time: the bar moves, and Ctrl-C is heard
+
+
+@checked
+def follow(
+    mechanism: Mechanism,
+    values: Mapping[str, Any],
+    times: Any = None,
+    *,
+    rates: Mapping[str, Any] | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
+    hold: Hold = BASE,
+    on_limit: str = "raise",
+    on_crossing: str = "raise",
+    accuracy: Accuracy | None = None,
+    progress: bool = False,
+) -> Motion:
+    """Follow one branch of a mechanism as several drivers go along tables of values.
+
+    The first values are assembled, the rest is followed as `sweep` does, which is its case of one
+    driver without times. Between the samples each driver goes along the cubic spline through its
+    values, two times continuously differentiable ("not-a-knot" at the ends); where `rates` are
+    given, along the polynomials of fifth degree through values, rates, and the derivatives of the
+    cubic spline through the rates.
+
+    Args:
+        mechanism: the mechanism.
+        values: (N,) values by driver, or coordinate of a joint [rad or m]; one number stands
+            still. All other drivers stand where the guess has them.
+        times: (N,) rising [s]. Without them the motion has no time: its rates are those per
+            sample, and its forces statics.
+        rates: (N,) speeds by driver at the samples [rad/s or m/s]; they need times.
+        guess: where to assemble, as for `assemble`.
+        hold: names of what stands still besides, as for `sweep`.
+        on_limit: "raise", or "stop" to end the motion before what cannot be reached, with an
+            event.
+        on_crossing: "raise", or "stop" to end the motion so where branches cross.
+        accuracy: predictor order, corrections and tolerance; default "engineering".
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The Motion, one row per sample. It has no `driver`; its events have times as values, or
+        numbers of samples, 0 the first, counted with fractions.
+
+    Raises:
+        AssemblyError: the first values cannot be assembled.
+        LimitError: later ones cannot be reached; has the time, or number, up to which the drivers
+            can go, and the motion so far.
+        SingularError: the branch is not determined at a configuration, or crosses another one.
+        UnknownNameError: a name does not exist.
+        ValueError: tables are not finite, or of different lengths, or times do not rise.
+    """
+    accuracy = accuracy_of(accuracy)
+    needed(mechanism)
+    check_choice("on_limit", on_limit, ("raise", "stop"))
+    check_choice("on_crossing", on_crossing, ("raise", "stop"))
+    names, table = _table(mechanism, values)
+    if len(names) == 1 and times is None and rates is None:
+        return sweep(mechanism, names[0], table[:, 0], guess=guess, hold=hold, on_limit=on_limit,
+                     on_crossing=on_crossing, accuracy=accuracy, progress=progress)
+    s = np.arange(len(table), dtype=float) if times is None else _times(times, len(table))
+    law = _law(mechanism, names, s, table, rates, times is None)
+    held = () if hold is None else tuple(names_of(hold, "hold"))
+    coordinates = [mechanism.prescribed_coordinate(name) for name in names]
+    check_not_held(mechanism, coordinates, held)
+    tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
+    first = dict(zip(names, table[0].tolist(), strict=True))
+    state = assembled(mechanism, first, guess, accuracy=tight)
+    mechanism, n, stop = state.mechanism, len(s), None
+    with (progress_bar(n, f"{mechanism.name}: {', '.join(names)}", progress) as bar,
+          evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
+        start = Start.along(state, names, hold, accuracy, kernel, evaluation)
+        trip = _Trip(start, law, s)
+        while trip.done < n and stop is None:
+            stop = trip.go_on()
+            bar.update(trip.done - bar.n)
+    motion = _motion(mechanism, trip.samples, trip.done, None if times is None else s)
+    motion.held = held
+    motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
+    if stop is not None:
+        motion.events.append(_event(stop, trip.done, times is None))
+        ends = on_limit if stop.kind == "limit" else on_crossing
+        if ends != "stop" or stop.kind == "lost":
+            raise _error(motion, stop, list(values), times is None)
+    return motion
+
+
+class _Trip:
+    """The way of several drivers along their law, sample by sample.
+
+    Attributes:
+        samples: of which `done` are done.
+    """
+
+    def __init__(self, start: Start, law: Any, s: Array) -> None:
+        self.start, self.law, self.s, self.done = start, law, s, 0
+        self.samples = start.samples(len(s))
+        here = start.first_path()
+        if here is None:  # it says why
+            start.checked_system(start.state)
+            raise SingularError(f"mechanism {start.mechanism.name!r}: singular configuration at "
+                                f"the start, {start.state}", state=start.state)
+        self._take(here, float(s[0]), start.state.q, start.state.angles)
+
+    def _take(self, path: Path, s: float, q: Array, angles: Array) -> None:
+        """Go on along a path that stands at a configuration, with the parameter there."""
+        n, others = self.law.c.shape[-1], self.start.driven[self.law.c.shape[-1] :]
+        pieces = np.zeros((len(self.law.x) - 1, path.n_driven, len(self.law.c)))
+        pieces[:, :n] = np.moveaxis(self.law.c[::-1], 0, 2)
+        pieces[:, n : n + len(others), 0] = [
+            coordinate_value(self.start.mechanism, c, self.start.state.q) for c in others]
+        path.prescribe(s, self.law.x, pieces)
+        self._path: Path | None = path if path.start(q, angles) else None
+        self._at = s, q, angles
+
+    def go_on(self) -> Arrival | None:
+        """Go on by some samples; return why that ends, if it does."""
+        path, last = self._path, min(self.done + CHUNK, len(self.s))
+        if path is not None:
+            self.done += path.follow(self.s[self.done : last],
+                                     self.samples.between(self.done, last))
+            if self.done == last:
+                return None
+            here = path.here
+            self._at = here.s, here.q, here.angles
+        return self._pass_on()
+
+    def _pass_on(self) -> Arrival | None:
+        """Go on by arc length from where the kernel's path stands; return where that ends."""
+        s, q, angles = self._at
+        if any(c.q < 0 for c in self.start.driven):  # which no curve leads by
+            return Arrival("lost", q, s)
+        try:
+            system: SquareSystem = self.start.system(q, angles)
+        except SingularError:
+            return Arrival("singular", q, s)
+        size = float(np.linalg.norm(system.driver_rates() @ np.append(
+            self.law.derivative()(s), np.zeros(len(system.driven) - self.law.c.shape[-1])) /
+            system.scale))
+        full = _Standing(self.law, [c.q for c in self.start.driven], self.start.state.q)
+        arrival = DrivenCurve(system, full, 1.0 / max(size, TOLERANCES.nothing)).towards(
+            q, s, float(self.s[self.done]))
+        if arrival.kind != "reached":
+            return arrival
+        angles = system.evaluation.angles.copy()
+        path = self.start.path(arrival.q, angles)
+        if path is None:
+            return Arrival("singular", arrival.q, arrival.value)
+        self._take(path, arrival.value, arrival.q, angles)
+        return None if self._path is not None else Arrival("singular", arrival.q, arrival.value)
+
+
+class _Standing:
+    """A law of some coordinates, with others that stand at their values behind them."""
+
+    def __init__(self, law: Any, places: list[int], q: Array) -> None:
+        self._law, self._rest = law, q[places[law.c.shape[-1] :]]
+
+    def __call__(self, s: float) -> Array:
+        return np.append(self._law(s), self._rest)
+
+    def derivative(self) -> _Standing:
+        """Return the law of the rates."""
+        rates = object.__new__(_Standing)
+        rates._law, rates._rest = self._law.derivative(), 0.0 * self._rest
+        return rates
+
+
+def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], Array]:
+    """Return names of coordinates and their values (N, k)."""
+    columns: dict[str, Array] = {}
+    for name, given in mapping(values, "values").items():
+        coordinate = mechanism.prescribed_coordinate(name).name
+        if coordinate in columns:
+            raise ValueError(f"{coordinate!r} is given two tables")
+        columns[coordinate] = as_array(given, f"values of {name!r}")
+    if not columns:
+        raise ValueError("values is empty: give a table for every driver that moves")
+    lengths = {len(c) for c in columns.values() if c.ndim}
+    if len(lengths) > 1:
+        said = ", ".join(f"{name!r} {len(c)}" for name, c in columns.items() if c.ndim)
+        raise ValueError(f"tables differ in length: {said}; every driver needs as many values")
+    n = lengths.pop() if lengths else 1
+    full = [_column(c, n, f"values of {name!r}")
+            for name, c in zip(values, columns.values(), strict=True)]
+    return list(columns), np.column_stack(full)
+
+
+def _times(times: Any, n: int) -> Array:
+    found = finite_array(times, (n,), "times")
+    if np.any(np.diff(found) <= 0.0):
+        raise ValueError("times must rise from sample to sample")
+    return found
+
+
+def _law(
+    mechanism: Mechanism, names: list[str], s: Array, table: Array,
+    rates: Mapping[str, Any] | None, is_timeless: bool,
+) -> Any:
+    """Return the piecewise polynomial of the parameter that drivers go by."""
+    from scipy.interpolate import BPoly, CubicSpline, PPoly  # on use: they take a tenth of a second
+
+    if len(s) == 1:
+        s, table = np.append(s, s[0] + 1.0), np.repeat(table, 2, axis=0)
+    if rates is None:
+        spline = CubicSpline(s, table)
+        return PPoly(spline.c, spline.x)
+    if is_timeless:
+        raise ValueError("rates are given but no times: give both")
+    given = {mechanism.prescribed_coordinate(name).name: x
+             for name, x in mapping(rates, "rates").items()}
+    if set(given) != set(names):
+        raise ValueError(f"rates are given of {', '.join(map(repr, given)) or 'nothing'}; they "
+                         f"are wanted of {', '.join(map(repr, names))}")
+    slopes = np.column_stack([_column(given[name], len(s), f"rates of {name!r}")
+                              for name in names])
+    bends = CubicSpline(s, slopes)(s, 1)
+    return PPoly.from_bernstein_basis(BPoly.from_derivatives(
+        s, np.stack([table, slopes, bends], axis=1)))
+
+
+def _column(given: Any, n: int, what: str) -> Array:
+    numbers = as_array(given, what)
+    return finite_array(np.full(n, numbers) if numbers.ndim == 0 else numbers, (n,), what)
+
+
+def _motion(mechanism: Mechanism, samples: Samples, n: int, times: Array | None) -> Motion:
+    v, a = samples.t[:n], samples.c[:n]
+    check_finite(v, a, "the speeds and accelerations of the motion")
+    return Motion(
+        mechanism=mechanism, driver=None, driver_name="",
+        time=None if times is None else times[:n].copy(), q=samples.q[:n], v=v, a=a,
+        closure_error=samples.error[:n], driver_speed=np.ones(n), angles=samples.angles[:n],
+        per="sample" if times is None else "s")
+
+
+def _where(value: float, is_timeless: bool) -> str:
+    return f"sample {value:.12g}" if is_timeless else f"{value:.12g} s"
+
+
+def _event(stop: Arrival, row: int, is_timeless: bool) -> Event:
+    words = {"limit": "limit of what the drivers can do together", "singular":
+             "singular configuration", "branch point": "branch point", "lost":
+             "end of the followed path"}
+    return Event(stop.kind, stop.value, row,
+                 f"{words[stop.kind]} at {_where(stop.value, is_timeless)}")
+
+
+def _error(
+    motion: Motion, stop: Arrival, names: list[str], is_timeless: bool
+) -> SpatialPinError:
+    at, drivers = _where(stop.value, is_timeless), ", ".join(names)
+    where = f"mechanism {motion.mechanism.name!r}: {drivers} cannot go on beyond {at}: "
+    if stop.kind == "limit":
+        return LimitError(f"{where}the loops let them go no further that way (limit position)",
+                          limit=stop.value, motion=motion)
+    if stop.kind == "lost":
+        return SingularError(f"{where}the branch was lost there; ask for values nearer to each "
+                             "other", motion=motion)
+    what = "branches cross" if stop.kind == "branch point" else "the configuration is singular"
+    return SingularError(f"{where}{what} there, and drivers do not determine the motion; go round "
+                         "it", motion=motion)

@@ -1,0 +1,187 @@
+"""Several drivers go along tables of values on one branch, with the guarantees of a sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import spatial_pin as sp
+
+TIMES = np.linspace(0.0, 2.0, 41)
+
+
+def legs(mechanism, state, times=TIMES, size=0.02):
+    """Return lengths of all legs over time, those of the state first."""
+    phases = np.linspace(0.0, 5.0, len(mechanism.drivers))
+    return {name: state.coordinate(name).value + size * (np.sin(2.0 * times + x) - np.sin(x))
+            for name, x in zip(mechanism.drivers, phases, strict=True)}
+
+
+@pytest.mark.parametrize("name", ["stewart", "delta"])
+def test_every_sample_is_what_its_drivers_assemble_to(name):
+    mechanism = sp.load(name)
+    state = sp.assemble(mechanism)
+    values = legs(mechanism, state)
+    motion = sp.follow(mechanism, values, TIMES)
+    assert motion.closure_error.max() < 1e-13
+    assert np.array_equal(motion.time, TIMES) and motion.driver is None
+    for k in (0, 13, 40):
+        alone = sp.assemble(mechanism, {d: v[k] for d, v in values.items()}, motion.state(k))
+        turned = np.minimum(np.abs(alone.q - motion.q[k]), np.abs(alone.q + motion.q[k]))
+        assert turned.max() < 1e-12
+
+
+def test_rates_are_those_of_the_spline_through_the_values():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    values = legs(mechanism, state)
+    motion = sp.follow(mechanism, values, TIMES)
+    splines = {name: CubicSpline(TIMES, v) for name, v in values.items()}
+    for k in (3, 17, 30):
+        there = sp.solve_rates(mechanism, motion.state(k),
+                               {d: float(s(TIMES[k], 1)) for d, s in splines.items()},
+                               {d: float(s(TIMES[k], 2)) for d, s in splines.items()})
+        assert motion.v[k] == pytest.approx(there.v, abs=1e-11)
+        assert motion.a[k] == pytest.approx(there.a, abs=1e-9)
+
+
+def test_given_rates_are_kept_at_the_samples():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    values = legs(mechanism, state)
+    phases = np.linspace(0.0, 5.0, 6)
+    rates = {name: 0.04 * np.cos(2.0 * TIMES + x)
+             for name, x in zip(mechanism.drivers, phases, strict=True)}
+    motion = sp.follow(mechanism, values, TIMES, rates=rates)
+    for name, wanted in rates.items():
+        assert motion.coordinate(name).rate == pytest.approx(wanted, abs=1e-12)
+        bends = CubicSpline(TIMES, wanted)(TIMES, 1)
+        assert motion.coordinate(name).acceleration == pytest.approx(bends, abs=1e-10)
+
+
+def test_one_driver_is_a_sweep():
+    mechanism = sp.load("four_bar")
+    values = np.linspace(0.0, 3.0, 25)
+    one = sp.follow(mechanism, {"crank": values})
+    sweep = sp.sweep(mechanism, "crank", values)
+    assert np.array_equal(one.q, sweep.q) and np.array_equal(one.v, sweep.v)
+    timed = sp.follow(mechanism, {"crank": values}, values / 2.0)  # at a constant speed
+    fast = sp.sweep(mechanism, "crank", values, speed=2.0)
+    assert timed.q == pytest.approx(fast.q, abs=1e-13)
+    assert timed.v == pytest.approx(fast.v, abs=1e-11)
+    assert timed.a == pytest.approx(fast.a, abs=1e-9)
+
+
+def test_without_times_rates_are_those_per_sample():
+    mechanism = sp.load("stewart")
+    values = legs(mechanism, sp.assemble(mechanism))
+    timeless = sp.follow(mechanism, values)
+    timed = sp.follow(mechanism, values, np.arange(len(TIMES)))
+    assert timeless.time is None and timeless.per == "sample"
+    assert timeless.v == pytest.approx(timed.v, abs=1e-13)
+    assert "rad/sample" in " ".join(timeless.columns())
+
+
+def test_drivers_that_are_not_named_stand_where_they_are():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    values = legs(mechanism, state)
+    some = {name: values[name] for name in list(values)[:2]}
+    motion = sp.follow(mechanism, some, TIMES)
+    for name in list(values)[2:]:
+        assert np.ptp(motion.coordinate(name).value) == 0.0
+    single = sp.follow(mechanism, {**some, "leg_3": values["leg_3"][0]}, TIMES)
+    assert np.abs(single.q - motion.q).max() < 1e-13
+
+
+def test_the_limit_of_several_drivers_is_that_of_a_sweep():
+    """One leg grows by a table with times, five stand: the sweep of that leg has the same end."""
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    home = {name: state.coordinate(name).value for name in mechanism.drivers}
+    values = {**home, "leg_1": home["leg_1"] + np.linspace(0.0, 0.3, 100)}
+    with pytest.raises(sp.LimitError, match=r"leg_1.*cannot go on beyond 0\.44") as caught:
+        sp.follow(mechanism, values, np.linspace(0.0, 1.0, 100))
+    sweep = sp.sweep(mechanism, "leg_1", values["leg_1"], on_limit="stop")
+    limit = next(e.value for e in sweep.events if e.kind == "limit")
+    assert home["leg_1"] + 0.3 * caught.value.limit == pytest.approx(limit, abs=1e-9)
+    assert len(caught.value.motion) == len(sweep)
+    stopped = sp.follow(mechanism, values, np.linspace(0.0, 1.0, 100), on_limit="stop")
+    assert stopped.events[-1].kind == "limit"
+    assert stopped.events[-1].value == caught.value.limit
+    assert stopped.events[-1].row == len(stopped)
+
+
+def test_a_joint_limit_that_is_passed_is_an_event_with_its_time():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    home = {name: state.coordinate(name).value for name in mechanism.drivers}
+    rise = {name: value + np.linspace(0.0, 0.1, 51) for name, value in home.items()}
+    motion = sp.follow(mechanism, rise, np.linspace(0.0, 1.0, 51))
+    events = [e for e in motion.events if e.kind == "joint limit"]
+    upper = mechanism.model.upperPositionLimit[mechanism.coordinate("leg_1").q]
+    assert len(events) == 6
+    for event in events:
+        assert event.value == pytest.approx((upper - home["leg_1"]) / 0.1, abs=1e-9)
+
+
+def test_a_branch_point_ends_the_motion_with_what_it_is():
+    mechanism = sp.load("sarrus")
+    arm = np.linspace(1.0, 2.0, 21)
+    with pytest.raises(sp.SingularError) as caught:
+        sp.follow(mechanism, {"arm": arm}, arm)
+    assert caught.value.motion.time[-1] < np.pi / 2
+    stopped = sp.follow(mechanism, {"arm": arm}, arm, on_crossing="stop")
+    assert stopped.events[-1].value == pytest.approx(np.pi / 2, abs=1e-3)
+
+
+def test_a_single_sample_is_the_assembled_state():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    home = {name: [state.coordinate(name).value] for name in mechanism.drivers}
+    motion = sp.follow(mechanism, home, [3.0])
+    assert motion.q == pytest.approx(state.q[None], abs=1e-13)
+    assert not motion.v.any() and motion.time[0] == 3.0
+
+
+def test_drivers_may_stand_for_a_while():
+    mechanism = sp.load("delta")
+    state = sp.assemble(mechanism)
+    moves = np.concatenate([np.linspace(0.0, 0.2, 10), np.full(10, 0.2), np.linspace(0.2, 0, 10)])
+    values = {d: state.coordinate(d).value + moves for d in mechanism.drivers}
+    motion = sp.follow(mechanism, values, np.linspace(0.0, 3.0, 30))
+    assert np.abs(motion.q[-1] - motion.q[0]).max() < 1e-12
+    assert np.abs(motion.q[10:20] - motion.q[10]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("values", "times", "more", "error", "words"), [
+    ({}, None, {}, ValueError, "values is empty"),
+    ({"nobody": [0.0, 1.0]}, None, {}, sp.UnknownNameError, "nobody"),
+    ({"leg_1": [0.0, 1.0], "leg_2": [0.0]}, None, {}, ValueError, "differ in length"),
+    ({"leg_1": [0.4, 0.4], "slide_1": [0.4, 0.4]}, None, {}, ValueError, "two tables"),
+    ({"leg_1": [0.4, np.nan], "leg_2": 0.4}, None, {}, ValueError, "leg_1"),
+    ({"leg_1": [0.4, 0.4]}, [1.0, 1.0], {}, ValueError, "must rise"),
+    ({"leg_1": [0.4, 0.4]}, [1.0], {}, ValueError, "times"),
+    ({"leg_1": [0.4, 0.4]}, None, {"rates": {"leg_1": 0.0}}, ValueError, "no times"),
+    ({"leg_1": [0.4, 0.4]}, [0.0, 1.0], {"rates": {"leg_2": 0.0}}, ValueError, "wanted of"),
+    ({"leg_1": [0.4, 0.4]}, [0.0, 1.0], {"on_limit": "go"}, ValueError, "on_limit"),
+])
+def test_bad_tables_are_refused_in_words(values, times, more, error, words):
+    with pytest.raises(error, match=words):
+        sp.follow(sp.load("stewart"), values, times, **more)
+
+
+def test_a_motion_of_several_drivers_can_be_written_shown_and_loaded(tmp_path):
+    mechanism = sp.load("delta")
+    values = legs(mechanism, sp.assemble(mechanism))
+    for times in (TIMES, None):
+        motion = sp.follow(mechanism, values, times)
+        motion.to_csv(tmp_path / "m.csv")
+        again = sp.Motion.load(motion.save(tmp_path / "m.npz"), mechanism)
+        assert np.array_equal(again.q, motion.q) and again.per == motion.per
+        assert str(motion)
+        sp.plot(motion, ["platform.position"], tmp_path / "m.png")
+        sp.export_html(motion, tmp_path / "m.html")
+        assert sp.kinetostatics(mechanism, motion).efforts
+        assert len(sp.clearance(motion, [("arm_1", "arm_2")]).least.distances) == len(TIMES)
