@@ -13,6 +13,8 @@ from test_closures import JOINTS, KEYS, TYPES
 import spatial_pin as sp
 from spatial_pin.dimensions import homotopy
 from spatial_pin.dimensions import tolerance as module
+from spatial_pin.dimensions.drive import Drive
+from spatial_pin.dimensions.samples import Samples
 
 SAMPLES, COMPARED = 240, 5
 CRANK = {"crank": 0.8}
@@ -389,3 +391,26 @@ def test_a_mechanism_without_dimensions_has_no_tolerances(tmp_path):
     mechanism = sp.load(tmp_path / "arm.urdf")
     with pytest.raises(sp.SpatialPinError, match="no dimension 'a'"):
         sp.tolerance(mechanism, "crank", {"a": 1e-3}, samples=100)
+
+
+# ---------------------------------------------------------------- what the kernel is given
+
+
+def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path):
+    """Neither ends the process, and the next sample is closed as ever."""
+    mechanism = sp.load(rssr(tmp_path))
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, CRANK), {"crank": 2.0})
+    samples = Samples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
+    near = samples.near(state, Drive.of(state))
+    made = samples.made_of(np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]]))
+    good, values = near.solve(made)
+    assert good.tolist() == [True, False, False, False, False, True, True]
+    again = near.solve(samples.made_of(np.array([[0.382]])))[1]
+    for value, alone_ in zip(values, again, strict=True):
+        np.testing.assert_array_equal(value[5], alone_[0])
+    for numbers in (made.numbers._replace(places=made.numbers.places + 10**6),
+                    made.numbers._replace(places=made.numbers.places - 10**6)):
+        with pytest.raises(sp.SpatialPinError, match="arrays that do not fit together"):
+            near.solve(made._replace(numbers=numbers))
+    with pytest.raises(ValueError, match="shape"):
+        near.solve(made._replace(numbers=made.numbers._replace(base=np.zeros(3))))
