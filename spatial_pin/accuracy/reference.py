@@ -26,7 +26,6 @@ JUDGED = 721  # samples of a sweep that are judged at most: half a degree apart 
 # Distance of a sample's own solution from the reference that is another branch, where passive
 # freedoms lie between: branches are a tenth of a radian apart and more, but where they meet.
 OTHER_BRANCH = 0.05
-FINEST = 32  # steps to a sample at most, for idle rotation: of fourth order, errors fall by 1e6
 
 
 class Errors(NamedTuple):
@@ -91,23 +90,21 @@ class SweepReference:
         if skipped:
             parts.append(f"{skipped} rows at singular configurations not judged")
         if self.extended.n_spins:
-            parts.append(f"passive spin by ever smaller steps, to {self.spin_error:.1e} rad")
+            parts.append(f"passive spin by half the steps, to {self.spin_error:.1e} rad")
         return "; ".join(parts)
 
     def _fine(self, task: SweepTask) -> tuple[Motion, float]:
         """Return the task's rows at the tightest setting, and how good their passive spins are.
 
-        Loops are refined later; spins depend on the way, which is taken in ever smaller steps.
+        Loops are refined later; spins depend on the way, which is taken again in half the steps.
         """
         tight = Accuracy()  # a tolerance of round-off would forget spins where it is not reached
-        motion, many, change = task.run(tight), 1, np.inf
+        motion = task.run(tight)
         if not self.extended.n_spins or self.n < 2:
             return motion, 0.0
-        while change > TOLERANCES.closed and many < FINEST:
-            many *= 2
-            before, motion = motion, _thinned(task.finer(many).run(tight), many)
-            change = float(np.abs(self._steps(before.q, motion.q)).max())
-        return motion, max(change, TOLERANCES.closed)  # rows together do not depend on the step
+        finer = _every_other(task.finer().run(tight))
+        change = float(np.abs(self._steps(motion.q, finer.q)).max())
+        return finer, max(change, TOLERANCES.closed)
 
     def _steps(self, first: Array, second: Array) -> Array:
         """Return the scaled steps (N, nv) between rows."""
@@ -153,12 +150,11 @@ def _angles(motion: Motion) -> Array:
     return motion.angles if motion.angles.size else np.zeros((len(motion), 0))
 
 
-def _thinned(motion: Motion, many: int) -> Motion:
-    """Return every `many`-th row."""
-    angles = motion.angles[::many] if motion.angles.size else motion.angles
-    return Motion(motion.mechanism, motion.swept[::many], motion.driver_name, None,
-                  motion.q[::many], motion.v[::many], motion.a[::many],
-                  motion.closure_error[::many], motion.driver_speed[::many], [], angles)
+def _every_other(motion: Motion) -> Motion:
+    angles = motion.angles[::2] if motion.angles.size else motion.angles
+    return Motion(motion.mechanism, motion.swept[::2], motion.driver_name, None, motion.q[::2],
+                  motion.v[::2], motion.a[::2], motion.closure_error[::2],
+                  motion.driver_speed[::2], [], angles)
 
 
 def _checked(motion: Motion, n: int) -> tuple[Array, Array, Array, Array]:

@@ -58,10 +58,10 @@ class SweepTask:
         given = self.arguments.get(name, self.RATES[name])
         return np.array(np.broadcast_to(given, len(self.arguments["values"])), dtype=float)
 
-    def finer(self, many: int) -> SweepTask:
-        """Return the same with `many` equal steps from every value to the next."""
+    def finer(self) -> SweepTask:
+        """Return the same with a value in the middle of every two."""
         rows = np.arange(len(self.arguments["values"]))
-        at = np.arange(many * rows[-1] + 1) / many
+        at = np.arange(2 * rows[-1] + 1) / 2
         columns = {"values": self.arguments["values"],
                    **{name: self.row_rates(name) for name in self.RATES}}
         return replace(self, arguments={

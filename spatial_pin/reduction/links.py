@@ -41,6 +41,10 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # distance is as well conditioned as the sine, and a quarter loses no digit.
 FLAT_ANGLE = 0.25
 
+# Random configurations of the open tree at which derivatives are looked at: one that vanishes by
+# chance at one of them does not at four.
+OPEN_CONFIGURATIONS = 4
+
 
 class Pin(NamedTuple):
     """One pair of a link.
@@ -138,6 +142,21 @@ class Surroundings:
         """Whether two points of two bodies always coincide."""
         return all(np.abs(place[first].act(point1) - place[second].act(point2)).max()
                    <= TOLERANCES.tight * self.length for place in self._placements)
+
+
+def open_configurations(
+    mechanism: Mechanism, q: Array, free: Array | float = 1.0
+) -> list[Array]:
+    """Return random configurations about q, with all loops open.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) configuration.
+        free: (nv,) 1 for what moves, else 0.
+    """
+    model, scale, rng = mechanism.model, mechanism.velocity_scale, np.random.default_rng(13)
+    return [pin.integrate(model, q, rng.uniform(-2.0, 2.0, model.nv) * scale * free)
+            for _ in range(OPEN_CONFIGURATIONS)]
 
 
 class Bodies:

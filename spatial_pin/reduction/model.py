@@ -18,12 +18,17 @@ from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.influence import Asked, Influence, Kept
 from spatial_pin.reduction.legs import leg_of
-from spatial_pin.reduction.links import Bodies, Pin, Place, Relation, Surroundings, reach, relation
+from spatial_pin.reduction.links import (
+    Bodies,
+    Pin,
+    Place,
+    Relation,
+    Surroundings,
+    open_configurations,
+    reach,
+    relation,
+)
 from spatial_pin.reduction.tree import Tree
-
-# Random configurations of the open tree at which derivatives are looked at: one that vanishes by
-# chance at one of them does not at four.
-OPEN_CONFIGURATIONS = 4
 
 Omitted = tuple[str, str, str]
 
@@ -55,22 +60,15 @@ class Model:
         self.turns: dict[str, Array] = {}  # of closures' axes
         self.equations: dict[str, tuple[int, ...]] = {}  # that are needed, where not all are
         self.notes: list[Omitted] = []
-        self.around = Surroundings(mechanism, list(self._open()))
+        free = np.zeros(mechanism.model.nv)
+        for i in self.moving:
+            free[influence.columns[i]] = 1.0
+        self.around = Surroundings(mechanism, open_configurations(mechanism, q, free))
 
     def _is_locked(self, closure: Closure) -> bool:
         return closure.type == COUPLING and not {
             self.full.joint_id(self.full.coordinate(n).joint) for n in closure.joints
         } & self.moving
-
-    def _open(self) -> Iterator[Array]:
-        """Yield random configurations of what moves, loops open."""
-        model, scale = self.full.model, self.full.velocity_scale
-        free = np.zeros(model.nv)
-        for i in self.moving:
-            free[self.influence.columns[i]] = 1.0
-        rng = np.random.default_rng(11)
-        for _ in range(OPEN_CONFIGURATIONS):
-            yield pin.integrate(model, self.q, rng.uniform(-2.0, 2.0, model.nv) * scale * free)
 
     # ------------------------------------------------------------ links of two pairs
 
@@ -357,20 +355,12 @@ def _slopes(made: Mechanism) -> dict[str, Array]:
     """Return the derivatives of the equations of every closure, side by side at some places."""
     with evaluation_of(made) as evaluation:
         jacobians = []
-        for q in _random(made):
+        for q in open_configurations(made, made.neutral):
             evaluation.update(q)
             jacobians.append(evaluation.jacobian[: evaluation.constraints.n_rows].copy())
         labels = evaluation.constraints.labels
     stacked = np.hstack(jacobians)
     return {c.name: stacked[[label.closure == c.name for label in labels]] for c in made.closures}
-
-
-def _random(mechanism: Mechanism) -> Iterator[Array]:
-    """Yield random configurations with all loops open."""
-    model, scale = mechanism.model, mechanism.velocity_scale
-    rng = np.random.default_rng(13)
-    for _ in range(OPEN_CONFIGURATIONS):
-        yield pin.integrate(model, mechanism.neutral, rng.uniform(-2.0, 2.0, model.nv) * scale)
 
 
 def _turn(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:
