@@ -22,7 +22,7 @@
 #define ROUNDING (128.0 * EPS) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * EPS)     /* of a place, by its distance: some joints, each rounded once */
 /* Unknowns up to which a full matrix is factored faster than a sparse one is put in order. */
-#define FEW 64
+#define FEW_UNKNOWNS 64
 /* Smallest over largest pivot above which equations that are independent in each closure by itself
    surely are so together: the pivot of one that is off the others by d is of the order of d². */
 #define SURE TOLERANCE_HALF_PRECISION
@@ -62,7 +62,8 @@ static Int most_in_a_group(const Kkt *s)
 static int make_room(Kkt *s)
 {
     Kernel *k = s->k;
-    const Int nv = k->nv, nc = k->n_closure, n = nv + (nc < nv ? nc : nv), few = n < FEW ? n : FEW;
+    const Int nv = k->nv, nc = k->n_closure, n = nv + (nc < nv ? nc : nv);
+    const Int few = n < FEW_UNKNOWNS ? n : FEW_UNKNOWNS;
     const Int most = most_in_a_group(s), room = s->n_mass + 2 * k->entry_start[nc];
     struct {
         void **to;
@@ -314,7 +315,7 @@ static int factor(Kkt *s, const Real *mass)
     s->pivot = 1.0;
     if (!s->n)
         return DONE;
-    if (s->n > FEW)
+    if (s->n > FEW_UNKNOWNS)
         return factor_sparse(s);
     factor_full(s);
     return DONE;
@@ -348,7 +349,7 @@ static int choose_and_factor(Kkt *s, const Real *mass)
 
 static void solve_factored(Kkt *s, Real *x)
 {
-    if (s->n > FEW)
+    if (s->n > FEW_UNKNOWNS)
         lu_solve(s->lu, x, x);
     else
         dense_lu_solve(s->n, s->matrix, s->order, 0, 1, x);
@@ -362,10 +363,10 @@ static void solve_scaled(Kkt *s, Real *x)
         memset(x, 0, (size_t)s->n * sizeof(Real));
         return;
     }
-    if (s->n > FEW)
+    if (s->n > FEW_UNKNOWNS)
         memcpy(s->left, x, (size_t)s->n * sizeof(Real));
     solve_factored(s, x);
-    if (s->n <= FEW)
+    if (s->n <= FEW_UNKNOWNS)
         return;
     for (Int e = 0; e < s->n_entries; e++)
         s->left[s->row[e]] -= s->value[e] * x[s->column[e]];
@@ -421,7 +422,7 @@ static Real estimated_error(Kkt *s)
         most = fmax(most, fabs(s->x[v]));
     }
     told = fmax(told, entry_error(s));
-    if (s->n <= FEW) {
+    if (s->n <= FEW_UNKNOWNS) {
         const Real condition =
             s->norm * dense_inverse_norm(s->n, s->matrix, s->order, s->scratch);
         told = fmax(told, (Real)s->n * EPS * fmin(condition, 1.0 / EPS));

@@ -17,23 +17,39 @@
 #include "least_motion.h"
 #include "pins.h"
 
-#define NEAR 1e-2      /* residual from which products lead where the logarithms do */
-#define DAMPING 1e-2   /* times the residual, at first */
-#define SOFTER 0.1     /* damping after a good step ... */
-#define SOFTEST 1e-12
-#define HARDER 8.0     /* ... and after a bad one */
-#define HARDEST 1e-6   /* at least, after a bad one */
-#define TRIALS 12      /* of a damping, of which the last is 8^12 times the first */
-#define STALLED 10     /* steps after which ... */
-#define LEFT 0.9       /* ... more than that part of a residual will not vanish */
-#define PATIENT 20     /* the same steps where anything may be the start */
-#define WORTHWHILE 0.9999 /* part of a residual that a step leaves, at most, to be followed by one */
-#define MAX_STEP 0.5   /* rad, or characteristic lengths, in one step */
-#define POLISHED 30    /* undamped steps at most: near a dead centre each leaves a quarter */
+/* Residual from which products lead where the logarithms do: of angles of a hundredth radian
+   they differ by their third power, 1e-6 */
+#define PRODUCTS_LEAD 1e-2
+/* Relative to the residual, at first: singular values above a tenth of its root are little damped */
+#define DAMPING 1e-2
+/* Damping after a good step: it falls faster than residuals do, so that Newton's method is what
+   is left */
+#define SOFTER 0.1
+/* Less changes no singular value above its root, 1e-6 */
+#define SOFTEST TOLERANCE_TIGHT
+/* Damping after a bad step: a few of these undo one good step */
+#define HARDER 8.0
+/* At least, after a bad one: less shortens no step where singular values are above a thousandth */
+#define LEAST_HARDER TOLERANCE_HALF_PRECISION
+/* Trials of a damping, of which the last is 8^12 = 7e10 times the first: from 1e-12 to 0.07 */
+#define DAMPINGS 12
+/* Steps after which more than STALLED_LEFT of a residual will not vanish: damping has come and
+   gone by then */
+#define STALLED 10
+/* Part of a residual: 60 steps that leave as much each ten take off less than half */
+#define STALLED_LEFT 0.9
+/* The same steps where anything may be the start, and valleys are long */
+#define PATIENT 20
+/* Part of a residual that a step leaves, at most, to be followed by one: less progress is that
+   of a local minimum */
+#define WORTHWHILE 0.9999
+/* Undamped steps at most: near a dead centre each leaves a quarter, which comes from 1e-2 to
+   1e-20 */
+#define POLISHED 30
 #define SQUARED (1e2 * DBL_EPSILON) /* of J Jᵀ by its size: redundant equations leave it singular */
 /* Equations up to which steps are worked out without squares, whole: 0.5 ms each. Squares are
    sparse, and for many loops the only way. */
-#define FEW 100
+#define FEW_EQUATIONS 100
 
 struct Closer {
     Kernel *k;
@@ -184,8 +200,8 @@ static void accept(Closer *c)
 /* Take the longest step, of some, that makes the residual shorter. Whether a next one is worth it. */
 static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
 {
-    for (int trial = 0; trial < TRIALS; trial++) {
-        if (try_step(c, *damping * *error, MAX_STEP)) {
+    for (int trial = 0; trial < DAMPINGS; trial++) {
+        if (try_step(c, *damping * *error, TOLERANCE_DAMPED_STEP)) {
             const Real there = residual_at(c, c->trial, d->far);
             if (there < *error) {
                 const int worthwhile = there < WORTHWHILE * *error;
@@ -197,7 +213,7 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
                 return worthwhile;
             }
         }
-        *damping = *damping * HARDER > HARDEST ? *damping * HARDER : HARDEST;
+        *damping = *damping * HARDER > LEAST_HARDER ? *damping * HARDER : LEAST_HARDER;
     }
     return 0;
 }
@@ -208,7 +224,7 @@ static Real descend(Closer *c, const Descent *d)
     Real damping = DAMPING, error = residual_at(c, c->q, d->far), marked = INFINITY;
     for (Int i = 0; i < d->iterations && error > d->tolerance; i++) {
         if (i % d->stalled == 0) {
-            if (error > LEFT * marked)
+            if (error > STALLED_LEFT * marked)
                 break;
             marked = error;
         }
@@ -243,7 +259,7 @@ static Real polish(Closer *c)
 
 static Real close_one(Closer *c, Real tolerance, Int iterations)
 {
-    Descent d = {NEAR, iterations, 1, 0, STALLED};
+    Descent d = {PRODUCTS_LEAD, iterations, 1, 0, STALLED};
     pins_put(c->pin, c->n_pins, c->wanted, c->q);
     residual_at(c, c->q, 0);
     if (rotations_are_far(c->k, &c->rotations))
@@ -296,7 +312,7 @@ static int make_room(Closer *c)
     c->step = kernel_memory(k, k->nv, sizeof(Real));
     if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step)
         return NO_MEMORY;
-    if (c->n > FEW)
+    if (c->n > FEW_EQUATIONS)
         return DONE;
     c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
     c->few = kernel_memory(k, k->nv, sizeof(Real));
@@ -345,7 +361,7 @@ EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *free, const Real 
     c->free = free;
     c->wanted = pinned;
     c->cut = cut;
-    c->squares = c->n > FEW;
+    c->squares = c->n > FEW_EQUATIONS;
     memcpy(c->k->turns, turns, (size_t)c->k->n_angles * sizeof(Real));
     for (Int i = 0; i < m; i++) {
         memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));

@@ -12,10 +12,16 @@
  * has no bound. */
 #include "far_rotations.h"
 
-#define FAR 0.1        /* rad; the products of smaller angles differ from them in the third digit */
-#define OPPOSITE 1e-8  /* sine of the angle of opposite axes, between which no turn is shortest */
-#define SAME_WAY 0.5    /* cosine of axes, which is 1 or not above 0 where loops are closed */
-#define NEARLY_HALF 1e-2 /* rad short of half a turn, from where the axis is told by the squares */
+/* rad; the products of smaller angles differ from them in the third digit, and lead as well */
+#define FAR_ANGLE 0.1
+/* Sine of the angle of opposite axes, between which no turn is shortest: the root of round-off,
+   as the cosine tells no smaller one */
+#define OPPOSITE 1e-8
+/* Cosine of axes, which is 1 or not above 0 where loops are closed: the middle */
+#define SAME_WAY 0.5
+/* rad short of half a turn, from where the axis is taken from the squares: the differences that
+   it is taken from otherwise have lost two digits */
+#define NEARLY_HALF 1e-2
 
 static Int n_rows(Int axes) { return axes == 3 ? 3 : 2; }
 
@@ -123,7 +129,7 @@ int rotations_are_far(const Kernel *k, const Rotations *rotations)
     for (Int i = 0; i < rotations->n; i++) {
         Real phi[3];
         rotation_vector(k, rotations->first[i], rotations->axes[i], phi);
-        if (dot3(phi, phi) > FAR * FAR)
+        if (dot3(phi, phi) > FAR_ANGLE * FAR_ANGLE)
             return 1;
     }
     return 0;

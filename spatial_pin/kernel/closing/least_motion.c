@@ -9,7 +9,6 @@
 
 #include "least_motion.h"
 
-#define ROUND_OFF 1e-13 /* a pivot that is none: equations are of order one */
 
 static Int smaller(Int a, Int b) { return a < b ? a : b; }
 
@@ -85,7 +84,7 @@ static void exchange(LeastMotion *e, Int i, Int j)
 static void decompose(LeastMotion *e, const Real *J, Real cut)
 {
     const Int n = e->n, m = e->m;
-    Real least = ROUND_OFF;
+    Real least = TOLERANCE_ZERO;
     memcpy(e->vectors, J, (size_t)(n * m) * sizeof(Real));
     for (Int i = 0; i < n; i++)
         e->pivot[i] = i;

@@ -18,13 +18,14 @@
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
    relative to the lengths of their rows, where it is clear what is independent. */
 #define WELL TOLERANCE_WELL_CONDITIONED
-#define NONE 1e-13  /* length of a row of derivatives that is none: others are of order one */
-#define FOLLOWS 1e-11 /* what is left of an equation, by the longest, that follows from others */
-#define ROUND_OFF (8.0 * DBL_EPSILON) /* of a solution, relative to its size */
-#define OPEN (2.0 * DBL_EPSILON)      /* of a closure equation at a configuration closed to round-off */
+/* Of a solution, relative to its size, before pivots magnify it */
+#define SOLUTION_ERROR (8.0 * DBL_EPSILON)
+/* Of a closure equation at a configuration closed to round-off: half of the most that 160 random
+   mechanisms had */
+#define CLOSURE_ROUND_OFF (2.0 * DBL_EPSILON)
 #define PATTERNS 2 /* of their signs: what one of them hides by chance, the other shows */
 /* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
-#define FEW 40
+#define FEW_FREEDOMS 40
 
 typedef struct {
     Kernel *k;
@@ -44,7 +45,7 @@ typedef struct {
 static int make_room(Rates *r)
 {
     Kernel *k = r->k;
-    const Int size = k->nv <= FEW ? k->nv * k->nv : 0;
+    const Int size = k->nv <= FEW_FREEDOMS ? k->nv * k->nv : 0;
     r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
     r->places = kernel_memory(k, k->n_closure, sizeof(Int));
     r->matrix = kernel_memory(k, size, sizeof(Real));
@@ -92,7 +93,7 @@ static void choose_those_that_are(Rates *r)
         Real square = 0.0;
         for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
             square += k->entry[e] * k->entry[e];
-        if (square > NONE * NONE)
+        if (square > TOLERANCE_ZERO * TOLERANCE_ZERO)
             r->chosen[r->n_chosen++] = i;
     }
 }
@@ -110,7 +111,7 @@ static int choose_independent(Rates *r)
                    k->entry + from);
     }
     r->n_chosen = choice_make(&c, r->wanted, WELL, r->places);
-    const int is_clear = r->n_chosen == r->wanted && c.left_out <= FOLLOWS;
+    const int is_clear = r->n_chosen == r->wanted && c.left_out <= TOLERANCE_CLOSED;
     choice_end(&c);
     for (Int i = 0; i < r->n_chosen; i++)
         r->chosen[i] = r->chosen[r->places[i]];
@@ -188,7 +189,7 @@ static Real even_ratio(Rates *r)
 static int factor(Rates *r)
 {
     Kernel *k = r->k;
-    if (k->nv <= FEW) {
+    if (k->nv <= FEW_FREEDOMS) {
         fill_matrix(r);
         const Int singular = k->nv ? dense_lu(k->nv, r->matrix, r->order) : 0;
         r->even = r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
@@ -202,7 +203,7 @@ static int factor(Rates *r)
 
 static void solve(Rates *r, Real *x)
 {
-    if (r->k->nv > FEW)
+    if (r->k->nv > FEW_FREEDOMS)
         system_solve(r->k, x);
     else if (r->k->nv)
         dense_lu_solve(r->k->nv, r->matrix, r->order, 1, 1, x);
@@ -334,11 +335,11 @@ static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocit
    leaves as much of it as its pivot. */
 static Real lost(Rates *r, const Real *v, Real pace)
 {
-    const Real known = ROUND_OFF * pace * fmax(pace, 1.0 / fmax(r->pivot, 1e-300));
+    const Real known = SOLUTION_ERROR * pace * fmax(pace, 1.0 / fmax(r->pivot, 1e-300));
     const Real grown = direction_off(r, r->away);
-    if (!(2.0 * OPEN * grown * grown * grown > known))
+    if (!(2.0 * CLOSURE_ROUND_OFF * grown * grown * grown > known))
         return known; /* which is more than what could be found out */
-    return fmin(1.0, fmax(known, lost_along(r, OPEN * grown, r->away, v)));
+    return fmin(1.0, fmax(known, lost_along(r, CLOSURE_ROUND_OFF * grown, r->away, v)));
 }
 
 /* ---------------------------------------------------------------- what Python calls */

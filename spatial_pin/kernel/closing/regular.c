@@ -4,9 +4,6 @@
 #include "correcting.h"
 #include "regular.h"
 
-#define STEP 1e-2  /* rad, characteristic lengths: long beside the root of round-off, to which
-                      singular configurations are known, short beside the way to other branches */
-#define SHUT 1e-11 /* closure error there, where all loops are closed */
 
 int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
 {
@@ -18,12 +15,13 @@ int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
     for (Int v = 0; v < k->nv; v++)
         square += x[v] * x[v];
     for (Int v = 0; v < k->nv; v++)
-        x[v] *= STEP / sqrt(square) * k->scale[v];
+        x[v] *= TOLERANCE_TRIAL_STEP / sqrt(square) * k->scale[v];
     memcpy(there, q, (size_t)k->nq * sizeof *q);
     tree_integrate(k, there, x);
-    Correction c = {.enough = 0.0, .tolerance = SHUT, .left = SHUT, .allowed = STEP, .fixed = -1};
+    Correction c = {.enough = 0.0, .tolerance = TOLERANCE_CLOSED, .left = TOLERANCE_CLOSED,
+                    .allowed = TOLERANCE_TRIAL_STEP, .fixed = -1};
     const int code = correct(k, there, &c);
     if (code != DONE)
         return code;
-    return equations_error(k) > fmax(SHUT, 2.0 * error) ? UNSAFE : DONE;
+    return equations_error(k) > fmax(TOLERANCE_CLOSED, 2.0 * error) ? UNSAFE : DONE;
 }

@@ -12,7 +12,8 @@
 EXPORT extern const char kernel_source_hash[];
 const char kernel_source_hash[] = SOURCE_HASH;
 
-#define MOST 100000000 /* of anything counted: products of two counts stay far below 2^63 */
+/* Of anything counted: products of two counts stay far below 2^63 */
+#define MOST_COUNTED 100000000
 
 void *kernel_memory(Kernel *k, Int count, size_t size)
 {
@@ -55,7 +56,7 @@ static int read_structure(Kernel *k, Ints from)
     if (!head)
         return 0;
     for (int i = 0; i < 10; i++)
-        if (head[i] < 0 || head[i] > MOST)
+        if (head[i] < 0 || head[i] > MOST_COUNTED)
             return 0;
     k->n_joints = head[0], k->nq = head[1], k->nv = head[2];
     k->n_vectors = head[3], k->n_products = head[4];

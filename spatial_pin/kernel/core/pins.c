@@ -4,7 +4,7 @@
  * phi' = w + phi x w / 2 + g phi x (phi x w), g(t²) = (1 - (t/2) cot(t/2)) / t² [Chirikjian2011]. */
 #include "pins.h"
 
-#define SMALL 0.1 /* t² below which g is summed: six terms leave (0.1 / 4 pi²)^6, round-off */
+#define SMALL_SQUARE 0.1 /* t² below which g is summed: six terms leave (0.1 / 4 pi²)^6, round-off */
 
 int pin_of(const Kernel *k, Int v, Pin *pin)
 {
@@ -88,7 +88,7 @@ static void factors_of(Real s, Real *g, Real *slope)
     static const Real series[6] = {1.0 / 12.0,      1.0 / 720.0,      1.0 / 30240.0,
                                    1.0 / 1209600.0, 1.0 / 47900160.0, 691.0 / 1307674368000.0};
     *g = *slope = 0.0;
-    if (s < SMALL) {
+    if (s < SMALL_SQUARE) {
         for (int i = 5; i >= 0; i--) {
             *slope = *slope * s + *g;
             *g = *g * s + series[i];

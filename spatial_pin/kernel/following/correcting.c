@@ -6,7 +6,7 @@
  * other is much smaller than the one before. */
 #include "correcting.h"
 
-#define MOST 6           /* corrections; four square a tenth down to round-off */
+#define PATH_CORRECTIONS 6 /* four square a tenth down to round-off, two for singular places */
 
 Real chosen_residual(const Kernel *k)
 {
@@ -63,7 +63,7 @@ int correct(Kernel *k, Real *q, Correction *c)
             return NOT_FINITE;
         if (is_closed(c, residual, size))
             return DONE;
-        if (c->fixed < 0 && c->count == MOST)
+        if (c->fixed < 0 && c->count == PATH_CORRECTIONS)
             return NOT_CONVERGED;
         old = old && (c->count ? residual * (residual / before) <= c->tolerance
                                : residual < TOLERANCE_HALF_PRECISION);

@@ -9,8 +9,7 @@
 #include "filling.h"
 
 #define PASSES 8     /* of Newton-Schulz: errors square, from a half to round-off in six */
-#define WIDEST 3.0   /* square of the size of a column above which it does not converge */
-#define SAME 1e-15   /* of columns that are orthonormal */
+#define WIDEST_SQUARE 3.0 /* square of the size of a column above which it does not converge */
 
 /* gram = 3 - XᵀX, columns of X one after the other; returns how far XᵀX is from 1. */
 static Real three_less_gram(const Real *x, Int n, Int nv, Real *gram)
@@ -32,7 +31,7 @@ static int make_orthonormal(Real *x, Int n, Int nv, Real *gram, Real *row)
 {
     for (int pass = 0; pass < PASSES; pass++) {
         const Real off = three_less_gram(x, n, nv, gram);
-        if (!(off < WIDEST - 1.0))
+        if (!(off < WIDEST_SQUARE - 1.0))
             return 0;
         for (Int v = 0; v < nv; v++) {
             for (Int j = 0; j < n; j++) {
@@ -43,7 +42,7 @@ static int make_orthonormal(Real *x, Int n, Int nv, Real *gram, Real *row)
             for (Int j = 0; j < n; j++)
                 x[j * nv + v] = row[j];
         }
-        if (off <= SAME)
+        if (off <= TOLERANCE_LAST_DIGIT)
             return 1;
     }
     return 1;

@@ -1,7 +1,7 @@
 /* Rotation of a link about its own axis along a path, see idle_rotation.h. */
 #include "idle_rotation.h"
 
-#define SAFETY 10.0 /* of the estimate of an error: scales of length differ */
+#define IDLE_SAFETY 10.0 /* of the estimate of an error: scales of length differ by as much */
 
 /* A unit vector of the body normal to a unit vector of it: made from the coordinate axis that is
  * furthest from it, so that neighbouring points have the same. */
@@ -113,7 +113,7 @@ static Real error_of(const Curve *curve, const Real *end)
     copy3(end, way);
     add3(-1.0, curve->d[0], way);
     const Real band = sqrt(dot3(way, way)), two = sqrt(dot3(curve->d[6], curve->d[6])) / 64.0;
-    return SAFETY * 1.6 * two * sqrt(two) * band;
+    return IDLE_SAFETY * 1.6 * two * sqrt(two) * band;
 }
 
 Real idle_turned(const IdleAxis *before, const IdleAxis *from, const IdleAxis *to, Real gap, Real h,

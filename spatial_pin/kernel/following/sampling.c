@@ -4,8 +4,10 @@
 #include "interpolating.h"
 #include "path.h"
 
-#define FARTHEST 640e3   /* way, in longest steps, of a value that is followed to at all */
-#define HALVINGS 8.0     /* of a step, before the caller is asked, who goes on by arc length */
+/* Way, in longest steps, of a value that is followed to at all: a hundred thousand turns,
+   whose angles have lost five digits */
+#define FARTHEST_VALUE 640e3
+#define MOST_HALVINGS 8.0 /* of a step, before the caller is asked, who goes on by arc length */
 #define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define BETWEEN_NEARER 0.25 /* part of the way to where the determinant vanishes that a step which
@@ -16,10 +18,10 @@
 static int reach_within(Path *path, Real target)
 {
     const Real first = fmin(fabs(target - path->here->s), longest_step(path));
-    const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -HALVINGS);
+    const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
-    if (!(fabs(target - path->here->s) <= FARTHEST * longest_step(path)))
+    if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))
         return TOO_FAR;
     while (path->here->s != target) {
         const Real left = target - path->here->s;

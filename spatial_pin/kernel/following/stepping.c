@@ -7,15 +7,15 @@
 #include "filling.h"
 #include "path.h"
 
-#define CURVED 1.05      /* room for the way's curvature where steps of that length are counted */
+#define CURVED_WAY 1.05  /* room for the way's curvature where steps of that length are counted */
 #define MISSED 1e-24     /* square of what they may miss at any length: round-off */
 #define TURNED 0.5       /* least cosine between the directions of the path at the ends of a step */
 #define NEARER 0.75      /* part of the way to where the determinant vanishes that a step may go */
 #define LOOK 1e-3        /* part of a first step over which the determinant's fall is judged */
-#define REGULAR 0.1      /* smallest over largest pivot: below, a residual leaves the more open in
+#define WEAK 0.1         /* smallest over largest pivot: below, a residual leaves the more open in
                             configurations and rates, and is asked to be smaller by as much;
                             factors of another point are off where the equations are weakest */
-#define WORN 2.3         /* binary orders (a factor of 5) by which the determinant falls, */
+#define WORN_ORDERS 2.3  /* binary orders (a factor of 5) by which the determinant falls, */
 #define WORN_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
 #define OPENED 2.0       /* times a residual that no choice makes smaller: one like it is no news */
 #define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
@@ -25,7 +25,7 @@
                             that way, (0.03)^6 / 720 is round-off */
 #define SAFE 0.7         /* part of the way at which errors, of fourth order, are a quarter of those
                             allowed: there they may grow from one step to the next */
-#define STRAIGHT 1e-2    /* second derivative by the way below which a path is straight */
+#define STRAIGHT_BEND 1e-2 /* second derivative by the way below which a path is straight */
 
 /* ---- the determinant ---- */
 
@@ -148,7 +148,7 @@ static int close_prediction(Path *path, Real way)
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = round_off_of(k, path->here->q);
-    const Real part = fmin(1.0, k->pivot_ratio / REGULAR);
+    const Real part = fmin(1.0, k->pivot_ratio / WEAK);
     Correction c = {.enough = fmax(part * wanted->enough, 0.1 * least),
                     .tolerance = fmax(part * wanted->tolerance, 0.3 * least),
                     .left = fmax(wanted->left, least), .fixed = wanted->corrections,
@@ -254,7 +254,7 @@ static int arrive(Path *path, Real way)
     if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
         return SINGULAR;
     const Real size = log2(k->mantissa) + (Real)k->exponent;
-    if (!is_new && has_redundant(k) && size < path->selected - WORN &&
+    if (!is_new && has_redundant(k) && size < path->selected - WORN_ORDERS &&
         k->pivot_ratio < WORN_PIVOT * path->selected_ratio) {
         code = choose_again(path);
         is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
@@ -337,7 +337,7 @@ static void note_missed(Path *path, Real ratio, Real h)
         bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
     if (path->prescribed.n_pieces) /* these may be at rest */
         pace = fmax(pace, way * way / (h * h));
-    bend = fmax(sqrt(bend) / pace, STRAIGHT);
+    bend = fmax(sqrt(bend) / pace, STRAIGHT_BEND);
     const Real error = 24.0 * path->missed / (growth * way * way);
     const Real part = path->accuracy.between * bend / fmax(error, 1e-30);
     path->is_between = part >= 1.0;
@@ -393,7 +393,7 @@ int step(Path *path, Real target)
     return DONE;
 }
 
-Real step_of(const Path *path, Real way) { return way / (CURVED * path->here->pace); }
+Real step_of(const Path *path, Real way) { return way / (CURVED_WAY * path->here->pace); }
 
 Real longest_step(const Path *path)
 {

@@ -3,7 +3,6 @@
 
 #include "path.h"
 
-#define IDLE_SAME 1e-15  /* rotation [rad] that is round-off */
 #define IDLE_SMALL 1e-8  /* rotation whose square is round-off */
 #define IDLE_PASSES 6    /* of turning links back that move other joints with them */
 
@@ -97,7 +96,7 @@ int take_idle_back(Path *path, Real way)
             return NOT_FINITE;
         if (!is_exact(path, way, error))
             return UNSAFE;
-        if (most <= IDLE_SAME)
+        if (most <= TOLERANCE_LAST_DIGIT)
             return DONE;
         tree_integrate(k, path->next->q, k->right);
         prescribed_put(&path->prescribed, path->next->q);

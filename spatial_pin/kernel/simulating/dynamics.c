@@ -11,8 +11,11 @@
 #include "dense.h"
 #include "dynamics.h"
 
-#define LIGHT 1e-8  /* inertia, by the heaviest joint's, that may be round-off */
-#define ALIKE 1e-4  /* of a freedom's inertia that others leave it, below which digits are lost */
+/* Inertia, relative to the heaviest joint's, that may be round-off: half of the digits of a sum
+   of inertias */
+#define LIGHT_INERTIA 1e-8
+/* Of a freedom's inertia that others leave it, below which digits are lost */
+#define LEAST_PIVOT TOLERANCE_REGULAR
 
 /* ---- forces on bodies ---- */
 
@@ -232,7 +235,7 @@ static int solve_masses(Dynamics *d)
     const Int n = d->n_free;
     Real *m = d->mass, *z = d->z, *unit = d->off;
     for (Int i = 0; i < n; i++) {
-        if (!(m[i * n + i] > LIGHT * d->heaviest))
+        if (!(m[i * n + i] > LIGHT_INERTIA * d->heaviest))
             return 0;
         unit[i] = 1.0 / sqrt(m[i * n + i]);
     }
@@ -245,7 +248,7 @@ static int solve_masses(Dynamics *d)
         for (Int j = 0; j <= i; j++)
             m[i * n + j] *= unit[i] * unit[j];
     }
-    if (dense_cholesky_solve(n, m, z, ALIKE))
+    if (dense_cholesky_solve(n, m, z, LEAST_PIVOT))
         return 0;
     for (Int i = 0; i < n; i++)
         z[i] *= unit[i];

@@ -10,19 +10,22 @@
 #include "dynamics.h"
 #include "tolerances.h"
 
-#define MOST_CORRECTIONS 8
-#define CONTRACTION 0.3      /* a correction may be this fraction of the one before */
-#define EXPLAINED 0.2        /* part of a step that the prediction may leave unexplained */
-#define LONGEST 0.7          /* longest step in one go [rad, characteristic lengths] */
-#define FARTHEST 1280.0      /* way of one trial, beyond which it is a wild one */
-#define HALVINGS 10
-#define SHORTEST 1e-8        /* way on which a change of the determinant is more than round-off */
+#define MOST_CORRECTIONS 8   /* with old factors, which take off a digit or two each */
+/* Part of a step that the prediction may leave: twice what paths may, as the rates of the
+   motion tell where it leads */
+#define PREDICTED_TO 0.2
+/* Longest step in one go [rad, characteristic lengths]: from there prediction leaves more than
+   that */
+#define LONGEST_GO 0.7
+/* Way of one trial, beyond which it is a wild one: no integrator that is right goes two hundred
+   turns */
+#define WILD_WAY 1280.0
+#define GO_HALVINGS 10       /* of a way, before it is given up: a thousandth of a step */
+#define SHORTEST_TOLD 1e-8   /* way on which a change of the determinant is more than round-off */
 #define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
-#define SINGULAR_PIVOT 1e-9  /* smallest over largest pivot below which nothing can be solved */
-#define OLD_FACTORS_DO 1e-6  /* residual that the last factors reduce below round-off's square root */
-#define CLOSED 1e-11         /* residual that ends a contraction by round-off */
-#define WORN 1e-2            /* of the pivots where equations were chosen: there others are tried */
-#define LEFT_OUT 1e-9        /* residual of equations left out, with which no step is accepted */
+#define LEAST_SOLVED TOLERANCE_NOTHING /* pivot at which a configuration has seven digits left */
+#define OLD_FACTORS_DO TOLERANCE_HALF_PRECISION /* residual that old factors reduce to round-off */
+#define WORN_PIVOTS 1e-2     /* of the pivots where equations were chosen: there others are tried */
 
 /* ---- the chart ---- */
 
@@ -310,10 +313,10 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
             return UNSAFE;
         correction(d);
         const Real size = length(d->step, d->k->nv);
-        if (i == 0 && !(size <= EXPLAINED * predicted + 1e-9))
+        if (i == 0 && !(size <= PREDICTED_TO * predicted + 1e-9))
             return UNSAFE;
-        if (i > 0 && !(size <= CONTRACTION * last))
-            return error <= CLOSED ? factor_here(d) : UNSAFE;
+        if (i > 0 && !(size <= TOLERANCE_CONTRACTION * last))
+            return error <= TOLERANCE_CLOSED ? factor_here(d) : UNSAFE;
         last = size > 1e-14 ? size : 1e-14;
         move(d, d->trial, d->step);
     }
@@ -326,7 +329,7 @@ static int is_worn(const Dynamics *d)
     const Kernel *k = d->k;
     if (k->n_chosen == k->n_closure)
         return 0;
-    return k->pivot_ratio < WORN * d->first_pivot ||
+    return k->pivot_ratio < WORN_PIVOTS * d->first_pivot ||
            equations_error(k) > 10.0 * d->spare + TOLERANCE_TIGHT + d->tolerance;
 }
 
@@ -339,7 +342,7 @@ static void note_change(Dynamics *d, const Real *x)
     Real square = 0.0;
     for (Int i = 0; i < d->n_held; i++)
         square += (x[i] - d->x[i]) * (x[i] - d->x[i]);
-    if (!(square > SHORTEST * SHORTEST))
+    if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
     if (d->passes)
         d->room = (d->x[0] - x[0]) / change;
@@ -387,7 +390,8 @@ static int choose_anew(Dynamics *d)
     if (newton(d, d->x, 1e-3) != DONE)
         return UNSAFE;
     accept(d, d->x);
-    return equations_error(d->k) > 10.0 * d->spare + LEFT_OUT + d->tolerance ? UNSAFE : DONE;
+    const Real allowed = 10.0 * d->spare + TOLERANCE_NOTHING + d->tolerance;
+    return equations_error(d->k) > allowed ? UNSAFE : DONE;
 }
 
 int independent_step(Dynamics *d, const Real *x)
@@ -395,13 +399,13 @@ int independent_step(Dynamics *d, const Real *x)
     predict(d, x);
     const Real size = length(d->step, d->k->nv);
     d->flipped = 0;
-    if (!(size <= LONGEST))
+    if (!(size <= LONGEST_GO))
         return UNSAFE;
     memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     move(d, d->trial, d->step);
     if (newton(d, x, size) != DONE)
         return UNSAFE;
-    if (d->k->sign != d->sign || !(d->k->pivot_ratio > SINGULAR_PIVOT)) {
+    if (d->k->sign != d->sign || !(d->k->pivot_ratio > LEAST_SOLVED)) {
         d->flipped = d->k->sign != d->sign;
         return UNSAFE;
     }
@@ -413,7 +417,7 @@ int independent_step(Dynamics *d, const Real *x)
 int independent_settle(Dynamics *d, const Real *x, Real allowed)
 {
     memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
-    if (newton(d, x, allowed / EXPLAINED) != DONE)
+    if (newton(d, x, allowed / PREDICTED_TO) != DONE)
         return UNSAFE;
     d->sign = d->k->sign;
     accept(d, x);
@@ -452,7 +456,7 @@ int independent_follow(Dynamics *d, const Real *x)
             goal[i] = fraction == 1.0 ? x[i] : from[i] + fraction * (x[i] - from[i]);
         if (may_cross(d, goal)) {
             part *= 0.5;
-            if (part < 1.0 / (1 << HALVINGS))
+            if (part < 1.0 / (1 << GO_HALVINGS))
                 return LOST;
             continue;
         }
@@ -465,7 +469,7 @@ int independent_follow(Dynamics *d, const Real *x)
         if (independent_stand(d) != DONE)
             return LOST;
         part *= 0.5;
-        if (part < 1.0 / (1 << HALVINGS) || (done == 0.0 && part == 0.5 && size > FARTHEST))
+        if (part < 1.0 / (1 << GO_HALVINGS) || (done == 0.0 && part == 0.5 && size > WILD_WAY))
             return LOST;
     }
     return DONE;

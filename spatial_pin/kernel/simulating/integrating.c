@@ -20,10 +20,12 @@ enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 enum Pause { AT_END = 0, AT_FAILURE = 1, WORN = 2, FULL = 3, STIFF = 4, CREEPING = 5, MANY = 6,
              RAISED = 7, LIMIT = 8 };
 
-#define LONG 15     /* steps at the bound of stability that tell a stiff motion */
-#define SHORT 6     /* steps well within it that tell that it is none */
+#define LONG_STEPS 15 /* steps at the bound of stability of a stiff motion [HairerWanner1996] */
+#define SHORT_STEPS 6 /* steps well within it that tell that it is none */
 #define SELDOM 5    /* steps from one look to the next */
-#define NEAR 1e-3   /* step, and pivot, by the largest so far, below which the motion creeps */
+/* Step, and pivot, relative to the largest so far, below which the motion creeps: neither alone
+   is one */
+#define CREEPS_BELOW 1e-3
 #define NOWHERE 1e-2 /* of the longest step, that all steps allowed would lead to */
 #define NEAR_LIMIT 0.5 /* of a velocity limit: what is nearer may pass it within a step */
 #define CHART_ENDS 1.0 /* rotation vector at which a chart is begun anew [rad] */
@@ -174,7 +176,7 @@ static void between_4(const Integrator *g, Real part, Real *y)
 /* ---- Gauss's method ---- */
 
 #define MOST_ITERATIONS 60
-#define SETTLED 1e-10 /* change of a slope, times the step: what grows below it is round-off */
+#define SETTLED_SLOPE 1e-10 /* change of a slope, times the step: what grows below it is round-off */
 
 /* Slopes 3, 4 at the stages that slopes 1, 2 lead to; how far these change, in natural units. */
 static int iterate_gauss(Integrator *g, Real h, Real *change)
@@ -209,7 +211,7 @@ static int try_gauss(Integrator *g, Real t_new, Real h)
         const int code = iterate_gauss(g, h, &change);
         if (code != DONE)
             return code;
-        if ((change >= last && change < SETTLED) || change == 0.0)
+        if ((change >= last && change < SETTLED_SLOPE) || change == 0.0)
             break;
     }
     combine(g, g->y, GAUSS_B, 3, h, g->ended);
@@ -220,8 +222,9 @@ static int try_gauss(Integrator *g, Real t_new, Real h)
 
 static const Method METHODS[] = {
     {12, DOP853_A, DOP853_B, DOP853_C, 7.0, error_of_853, prepare_853, between_853, 3, 11, 12, 6.1,
-     LONG},
-    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 0, 5, 6, 3.25, LONG},
+     LONG_STEPS},
+    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 0, 5, 6, 3.25,
+     LONG_STEPS},
     {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 0, 1, 2, 2.78, 2},
     {4, NULL, GAUSS_B, NULL, 0.0, NULL, prepare_none, between_4, 0, 0, 0, 0.0, 0},
 };
@@ -253,7 +256,7 @@ static void look_at_stiffness(Integrator *g, Real h)
         g->many_short = 0;
         if (g->many_long >= m->patience)
             g->is_stiff = 1;
-    } else if (++g->many_short >= SHORT)
+    } else if (++g->many_short >= SHORT_STEPS)
         g->many_long = 0;
 }
 
@@ -406,7 +409,7 @@ static int creeps(Integrator *g, const Dynamics *d, Run *run)
     const Real h = g->t - g->t_old, pivot = d->passes ? 1.0 : d->pivot;
     run->largest_step = fmax(run->largest_step, h);
     run->largest_pivot = fmax(run->largest_pivot, pivot);
-    return (h < NEAR * run->largest_step && pivot < NEAR * run->largest_pivot) ||
+    return (h < CREEPS_BELOW * run->largest_step && pivot < CREEPS_BELOW * run->largest_pivot) ||
            h * run->allowed < NOWHERE * run->largest_step;
 }
 

@@ -8,21 +8,22 @@
 
 #include "dynamics.h"
 
-#define REACH 0.12      /* way of the fastest joint from the crossing to the first node */
-#define REACHES 7       /* each half the one before */
-#define APPROACHES 6    /* looks from nearer at where a crossing is */
+/* Way of the fastest joint from the branch point to the first node: eight nodes either side
+   leave its eighth power, and rates there are still regular */
+#define FIRST_REACH 0.12
+/* Each half the one before, down to 1e-3, where polynomials no longer gain on round-off */
+#define REACHES 7
+#define VIEWS 6         /* looks from nearer at where a branch point is */
 #define AHEAD 0.25      /* way to a crossing at which its place is surely enough known */
 #define FASTER 2.0      /* times that joints move as fast as before, where a limit is near */
-#define OFF 1e-4        /* part of the way across that the continued curve may be off */
-#define SURE 1e-12      /* residual of the strip's polynomials between the ends */
-#define KNOWN 1e-11     /* what two nodes more may change there */
-#define SAME 1e-6       /* difference of configurations that are the same again */
+/* Part of the way across that the continued curve may be off */
+#define OFF_CURVE TOLERANCE_REGULAR
 #define BRIDGED 4.0     /* way to a known crossing, by an estimate: one of fourth order is as far */
 #define REFUSED 0.1     /* change of x from where no strip was found, at which one may be */
-#define SHORTEST 1e-9   /* step, by the way to go, that is tried last: limits are met as roots */
-#define REGULAR 1e-7    /* pivots at a place where nothing is lost */
-#define NEARBY 1e-5      /* way from a zero of higher order, that round-off blurs */
-#define EVEN 1e-10       /* determinant at a zero of even order, by the largest on the strip */
+/* Step, relative to the way to go, that is tried last: limits are met as roots */
+#define LAST_STEP TOLERANCE_NOTHING
+/* Way from a zero of order three, which is known to the third root of round-off, 6e-6 */
+#define NEARBY 1e-5
 #define LOOKS 16         /* places that a determinant is looked at */
 #define NODE STRIP_NODES
 
@@ -177,7 +178,7 @@ static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
     }
     for (Int v = 0; v < k->nv; v++)
         worst = fmax(worst, fabs(d->columns[v] - s->t[node * k->nv + v] / k->scale[v]));
-    d->period_is_known = worst < SAME ? 1 : -1;
+    d->period_is_known = worst < TOLERANCE_HALF_PRECISION ? 1 : -1;
     return d->period_is_known > 0;
 }
 
@@ -225,7 +226,7 @@ static int cross(Dynamics *d, Strip *s, Real x, Real way)
     d->x[0] = x;
     if (independent_stand(d) != DONE)
         return LOST;
-    return independent_settle(d, &x, OFF * way);
+    return independent_settle(d, &x, OFF_CURVE * way);
 }
 
 /* Whether loops are closed between the ends, where fewer nodes say the same. */
@@ -238,13 +239,13 @@ static int is_told(Dynamics *d, Strip *s)
         Real worst;
         place_trial(d, s, 0, x);
         worst = equations_error(k);
-        if (!(worst < fmax(SURE, 2.0 * d->spare)))
+        if (!(worst < fmax(TOLERANCE_TIGHT, 2.0 * d->spare)))
             return 0;
         /* without the outermost node of one side */
         set_weights(&fewer, 0, 2 * NODE - 1);
         interpolate(&fewer, 0, 2 * NODE - 1, s->q, k->nq, x, d->goal);
         for (Int i = 0; i < k->nq; i++)
-            if (i != d->held_q[0] && !(fabs(d->goal[i] - d->trial[i]) < KNOWN))
+            if (i != d->held_q[0] && !(fabs(d->goal[i] - d->trial[i]) < TOLERANCE_CLOSED))
                 return 0;
     }
     return 1;
@@ -273,7 +274,7 @@ static int others_hold(Dynamics *d, const Strip *s, Real x)
     place_trial(d, s, 0, x);
     equations_jacobian(d->k);
     return system_reselect(d->k) == DONE && system_factor(d->k) == DONE &&
-           d->k->pivot_ratio > REGULAR;
+           d->k->pivot_ratio > TOLERANCE_SINGULAR;
 }
 
 /* The determinant at x, by a power of two that is the same along a strip. */
@@ -362,7 +363,7 @@ static void look_for_zeros(Dynamics *d, Strip *s, Real low, Real high)
             return;
         if (least == 0 || least == LOOKS)
             return; /* it only falls: with many loops by many orders of magnitude */
-        if (fabs(value[least]) < EVEN * largest) {
+        if (fabs(value[least]) < TOLERANCE_RANK * largest) {
             const Real x = low + least * apart;
             note_crossing(d, s, x - apart, x + apart, exponent);
             return;
@@ -385,7 +386,7 @@ static int locate(Dynamics *d, Strip *s)
 /* About where the pivots vanish, told from ever nearer: in the end from about a reach away. */
 static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
 {
-    for (int i = 0; i < APPROACHES; i++) {
+    for (int i = 0; i < VIEWS; i++) {
         const Real apart = sense * reach / pace(d);
         Real goal = *about - apart;
         if (independent_follow(d, &goal) != DONE)
@@ -452,7 +453,7 @@ static int build(Dynamics *d, Real about, Real sense)
     independent_remember(d, &d->aside);
     d->tolerance = fmin(tolerance, 1e-14);
     for (int i = 0; i < REACHES && code != DONE && code != CHOSEN_ANEW; i++) {
-        code = build_at(d, s, about, sense, REACH / (Real)(1 << i));
+        code = build_at(d, s, about, sense, FIRST_REACH / (Real)(1 << i));
         if (independent_return(d, &d->aside) != DONE)
             return LOST;
     }
@@ -481,7 +482,7 @@ static Real room_ahead(const Dynamics *d, Real sense)
 /* Follow the branch to x; FOUND where a crossing on the way has been bridged. */
 static int walk(Dynamics *d, Real x, int may_build)
 {
-    Real part = x - d->x[0], smallest = fabs(part) * SHORTEST;
+    Real part = x - d->x[0], smallest = fabs(part) * LAST_STEP;
     const Real sense = part >= 0.0 ? 1.0 : -1.0, first = pace(d);
     while (d->x[0] != x) {
         const Real goal = fabs(x - d->x[0]) <= fabs(part) * (1.0 + 1e-12) ? x : d->x[0] + part;
