@@ -30,7 +30,6 @@ from spatial_pin.settings import Accuracy
 
 FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
 STRETCH = 64.0  # the same by pseudo-arclength, before the kernel is asked again
-SMALL_STEP, SMALLER = 2.0**-8, 6  # part of a step that is tried next, how often: to round-off
 UNBOUND = 300.0  # speed of a joint relative to the driver's at which that has come to its limit
 
 
@@ -296,31 +295,23 @@ class Cursor:
                 raise Stopped(Arrival("lost", begin.q, begin.s, is_far=True))
             if self._go(goal):
                 continue
-            if self.has_arc_length:
-                self._go_by_arc_length(goal, begin)
-            else:
-                self._go_by_small_steps(goal)
+            if not self.has_arc_length:
+                raise Stopped(self._end())
+            self._go_by_arc_length(goal, begin)
 
     def _go(self, value: float) -> bool:
         """Go to a driver value as far as the kernel goes; say whether that is all the way."""
         path = self._moving_path()
         return path is not None and path.go(value) is None
 
-    def _go_by_small_steps(self, value: float) -> None:
-        """Go on where arc length is of no use, to the end of the branch or over a hard stretch.
+    def _end(self) -> Arrival:
+        """Return where the branch ends, to the smallest step, where arc length is of no use.
 
         A driver has come to its limit where joints move without bound relative to it.
         """
-        size = value - self.here.s
-        for _ in range(SMALLER):
-            size *= SMALL_STEP
-            while self._go(value if abs(value - self.here.s) <= abs(size) else self.here.s + size):
-                if self.here.s == value:
-                    return
-                size *= 2.0
         here, scale = self.here, self.start.mechanism.velocity_scale
         pace = float(np.abs(here.t / scale).max()) * scale[self.start.driven[0].v]
-        raise Stopped(Arrival("limit" if pace > UNBOUND else "lost", here.q, here.s))
+        return Arrival("limit" if pace > UNBOUND else "lost", here.q, here.s)
 
     def way(self, place: Place, value: float) -> float:
         """Return how far joints move from a place to a driver value at the rates there."""
