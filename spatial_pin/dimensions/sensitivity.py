@@ -161,6 +161,7 @@ class _Around:
     def __init__(self, mechanism: Mechanism, names: list[str], outputs: list[str]) -> None:
         self._mechanism, self._names, self._outputs = mechanism, names, outputs
         self._variants = Variants(mechanism, names)
+        self._made: dict[tuple[str, float], list[Mechanism]] = {}  # for all states
         self._samples = Samples.of(mechanism, names, outputs)
         own = np.array([mechanism.dimensions[name] for name in names])
         sizes = np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
@@ -203,9 +204,11 @@ class _Around:
         value = self._mechanism.dimensions[name]
         for h in self._steps[i] / np.array([1.0, 8.0, 64.0, 512.0]):
             try:
-                around = self._variants.several([{name: float(value + k * h)} for k in AROUND])
+                if (name, h) not in self._made:
+                    self._made[name, h] = self._variants.several(
+                        [{name: float(value + k * h)} for k in AROUND])
                 return {k: drive.evaluate(there, state, self._outputs)
-                        for k, there in zip(AROUND, around, strict=True)}, float(h)
+                        for k, there in zip(AROUND, self._made[name, h], strict=True)}, float(h)
             except SpatialPinError as error:
                 first = first or error
         assert first is not None
