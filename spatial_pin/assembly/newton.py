@@ -139,6 +139,11 @@ class SquareSystem:
         return [c.v for c in self.driven]
 
     @property
+    def driver_rows(self) -> slice:
+        """Rows of the matrix that prescribe the drivers."""
+        return self._drivers
+
+    @property
     def prescribed_rows(self) -> slice:
         """Rows of the matrix that prescribe the drivers, then what stands still."""
         return self._prescribed
