@@ -346,10 +346,9 @@ def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[in
         ends.add(prescribe(path, nv, rng))
     end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
     if not end:
-        samples, zero, steps = (Samples.empty(4, len(q), nv, len(turns)), ctypes.c_double(),
-                                ctypes.c_int64())
+        samples = Samples.empty(4, len(q), nv, len(turns))
         rows = _Rows(*map(address, samples))
-        s = c.path_stand(path, *map(ctypes.byref, (rows, zero, steps)))
+        s = c.path_stand(path, ctypes.byref(rows))
         values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
         reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),
                                 ctypes.byref(code))

@@ -195,10 +195,10 @@ def test_values_that_are_none_end_a_path_where_it_is(value):
     path, state = path_of(sp.load("rssr"), "crank")
     assert path.start(state.q, state.angles)
     samples = room(path, 3)
-    s = path.here.s
+    s = path.here[0]
     assert path.follow(np.array([s, value, s]), samples) == 1
-    assert path.here.s == s
-    np.testing.assert_array_equal(path.here.q, state.q)
+    assert path.here[0] == s
+    np.testing.assert_array_equal(path.here[1].q[0], state.q)
     assert path.follow(np.array([s + 0.1]), room(path, 1)) == 1  # and goes on from there
 
 
@@ -222,9 +222,9 @@ def test_a_path_ends_before_a_limit_and_stands_there():
     limit = sp.limits(mechanism, "slider").upper.value
     path, state = path_of(mechanism, "slider")
     path.start(state.q, state.angles)
-    values = np.linspace(path.here.s, 1.1 * limit, 50)
+    values = np.linspace(path.here[0], 1.1 * limit, 50)
     samples = room(path, 50)
     reached = path.follow(values, samples)
     assert reached == np.count_nonzero(values < limit)
-    assert values[reached - 1] <= path.here.s < limit
+    assert values[reached - 1] <= path.here[0] < limit
     assert samples.error[:reached].max() < 1e-14

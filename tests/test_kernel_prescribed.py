@@ -10,7 +10,7 @@ import spatial_pin as sp
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.kernel.kernel import Kernel
-from spatial_pin.kernel.paths import Halt, Path, Samples, prescribed_places
+from spatial_pin.kernel.paths import Path, Samples, prescribed_places
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
@@ -145,32 +145,29 @@ def test_one_driver_by_itself_is_a_sweep():
 
 
 def test_a_path_is_a_cursor():
-    """It goes back and forth, and tells where it stands and why it goes no further."""
+    """It goes back and forth, and stands before what it cannot pass."""
     mechanism = sp.load("elliptic_trammel")
     limit = sp.limits(mechanism, "slider").upper.value
     path, state = path_of(mechanism)
     assert path.start(state.q, state.angles)
-    home = path.here
-    assert np.isnan(home.zero)
-    assert home.steps == 0
+    begin, home = path.here
     near = limit - 1e-3
     for _ in range(3):
-        assert path.go(near) is None
-        here = path.here
-        assert here.s == near
-        assert here.room(1.0) < 0.1
-        assert here.error < 1e-14
-        assert path.go(home.s) is None
-    back = path.here
+        assert path.go(near)
+        s, sample = path.here
+        assert s == near
+        assert sample.error[0] < 1e-14
+        assert path.go(begin)
+    _, back = path.here
     np.testing.assert_allclose(back.q, home.q, rtol=0, atol=1e-14)
     np.testing.assert_allclose(back.t, home.t, rtol=0, atol=1e-13)
-    assert back.room(-1.0) == np.inf or back.room(1.0) == np.inf
-    assert path.go(1.1 * limit) in (Halt.SINGULAR, Halt.SMALL)
-    assert near < path.here.s < limit
-    assert path.go(1e300) is Halt.FAR
-    assert path.go(np.nan) is Halt.FAR
+    assert path.go(near)
+    assert not path.go(1.1 * limit)
+    assert near < path.here[0] < limit
+    for value in (1e300, np.nan, np.inf):
+        assert not path.go(value)
     assert path.start(state.q, state.angles)  # placed anew
-    assert path.here.s == home.s
+    assert path.here[0] == begin
 
 
 @pytest.mark.parametrize("breaks, numbers", [

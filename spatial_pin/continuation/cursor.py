@@ -219,8 +219,8 @@ class Cursor:
         """Where it stands."""
         if self._here is None:
             assert self._path is not None
-            here = self._path.here
-            self._here = Place(here.s, here.q, here.t, here.c, here.error, here.angles)
+            s, sample = self._path.here
+            self._here = Place.of(sample, 0, s)
         return self._here
 
     def stand(self, place: Place) -> None:
@@ -302,7 +302,7 @@ class Cursor:
     def _go(self, value: float) -> bool:
         """Go to a driver value as far as the kernel goes; say whether that is all the way."""
         path = self._moving_path()
-        return path is not None and path.go(value) is None
+        return path is not None and path.go(value)
 
     def _end(self) -> Arrival:
         """Return where the branch ends, to the smallest step, where arc length is of no use.

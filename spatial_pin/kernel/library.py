@@ -10,8 +10,8 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.sources import LIBRARY, source_hash
 
 CODES = ("done", "arrays that do not fit together", "no memory left", "a singular system",
-         "not converged", "an unsafe step", "not finite", "a value too far away")
-DONE, BAD_ARRAYS, NO_MEMORY, SINGULAR, NOT_CONVERGED, UNSAFE, NOT_FINITE, TOO_FAR = range(8)
+         "not converged", "an unsafe step", "not finite")
+DONE, BAD_ARRAYS = 0, 1  # of them
 INT, REAL, POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 REMEDY = "install the package with pip, or run `python scripts/build_kernel.py` in its source tree"
 
@@ -77,7 +77,7 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_follow.restype = INT
     found.path_follow.argtypes = [POINTER, POINTER, INT, POINTER, POINTER]
     found.path_stand.restype = REAL
-    found.path_stand.argtypes = [POINTER] * 4
+    found.path_stand.argtypes = [POINTER] * 2
     found.path_go.argtypes = [POINTER, REAL]
     found.path_prescribe.argtypes = [POINTER, REAL, INT, INT, POINTER, POINTER]
     found.kkt_create.argtypes = [POINTER, POINTER, INT, INT, INT, REAL, POINTER]

@@ -5,22 +5,13 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Iterable, Sequence
-from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.kernel import Kernel, address, check, numbers
-from spatial_pin.kernel.library import (
-    NO_MEMORY,
-    NOT_CONVERGED,
-    NOT_FINITE,
-    SINGULAR,
-    TOO_FAR,
-    UNSAFE,
-    library,
-)
+from spatial_pin.kernel.library import library
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
@@ -61,48 +52,6 @@ class Samples(NamedTuple):
     def between(self, first: int, last: int) -> Samples:
         """Return the samples from `first` to before `last`, as views."""
         return Samples(*(part[first:last] for part in self))
-
-
-class Halt(Enum):
-    """Why a path stands before the value that it was to go to."""
-
-    SINGULAR = "equations seem to become dependent before it"
-    SMALL = "steps become too small: the path bends, or ends"
-    FAR = "it is out of all proportion to where the path stands"
-    OVERFLOW = "numbers overflow, or memory does"
-
-
-HALTS = {SINGULAR: Halt.SINGULAR, NOT_CONVERGED: Halt.SMALL, UNSAFE: Halt.SMALL,
-         TOO_FAR: Halt.FAR, NOT_FINITE: Halt.OVERFLOW, NO_MEMORY: Halt.OVERFLOW}
-
-
-class Here(NamedTuple):
-    """Where a path stands.
-
-    Attributes:
-        s: value of the parameter, as a rule the driver's.
-        q: (nq,) configuration.
-        t, c: (nv,) first and second derivative by the parameter.
-        error: largest closure residual.
-        angles: (n_angles,) of screw closures, counting turns [rad].
-        zero: value of the parameter at which the equations would become dependent if they went on
-            as in the last step; infinite if they became less so, NaN before the first step.
-        steps: how many have been taken.
-    """
-
-    s: float
-    q: Array
-    t: Array
-    c: Array
-    error: float
-    angles: Array
-    zero: float
-    steps: int
-
-    def room(self, sense: float) -> float:
-        """Return how far ahead, in a sense, the equations would become dependent; or inf."""
-        way = self.zero - self.s
-        return abs(way) if way * sense > 0.0 else np.inf
 
 
 class _Accuracy(ctypes.Structure):
@@ -175,20 +124,18 @@ class Path:
             self._handle, address(values), len(values), ctypes.byref(rows), ctypes.byref(code))
         return reached
 
-    def go(self, value: float) -> Halt | None:
-        """Go to a value of the parameter; return why not, the last safe point being taken then."""
-        code: int = self._library.path_go(self._handle, value)
-        return HALTS[code] if code else None
+    def go(self, value: float) -> bool:
+        """Go to a value of the parameter, or the last safe point before it; say whether there."""
+        return not self._library.path_go(self._handle, value)
 
     @property
-    def here(self) -> Here:
-        """Where the path stands, between two samples too."""
-        kernel, zero, steps = self.kernel, ctypes.c_double(), ctypes.c_int64()
+    def here(self) -> tuple[float, Samples]:
+        """Where the path stands, between two samples too: the parameter, and one sample there."""
+        kernel = self.kernel
         sample = Samples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
         row = _Rows(*map(address, sample))
-        s: float = self._library.path_stand(self._handle, *map(ctypes.byref, (row, zero, steps)))
-        q, t, c, error, angles = (part[0] for part in sample)
-        return Here(s, q, t, c, float(error), angles, zero.value, steps.value)
+        s: float = self._library.path_stand(self._handle, ctypes.byref(row))
+        return s, sample
 
     def prescribe(self, begin: float, breaks: Array, coefficients: Array) -> None:
         """Let what is driven have values that are piecewise polynomials of the parameter.

@@ -32,8 +32,7 @@ enum Code {
     SINGULAR = 3,     /* the square system has no solution: a pivot vanishes */
     NOT_CONVERGED = 4,
     UNSAFE = 5,       /* a step that could lead to another branch */
-    NOT_FINITE = 6,
-    TOO_FAR = 7       /* a value that is out of all proportion to where a path stands */
+    NOT_FINITE = 6
 };
 
 enum JointKind { TURN = 1, SLIDE = 2, SCREW = 3, BALL = 4, FREE = 5 };

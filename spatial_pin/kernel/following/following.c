@@ -135,10 +135,8 @@ EXPORT int path_go(Path *path, Real target)
     return code == DONE ? turn_into(path, 1.0) : code;
 }
 
-EXPORT Real path_stand(const Path *path, const PathRows *row, Real *zero, Int *steps)
+EXPORT Real path_stand(const Path *path, const PathRows *row)
 {
     write_row(path, row, 0);
-    *zero = path->zero_known ? path->zero : NAN;
-    *steps = path->steps;
     return path->here->s;
 }

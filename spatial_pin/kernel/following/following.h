@@ -49,13 +49,11 @@ typedef struct {
 EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code);
 
 /* Go to a value of s: DONE, or SINGULAR: it lies beyond where equations seem to become dependent,
- * UNSAFE, NOT_CONVERGED: steps become too small, the path bends or ends, TOO_FAR, NOT_FINITE,
- * NO_MEMORY. The path then stands at the last safe point. */
+ * UNSAFE, NOT_CONVERGED: steps become too small, the path bends or ends, or it is out of all
+ * proportion to where the path stands, NOT_FINITE, NO_MEMORY. The path then stands at the last safe point. */
 EXPORT int path_go(Path *path, Real target);
 
-/* Where the path stands, in one row; returns s. `zero` becomes the value of s at which the
- * determinant would vanish as it fell in the last step, infinite if it rose, NaN if no step was
- * taken; `steps` how many were taken since the path was created. */
-EXPORT Real path_stand(const Path *path, const PathRows *row, Real *zero, Int *steps);
+/* Where the path stands, in one row; returns s. */
+EXPORT Real path_stand(const Path *path, const PathRows *row);
 
 #endif

@@ -23,7 +23,6 @@ struct Path {
     Real missed;    /* of q, by the last step's prediction: Hermite's error between its points */
     Real open;      /* residual of equations left out that no other choice makes smaller */
     Real begin;     /* s at the start, where polynomials are prescribed */
-    Int steps;      /* taken since the path was created */
     Real *memory;
 };
 

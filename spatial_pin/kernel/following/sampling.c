@@ -22,7 +22,7 @@ static int reach_within(Path *path, Real target)
     Real length = first;
     Int failed = 0;
     if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))
-        return TOO_FAR;
+        return UNSAFE;
     while (path->here->s != target) {
         const Real left = target - path->here->s;
         const Real parts = ceil(fabs(left) / fmin(length, longest_step(path)) - 1e-9);
@@ -41,7 +41,7 @@ static int reach_within(Path *path, Real target)
 
 int reach(Path *path, Real target)
 {
-    int code = isfinite(target) ? DONE : TOO_FAR;
+    int code = isfinite(target) ? DONE : UNSAFE;
     while (code == DONE && path->here->s != target) {
         code = turn_into(path, target - path->here->s);
         if (code == DONE)

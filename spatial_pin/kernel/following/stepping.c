@@ -321,7 +321,6 @@ static void take(Path *path)
     path->here = next;
     path->has_before = 1;
     path->stale = 0;
-    path->steps++;
 }
 
 /* Learn the way between points from what prediction missed. With r the step by the distance of the
