@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import spatial_pin as sp
-from spatial_pin.cli.__main__ import main
+from spatial_pin.cli.running import main
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.proximity.between import Between
 from spatial_pin.proximity.distances import nearest

@@ -7,6 +7,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import spatial_pin as sp
+from spatial_pin.cli.running import main
+from spatial_pin.cli.tables import read_table
 
 TIMES = np.linspace(0.0, 2.0, 41)
 
@@ -185,3 +187,40 @@ def test_a_motion_of_several_drivers_can_be_written_shown_and_loaded(tmp_path):
         sp.export_html(motion, tmp_path / "m.html")
         assert sp.kinetostatics(mechanism, motion).efforts
         assert len(sp.clearance(motion, [("arm_1", "arm_2")]).least.distances) == len(TIMES)
+
+
+# ---------------------------------------------------------------- command line
+
+
+def test_the_command_line_follows_a_table_and_writes_one(tmp_path, capfd):
+    mechanism = sp.load("delta")
+    values = legs(mechanism, sp.assemble(mechanism))
+    table = tmp_path / "arms.csv"
+    head = "time [ms]," + ",".join(f"{name} [deg]" for name in values)
+    rows = np.column_stack([1e3 * TIMES, *np.rad2deg(list(values.values()))])
+    np.savetxt(table, rows, delimiter=",", header=head, comments="", fmt="%.17g")
+    out = tmp_path / "out.csv"
+    assert main(["follow", "delta", str(table), "--csv", str(out)]) == 0
+    assert "delta: 41 steps, time 0 to 2 s" in capfd.readouterr().out
+    expected = sp.follow(mechanism, values, TIMES)
+    found, times = read_table(out)
+    assert times == pytest.approx(expected.time, abs=1e-15)
+    assert found[mechanism.coordinate("arm_2").name] == pytest.approx(values["arm_2"], abs=1e-14)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("boom\n", "no table"), ("boom [ft]\n1\n", "has the unit 'ft'"), ("boom\nx\n", "'x' is no"),
+    ("boom,arm\n1\n", "line 2, column 2: nothing is no number"), ("a,a\n1,2\n", "two columns"),
+    ("[rad]\n1\n", "is no name of a column"),
+])
+def test_a_bad_table_is_refused_with_its_place(tmp_path, capfd, text, words):
+    table = tmp_path / "bad.csv"
+    table.write_text(text)
+    assert main(["follow", "delta", str(table)]) == 1
+    told = capfd.readouterr().err
+    assert words in told and "bad.csv" in told and "Traceback" not in told
+
+
+def test_a_table_that_is_not_there_is_told(capfd):
+    assert main(["follow", "delta", "nowhere.csv"]) == 1
+    assert "nowhere.csv" in capfd.readouterr().err

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import mechanisms as known
 import numpy as np
 import pinocchio as pin
@@ -12,6 +14,7 @@ from scipy.optimize import minimize
 
 import spatial_pin as sp
 from spatial_pin import targets
+from spatial_pin.cli.running import main
 
 
 def arm(folder, lengths=(1.0, 0.8, 0.6), limits=()):
@@ -261,3 +264,38 @@ def test_a_mechanism_without_mass_has_no_centre_of_mass(tmp_path):
     mechanism = known.load(tmp_path, "bare", known.turning("a", "ground", "b"), "")
     with pytest.raises(sp.SpatialPinError, match="no centre of mass"):
         sp.reach(mechanism, {"all": targets.centre_of_mass(0.0, 0.0, 0.0)})
+
+
+# ---------------------------------------------------------------- command line
+
+
+def test_the_command_line_reaches_and_tells(tmp_path, capfd):
+    mechanism = sp.load("delta")
+    there = sp.assemble(mechanism).placement("platform").translation + np.array([0.05, 0.02, -0.03])
+    words = ",".join(f"{1e3 * x!r}mm" for x in there.tolist())
+    target = tmp_path / "state.json"
+    assert main(["reach", "delta", f"platform.position={words}", "--json", str(target)]) == 0
+    assert "driver arm_1" in capfd.readouterr().out
+    q = np.array(json.loads(target.read_text())["q"])
+    state = sp.assemble(mechanism, {}, q)
+    assert np.abs(state.placement("platform").translation - there).max() < 1e-11
+
+
+@pytest.mark.parametrize(("word", "code", "told"), [
+    ("platform.position=0,0", 2, "has 3 numbers, not 2"),
+    ("platform.position=0,0,1rad", 2, "has numbers in m"),
+    ("platform=0,0,1", 2, "several numbers are those of"),
+    ("platform.direction=0,0,0", 2, "along"),
+    ("platform", 2, "is not NAME.position"),
+    ("nobody.position=0,0,1", 1, "nobody"),
+    ("arm_1=20mm", 1, "arm_1 is in rad"),
+    ("platform.position=0,0,9", 1, "cannot be reached"),
+    ("platform.pose=0,0,0,0,0", 2, "has 6 numbers"),
+])
+def test_bad_words_are_refused(capfd, word, code, told):
+    try:
+        found = main(["reach", "delta", word])
+    except SystemExit as end:
+        found = end.code
+    assert found == code
+    assert told in capfd.readouterr().err

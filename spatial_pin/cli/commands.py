@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.cli.tables import read_table
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.motion.default_motion import default_motion
@@ -87,6 +88,12 @@ def _assemble(options: argparse.Namespace) -> None:
     state = sp.assemble(mechanism, _fitting(mechanism, _unique(options, options.values)),
                         _guess(options), limits=options.limits, release=options.release,
                         free=options.free)
+    _tell(options, state)
+
+
+def _tell(options: argparse.Namespace, state: sp.State) -> None:
+    """Say where a configuration is, and write it as asked."""
+    mechanism = state.mechanism
     if options.json:
         values = {name: state.coordinate(name).value for name in mechanism.coordinates}
         _write_json({"mechanism": mechanism.name, "coordinates": values, "q": state.q.tolist(),
@@ -166,6 +173,29 @@ def _reduced(
 
 def _sweep(options: argparse.Namespace) -> None:
     _write(options, _run_sweep(options, _load(options)))
+
+
+def _follow(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    values, times = read_table(options.table)
+    end = "stop" if options.stop else "raise"
+    _write(options, sp.follow(mechanism, values, times, guess=_guess(options),
+                              hold=["base", *options.hold], on_limit=end, on_crossing=end,
+                              progress=True))
+
+
+def _reach(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    state = sp.assemble(mechanism, {}, _guess(options))
+    targets = _unique(options, options.targets)
+    _fitting(mechanism, {n: x for n, x in targets.items() if not isinstance(x, sp.Target)})
+    found = sp.reach(mechanism, targets, state, hold=["base", *options.hold],
+                     limits=options.limits)
+    _tell(options, found)
+    if options.json != "-":
+        for name in mechanism.drivers:
+            value, unit = found.coordinate(name).value, mechanism.coordinate(name).unit
+            print(f"  driver {name} = {value:.15g} {unit}")
 
 
 def _beginning(
@@ -368,6 +398,8 @@ RUNS = {
     "info": _info,
     "assemble": _assemble,
     "sweep": _sweep,
+    "follow": _follow,
+    "reach": _reach,
     "simulate": _simulate,
     "tradeoff": _tradeoff,
     "limits": _limits,

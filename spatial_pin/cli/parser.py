@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import spatial_pin as sp
+from spatial_pin.cli.tables import read_target
 from spatial_pin.units import Quantity, quantity
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
@@ -103,6 +104,29 @@ def _sweep_options(sub: argparse.ArgumentParser) -> None:
                      help="sweep the smallest model that yields this coordinate, link or frame, "
                           "and say what it leaves out")
     _result_options(sub)
+
+
+def _follow_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
+                     "boom [deg], arm; then a line of numbers for every sample")
+    sub.add_argument("--hold", action="append", default=[], metavar="NAME",
+                     help="a joint or coordinate that stands still, besides a free base")
+    sub.add_argument("--stop", action="store_true",
+                     help="end before what cannot be reached instead of failing")
+    _guess_option(sub)
+    _result_options(sub)
+
+
+def _reach_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("targets", nargs="+", type=_target, metavar="TARGET",
+                     help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
+                          "NAME.direction=x,y,z (of its z axis) or COORDINATE=value")
+    sub.add_argument("--hold", action="append", default=[], metavar="NAME",
+                     help="a joint or coordinate that stands still, besides a free base")
+    sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
+                     help="keep the joint limits")
+    _guess_option(sub)
+    sub.add_argument("--json", metavar="F", help="write the configuration as JSON")
 
 
 def _simulate_options(sub: argparse.ArgumentParser) -> None:
@@ -261,6 +285,13 @@ def _setting(text: str) -> tuple[str, float]:
     return name, _quantity(value)
 
 
+def _target(text: str) -> tuple[str, Any]:
+    try:
+        return read_target(text)
+    except (ValueError, TypeError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def _package(text: str) -> tuple[str, str]:
     name, separator, folder = text.partition("=")
     if not (name and separator and folder):
@@ -273,6 +304,8 @@ COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {  
     "info": ("links, joints, closures, coordinates and freedoms", _info_options),
     "assemble": ("close the loops at given driver values", _assemble_options),
     "sweep": ("follow one branch from one driver value to another", _sweep_options),
+    "follow": ("follow one branch as several drivers go along a table", _follow_options),
+    "reach": ("find the configuration in which frames are where they should be", _reach_options),
     "simulate": ("let it move under gravity, springs and efforts", _simulate_options),
     "tradeoff": ("measure what accuracy settings cost and lose on a motion of it",
                  _tradeoff_options),

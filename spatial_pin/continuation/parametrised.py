@@ -65,7 +65,8 @@ class DrivenCurve:
         n = len(self.scale)
         derivative, residual = np.zeros((n, n + 1)), np.zeros(n)
         derivative[:, :n] = self.system.matrix
-        drivers = self.system.driver_rows
+        first = self.system.prescribed_rows.start
+        drivers = slice(first, first + len(self.places))
         derivative[drivers, n] = -self.unit * self.rate(s) / self.sizes
         residual[drivers] = (q[self.places] - self.law(s)) / self.sizes
         residual[self.system.closure_rows] = self.evaluation.residual[self.system.rows]

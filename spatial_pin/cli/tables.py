@@ -1,0 +1,107 @@
+"""What the command line reads besides numbers: tables of driver values, targets in space."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics import targets
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.units import UNITS, Quantity, quantity
+
+TIME = "time"
+KINDS = {  # of targets: what units their numbers have, " " for none
+    "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
+    "direction": (" ", " ", " "),
+}
+
+
+def read_table(path: str | Path) -> tuple[dict[str, Array], Array | None]:
+    """Return columns (N,) by the names of drivers [rad, m], and times (N,) [s] where it has some.
+
+    The first line of the file has names, each with or without its unit: `boom`, `boom [deg]`,
+    `time [s]`. Columns of rates and accelerations, as `--csv` writes them, are left out.
+
+    Raises:
+        OSError: it cannot be read.
+        SpatialPinError: it is no such table; says where.
+    """
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = [line for line in csv.reader(file) if any(word.strip() for word in line)]
+    if len(lines) < 2:
+        raise SpatialPinError(f"{path}: no table: a line of names and lines of numbers are needed")
+    found: dict[str, Array] = {}
+    for k, head in enumerate(lines[0]):
+        name, unit = _head(path, head)
+        if name.endswith((" rate", " acceleration")) or name == "closure error":
+            continue
+        if name in found:
+            raise SpatialPinError(f"{path}: two columns are named {name!r}")
+        found[name] = UNITS[unit] * np.array([
+            _number(path, line, k, row) for row, line in enumerate(lines[1:], start=2)])
+    return found, found.pop(TIME, None)
+
+
+def _head(path: str | Path, text: str) -> tuple[str, str]:
+    match = re.fullmatch(r"\s*([^\[\]]+?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*", text)
+    if match is None:
+        raise SpatialPinError(f"{path}: {text!r} is no name of a column, as 'boom' or 'boom [deg]'")
+    name, unit = match[1], match[2] or ""
+    if unit not in UNITS:
+        if name.endswith((" rate", " acceleration", "closure error")):
+            return name, ""
+        known = ", ".join(u for u in UNITS if u)
+        raise SpatialPinError(f"{path}: column {name!r} has the unit {unit!r}; known are {known}")
+    return name, unit
+
+
+def _number(path: str | Path, line: list[str], k: int, row: int) -> float:
+    try:
+        return float(line[k])
+    except (ValueError, IndexError):
+        word = repr(line[k]) if k < len(line) else "nothing"
+        raise SpatialPinError(f"{path}: line {row}, column {k + 1}: {word} is no number") from None
+
+
+def read_target(text: str) -> tuple[str, Any]:
+    """Return name and target of `NAME.position=x,y,z`, or of `COORDINATE=value`.
+
+    `NAME.pose=x,y,z,rx,ry,rz` has a rotation vector behind the position, `NAME.direction=x,y,z`
+    says where the z axis of the frame points.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    name, equals, value = text.partition("=")
+    if not (name.strip() and equals):
+        raise ValueError(f"{text!r} is not NAME.position=x,y,z or COORDINATE=value")
+    frame, _, kind = name.strip().rpartition(".")
+    words = value.split(",")
+    if kind not in KINDS or not frame:
+        if len(words) > 1:
+            raise ValueError(f"{text!r}: several numbers are those of NAME.position, NAME.pose or "
+                             "NAME.direction")
+        return name.strip(), quantity(value)
+    units = KINDS[kind]
+    if len(words) != len(units):
+        raise ValueError(f"{text!r}: a {kind} has {len(units)} numbers, not {len(words)}")
+    numbers = [quantity(word) for word in words]
+    if not all(map(_fits, numbers, units)):
+        raise ValueError(f"{text!r}: a {kind} has numbers in {', '.join(units)}")
+    if kind == "position":
+        return frame, targets.position(np.array(numbers))
+    if kind == "direction":
+        along = np.array(numbers) / (np.linalg.norm(numbers) or 1.0)
+        return frame, targets.direction(np.array([0.0, 0.0, 1.0]), along)
+    turned = pin.exp3(np.array(numbers[3:], dtype=float))
+    return frame, targets.pose(pin.SE3(turned, np.array(numbers[:3], dtype=float)))
+
+
+def _fits(number: Quantity, unit: str) -> bool:
+    return not number.unit if unit == " " else number.is_for(unit)
