@@ -10,7 +10,8 @@ from test_closures import JOINTS, somewhere, tree_with
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation
-from spatial_pin.continuation.cursor import Cursor, Start
+from spatial_pin.continuation.cursor import Cursor
+from spatial_pin.continuation.start import Start
 from spatial_pin.kernel.kernel import Kernel
 
 SEVERAL = 4

@@ -9,7 +9,8 @@ import pytest
 import spatial_pin as sp
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.cursor import Cursor, Start
+from spatial_pin.continuation.cursor import Cursor
+from spatial_pin.continuation.start import Start
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples
 from spatial_pin.rates.rates import prescribed_at

@@ -17,7 +17,7 @@ from mechanisms import KNOWN, closure, driver, floating, guess, load, point, ref
 from mpmath import mpf
 
 import spatial_pin as sp
-from spatial_pin.continuation.cursor import Start
+from spatial_pin.continuation.start import Start
 from spatial_pin.errors import UnknownNameError
 
 SPEED, ACCELERATION = 3.0, 7.0

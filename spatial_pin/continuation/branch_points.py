@@ -1,8 +1,8 @@
 """Going straight on where branches of closed configurations cross.
 
-At a crossing (a change point) the equations lose rank and nothing can be solved; on either side
+At a branch point (a change point) the equations lose rank and nothing can be solved; on either side
 each branch is a smooth curve. The one that goes straight on is the continuation of the curve
-before the crossing as a polynomial, corrected by the closure equations behind it; between the two
+before it as a polynomial, corrected by the closure equations behind it; between the two
 sides everything is interpolated from both.
 """
 
@@ -21,7 +21,7 @@ from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics.linalg import Array
 
-# rad, characteristic lengths of the joint that moves most, from a crossing: there it may be solved
+# rad, characteristic lengths of the joint that moves most, from a branch point: there is a solution
 REACHES = 0.12 * 0.5 ** np.arange(7)
 APPROACHES = 2  # to such a place: how fast joints move is first known elsewhere
 NODES = 8  # configurations on either side that the curve is continued through
@@ -29,12 +29,12 @@ CLOSED = 1e-12  # closure residual between the ends, above which nodes are taken
 KNOWN = 1e-11  # what two nodes more may change there [rad, characteristic lengths]
 BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)  # parts of the way out [Chebyshev]
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
-SAME = 1e-9  # difference of driver values that are the crossing's own [rad or m]
+SAME = 1e-9  # difference of driver values that are the branch point's own [rad or m]
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
 def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | None:
-    """Return the point beyond a crossing that lies `distance` ahead of a point, straight on.
+    """Return the point beyond a branch point that lies `distance` ahead of a point, straight on.
 
     None where no branch goes straight on.
     """
@@ -54,8 +54,8 @@ def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | No
     return curve.settle(found, pin.difference(curve.model, base.q, found) / curve.scale)
 
 
-def _polynomial(x: Array, rows: Array) -> Callable[[float], Array]:
-    """Return the polynomial through rows (N, k) at places (N,) [BerrutTrefethen2004, 4.2]."""
+def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
+    """Return the polynomial through y (N, k) at places (N,) [BerrutTrefethen2004, 4.2]."""
     gaps = (4.0 / np.ptp(x)) * (x[:, None] - x)  # products neither large nor small
     np.fill_diagonal(gaps, 1.0)
     weights = 1.0 / gaps.prod(axis=1)
@@ -63,23 +63,23 @@ def _polynomial(x: Array, rows: Array) -> Callable[[float], Array]:
     def at(value: float) -> Array:
         away = value - x
         if not away.all():
-            return rows[np.argmin(np.abs(away))]
+            return y[np.argmin(np.abs(away))]
         parts = weights / away
-        found: Array = (parts @ rows) / parts.sum()
+        found: Array = (parts @ y) / parts.sum()
         return found
 
     return at
 
 
 def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
-    """Return a point of the curve beyond the crossing just ahead of a point; None if none is."""
+    """Return a point of the curve beyond the branch point just ahead of another, or None."""
     for reach in (REACHES * _arc(point.t)).tolist():
         behind = curve.ahead(point, -reach)
         base = curve.settle(behind, point.t) if behind is not None else None
         halfway = curve.ahead(base, 0.5 * reach) if base is not None else None
         if base is None or halfway is None:
             continue
-        sigma = [curve.sigma(q) for q in (base.q, halfway)]  # falls to 0 at the crossing
+        sigma = [curve.sigma(q) for q in (base.q, halfway)]  # falls to 0 at the branch point
         if sigma[1] < sigma[0]:
             distance = 0.5 * reach * sigma[0] / (sigma[0] - sigma[1])
             far = far_side(curve, base, distance)

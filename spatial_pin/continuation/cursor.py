@@ -6,26 +6,24 @@ followed by pseudo-arclength, which passes the hard stretch or finds what ends t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spatial_pin.assembly.holding import BASE, Hold, divided, still_entries
+from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
+from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kernel import Kernel, kernel_of
-from spatial_pin.kernel.paths import Path, Samples, prescribed_places
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.paths import Path, Samples
 from spatial_pin.mechanism.coordinates import coordinate_value
-from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
 
 FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
@@ -74,121 +72,6 @@ class Place(NamedTuple):
     def state(self, start: Start) -> State:
         """Return the State there, without rates."""
         return State(start.mechanism, self.q, closure_error=self.error, angles=self.angles)
-
-
-class Start:
-    """The beginning of a branch: where it is, what is prescribed, how exactly it is followed.
-
-    Attributes:
-        driven: the prescribed coordinates, the driver first.
-        still: places in the velocity vector that stand still.
-
-    Args:
-        state: closed.
-        driven: the prescribed coordinates, the driver first.
-        still: places in the velocity vector that stand still; default: those of free bases.
-        accuracy: of the motion.
-        kernel: of the state's mechanism.
-        evaluation: its closure equations.
-    """
-
-    def __init__(
-        self, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
-        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation,
-    ) -> None:
-        self.state, self.mechanism, self.accuracy = state, state.mechanism, accuracy
-        self.kernel, self.evaluation = kernel, evaluation
-        self.driven = driven
-        self.still = still_entries(state.mechanism, driven) if still is None else tuple(still)
-        self._first: Path | None = None
-
-    @classmethod
-    def along(
-        cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, kernel: Kernel,
-        evaluation: Evaluation,
-    ) -> Start:
-        """Return the beginning along which the first of some names is driven, the others held.
-
-        Args:
-            state: closed.
-            names: what is prescribed, the driver first.
-            hold: what stands still, see `sweep`.
-            accuracy: of the motion.
-            kernel: of the state's mechanism.
-            evaluation: its closure equations.
-        """
-        driven, still = prescribed_first(state.mechanism, names, hold)
-        start = cls(state, driven, still, accuracy, kernel, evaluation)
-        start._first = start._path_of_regular(state.q, state.angles)
-        if start._first is None:
-            start.driven = prescribed_at(state, names, hold)
-            start.still = divided(state.mechanism, start.driven, hold)[1]
-        return start
-
-    def samples(self, n: int) -> Samples:
-        """Return room for n samples."""
-        return Samples.empty(n, self.kernel.nq, self.kernel.nv, self.kernel.n_angles)
-
-    def system(self, q: Array, angles: Array) -> SquareSystem:
-        """Return the square system at a configuration.
-
-        Raises:
-            SingularError: the driver does not determine the motion there.
-        """
-        self.evaluation.turns[:] = angles
-        return SquareSystem(self.evaluation, self.driven, q, self.still)
-
-    def checked_system(self, state: State) -> SquareSystem:
-        """Return the square system at a state.
-
-        Raises:
-            SingularError: the driver does not determine the motion there, or loops lose rank.
-        """
-        system = self.system(state.q, state.angles)
-        system.check_regular(state.q)
-        if system.pivots()[1] < TOLERANCES.singular:
-            raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
-                                f"the start, {state}", state=state)
-        return system
-
-    def first_path(self) -> Path | None:
-        """Return the path that the kernel follows from the state; None as `path`."""
-        found, self._first = self._first, None
-        return found or self.path(self.state.q, self.state.angles)
-
-    def path(self, q: Array, angles: Array) -> Path | None:
-        """Return the path that the kernel follows from q; None where it cannot, or may not.
-
-        Args:
-            q: (nq,) closed configuration.
-            angles: (n_angles,) of screw closures.
-        """
-        return self._path_of_regular(q, angles) or self._path_of_system(q, angles)
-
-    def _path_of_regular(self, q: Array, angles: Array) -> Path | None:
-        """Return the path where as many equations are independent as there are unknowns."""
-        k = self.kernel
-        wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
-        if not 0 <= wanted <= k.n_rows:
-            return None
-        return self._path(np.arange(wanted), np.empty((0, k.nv)), q, angles, True)
-
-    def _path_of_system(self, q: Array, angles: Array) -> Path | None:
-        """Return the path where passive freedoms are left."""
-        try:
-            system = self.system(q, angles)
-            system.check_regular(q)
-        except SingularError:
-            return None
-        return self._path(system.rows, system.passive, q, angles)
-
-    def _path(
-        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array,
-        choose: bool = False,
-    ) -> Path | None:
-        driven = prescribed_places(self.kernel, self.driven, self.still)
-        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
-        return path if path.start(q, angles, choose) else None
 
 
 class Cursor:

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.cursor import STRETCH, Cursor, Place, Start, Stopped
+from spatial_pin.continuation.cursor import STRETCH, Cursor, Place, Stopped
 from spatial_pin.continuation.evaluation_order import there_and_back
+from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.numerics.linalg import Array

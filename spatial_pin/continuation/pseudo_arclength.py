@@ -187,7 +187,7 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
 
 
 def branch_point_near(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
-    """Return where the rows lose their rank, ahead of a point, near q; there if none is found."""
+    """Return where the equations lose rank, ahead of a point, near q; there if none is found."""
     found = located(curve, point)
     kind, value = found if found is not None else ("branch point", float(q[curve.driver.q]))
     return Arrival(kind, q, value)

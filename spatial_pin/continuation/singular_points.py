@@ -1,9 +1,9 @@
-"""Where the rows of a curve lose their rank: told from places before, nothing can be solved there.
+"""Where the equations of a curve lose rank: told from places before, nothing can be solved there.
 
-The matrix of rows and tangent is a smooth function of the place and can be continued to there. It
-is singular where branches cross. Loops of a chain that go flat together lose one rank each at one
-place: there the determinant has a zero of that order, which round-off scatters, but the place is
-an eigenvalue of the matrix function, which keeps its digits [Ruhe1973].
+The matrix of equations and tangent is a smooth function of the place and can be continued to
+there. It is singular where branches cross. Loops of a chain that go flat together lose one rank
+each at one place: there the determinant has a zero of that order, which round-off scatters, but the
+place is an eigenvalue of the matrix function, which keeps its digits [Ruhe1973].
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 LARGEST_STEP, SMALLEST_STEP = 0.1, TOLERANCES.nothing  # as of `pseudo_arclength`
-VIEW = 8e-3, 2e-2  # least and most distance from a crossing that its place is told from
+VIEW = 8e-3, 2e-2  # least and most distance from a branch point that its place is told from
 # Length over which the fall of a singular value is judged: round-off leaves twelve digits of its
 # change, and what the estimate is wrong by is about the square, 1e-8.
 PROBE = 1e-4
 STEPS_TO_VIEW = 64  # to such a distance, each half of what is left or a largest step: 6 rad
-PLACES = 0.16 * np.arange(6)  # parts of the way to a crossing that its place is told from
+PLACES = 0.16 * np.arange(6)  # parts of the way to a branch point that its place is told from
 # Part of the way over which singular places are one: a zero of order four is known to the fourth
 # root of round-off, 1e-4.
 TOGETHER = 1e-4
@@ -96,7 +96,7 @@ def zeros(x: Array, matrices: Array) -> list[float]:
 
 
 def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
-    """Return a point before a crossing ahead of another point, and how far it about is, in VIEW."""
+    """Return a point before a branch point ahead of another, and its distance, in VIEW."""
     back, base, distance = VIEW[0], _moved(curve, point, -VIEW[0]), 0.0
     for _ in range(STEPS_TO_VIEW):
         if base is None:
@@ -113,7 +113,7 @@ def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
 
 
 def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
-    """Return the point `length` ahead of another one, or less far if a crossing lies between."""
+    """Return the point `length` ahead of another one, or less far before a branch point."""
     while abs(length) > SMALLEST_STEP:
         q = curve.ahead(point, length)
         if q is None:
@@ -126,7 +126,7 @@ def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
 
 
 def distance_ahead(curve: Curve, point: CurvePoint) -> float:
-    """Return about how far ahead of a point the rows lose their rank, inf if not at all."""
+    """Return about how far ahead of a point the equations lose rank, inf if not at all."""
     q = curve.ahead(point, PROBE)
     if q is None:
         return 0.0
@@ -134,16 +134,16 @@ def distance_ahead(curve: Curve, point: CurvePoint) -> float:
 
 
 def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
-    """Return how far ahead of a point, `length` after the last, its rows would lose their rank."""
+    """Return how far ahead of a point, `length` after the last, its equations would lose rank."""
     fall = last.sigma - point.sigma
     return point.sigma * length / fall if fall > 0.0 else np.inf
 
 
 def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
-    """Return what is met where the rows lose their rank ahead of a point, and the driver value.
+    """Return what is met where the equations lose rank ahead of a point, and the driver value.
 
-    There nothing can be solved: the place is that where the matrix of rows and tangent, a smooth
-    function of the arc length, is singular if continued from places before it; so are driver
+    There nothing can be solved: the place is that where the matrix of equations and tangent, a
+    smooth function of the arc length, is singular if continued from places before it; so are driver
     value and how fast it still changes. A driver that comes to rest there has reached its limit;
     else branches cross.
     """

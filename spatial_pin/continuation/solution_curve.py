@@ -19,8 +19,8 @@ class CurvePoint(NamedTuple):
     Attributes:
         q: (nq,) configuration.
         t: (nv,) scaled unit tangent.
-        sign: sign of the determinant of [regular rows; tangent].
-        sigma: smallest over largest singular value of the regular rows.
+        sign: sign of the determinant of [independent equations; tangent].
+        sigma: smallest over largest singular value of the independent equations.
         angles, slopes: relative angles of screw closures, and their scaled derivatives.
     """
 
@@ -44,8 +44,8 @@ class Curve:
         self.drive = system.matrix[system.prescribed_rows][1:]
         self.selected = system.rows
 
-    def rows(self, q: Array) -> Array:
-        """Return the (nv - 1, nv) regular rows of the curve at q."""
+    def equations(self, q: Array) -> Array:
+        """Return the (nv - 1, nv) independent equations' derivatives of the curve at q."""
         self.evaluation.update(q)
         jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
         parts = [jacobian[self.selected], jacobian[n:], self.drive, self.system.passive]
@@ -53,14 +53,14 @@ class Curve:
 
     def settle(self, q: Array, along: Array) -> CurvePoint | None:
         """Return the point at q whose tangent is nearest to `along`; None where branches cross."""
-        rows = self.rows(q)
+        rows = self.equations(q)
         if self.system.has_redundant_rows:
             n = self.evaluation.constraints.n_rows
             selected = independent_rows(self.evaluation.jacobian[:n], TOLERANCES.singular)
             if len(selected) < len(self.system.rows):
                 return None
             self.selected = selected
-            rows = self.rows(q)
+            rows = self.equations(q)
         svd = decompose(rows, TOLERANCES.singular)
         if svd.rank < len(rows) or self._sigma(svd.s) <= TOLERANCES.singular:
             return None
@@ -70,7 +70,7 @@ class Curve:
         self, q: Array, t: Array, rows: Array | None = None, s: Array | None = None
     ) -> CurvePoint:
         """Return the point at q with a given tangent; rows and their singular values if known."""
-        rows = self.rows(q) if rows is None else rows
+        rows = self.equations(q) if rows is None else rows
         s = decompose(rows, 0.0).s if s is None else s
         t = t / np.linalg.norm(t)
         evaluation = self.evaluation
@@ -86,7 +86,7 @@ class Curve:
     def onto(self, q: Array, normal: Array) -> Array | None:
         """Return the closed configuration near q in the plane through it with a scaled normal."""
         for _ in range(8):
-            rows = self.rows(q)
+            rows = self.equations(q)
             residual = self.evaluation.residual
             if residual @ residual <= self.tolerance**2:
                 return q
@@ -100,7 +100,7 @@ class Curve:
 
     def direction(self, q: Array, along: Array) -> tuple[Array, int]:
         """Return tangent and determinant sign at q with the rows of the last `settle`."""
-        rows = self.rows(q)
+        rows = self.equations(q)
         null_space = decompose(rows, TOLERANCES.tight).null_space
         t = null_space.T @ (null_space @ along)
         t /= np.linalg.norm(t)
@@ -112,21 +112,21 @@ class Curve:
         The largest counts as no smaller than rows were elsewhere: where a single one vanishes, it
         is as large as itself to the end.
         """
-        return self._sigma(decompose(self.rows(q), 0.0).s)
+        return self._sigma(decompose(self.equations(q), 0.0).s)
 
     def _sigma(self, s: Array) -> float:
         return float(s[-1] / np.hypot(s[0], self.system.size)) if s.size else 1.0
 
     def matrices(self, places: Iterable[tuple[Array, Array]]) -> Array:
-        """Return the matrices (k, nv, nv) of [regular rows; unit tangent] at (q, t) places.
+        """Return matrices (k, nv, nv) of [independent equations; unit tangent] at places (q, t).
 
         Smooth functions of the place, singular where branches cross.
         """
-        return np.array([np.vstack([self.rows(q), t / np.linalg.norm(t)]) for q, t in places])
+        return np.array([np.vstack([self.equations(q), t / np.linalg.norm(t)]) for q, t in places])
 
     def curvature(self, point: CurvePoint) -> Array:
         """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
-        rows = self.rows(point.q)
+        rows = self.equations(point.q)
         n = self.evaluation.constraints.n_rows
         bias = self.evaluation.bias(point.q, self.scale * point.t)
         rhs = np.zeros(len(rows) + 1)

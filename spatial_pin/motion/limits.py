@@ -16,7 +16,7 @@ from spatial_pin.continuation.pseudo_arclength import towards
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limits import Passing, falls, joint_limits_passed, passed_at_start
+from spatial_pin.motion.joint_limits import joint_limits_passed, passed_at_start
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
@@ -185,27 +185,11 @@ def _nearer(
         passed = joint_limits_passed(motion)
         if passed:
             side = "upper" if passed[0].limit.side > 0 else "lower"
-            return Bound(_exactly(motion, passed[0]), f"{side} limit of {passed[0].limit.name}")
+            return Bound(passed[0].value, f"{side} limit of {passed[0].limit.name}")
         if last or _returns(motion) or mechanism.coordinate(driver).unit == "m":
             return bound
         state = motion.state(-1)
     return Bound(float(state.coordinate(driver).value), "not followed further")
-
-
-def _exactly(motion: Motion, passing: Passing) -> float:
-    """Return where a limit is passed between two rows, loops closed at every trial."""
-    row, limit = passing.row, passing.limit
-    rooms = limit.room(motion.q[row - 1 : row + 1])
-    if not rooms[0] > 0.0 > rooms[1]:
-        return passing.value  # it turns back in between
-    ends, before = motion.swept[row - 1 : row + 1], motion.state(row - 1)
-
-    def room(value: float) -> float:
-        way = sweep(motion.mechanism, motion.driver_name, [ends[0], value], guess=before,
-                    hold=motion.held)
-        return float(limit.room(way.q[-1]))
-
-    return falls(room, *ends.tolist())
 
 
 def _returns(motion: Motion) -> bool:

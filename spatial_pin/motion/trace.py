@@ -49,8 +49,8 @@ def trace(
         hold: names of what stands still besides, as for `sweep`.
 
     Returns:
-        A Motion whose rates are with respect to the arc length; limit positions, and crossings
-        with other branches that are passed straight on, are its events.
+        A Motion whose rates are with respect to the arc length; limit positions, and branch
+        points that are passed straight on, are its events.
         The last row is the first one again, in which bodies that spin freely jump back; if the
         curve was not closed within `most_rows`, the last event is of kind "not closed".
 
@@ -140,7 +140,7 @@ class _TracedRows:
         But for those that spin freely, whose joints have other axes then. Where many joints share
         a step of arc length, bodies move by a small part of it only.
         """
-        self.curve.rows(point.q)
+        self.curve.equations(point.q)
         places = body_places(self.curve.evaluation, self.bodies)
         gap = float(np.abs(places - self.first_place).max())
         if len(self.points) == 1:

@@ -11,8 +11,9 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.cursor import Cursor, Start, Stopped
+from spatial_pin.continuation.cursor import Cursor, Stopped
 from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import finite_number
