@@ -14,9 +14,9 @@ from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.cursor import Start
 from spatial_pin.continuation.parametrised import DrivenCurve
 from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.start import Start
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Path, Samples
