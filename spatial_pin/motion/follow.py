@@ -155,8 +155,8 @@ class _Trip:
                                      self.samples.between(self.done, last))
             if self.done == last:
                 return None
-            here = path.here
-            self._at = here.s, here.q, here.angles
+            here, sample = path.here
+            self._at = here, sample.q[0], sample.angles[0]
         return self._pass_on()
 
     def _pass_on(self) -> Arrival | None:
