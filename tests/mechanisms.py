@@ -437,6 +437,17 @@ def sarrus_answer(t) -> Pose:
                      "hinge": vector(0, 0.1, mpf(0.4) * sin(t))})
 
 
+def swung(folder):
+    """A rod on a ball at a tilted base, its end tied to a crank by another rod."""
+    tree = (floating("ball", "ground", "rod", (0.5, 0.1, 0)) + point("rod_end", "rod", (0, 0, 0.4))
+            + turning("crank", "ground", "arm") + point("arm_end", "arm", (0.2, 0, 0.35)))
+    toml = (refine("ball", "spherical") + closure("tie", "distance", "rod_end", "arm_end",
+                                                  length=0.45)
+            + driver("tilt", "ball.x") + driver("lean", "ball.y") + driver("spin", "ball.z")
+            + guess(ball=[0.1, 0.05, 0.2], crank=0.3))
+    return load(folder, "swung", tilted(tree), toml)
+
+
 # ---------------------------------------------------------------- slots, planes, directions
 
 PLATE, RADIUS = 0.3, 0.08  # tilt of the swash plate, radius of the rods

@@ -3,7 +3,7 @@
 import mechanisms
 import numpy as np
 import pytest
-from mechanisms import closure, driver, floating, guess, load, point, refine, tilted, turning
+from mechanisms import closure, driver, floating, guess, load, point, swung, tilted, turning
 
 import spatial_pin as sp
 from spatial_pin.mechanism.coordinates import rotation_vector
@@ -14,19 +14,6 @@ POSE = ("x", "y", "z", "rx", "ry", "rz")
 @pytest.fixture
 def folder(tmp_path):
     return tmp_path
-
-
-
-
-def swung(folder):
-    """A rod on a ball at a tilted base, its end tied to a crank by another rod."""
-    tree = (floating("ball", "ground", "rod", (0.5, 0.1, 0)) + point("rod_end", "rod", (0, 0, 0.4))
-            + turning("crank", "ground", "arm") + point("arm_end", "arm", (0.2, 0, 0.35)))
-    toml = (refine("ball", "spherical") + closure("tie", "distance", "rod_end", "arm_end",
-                                                  length=0.45)
-            + driver("tilt", "ball.x") + driver("lean", "ball.y") + driver("spin", "ball.z")
-            + guess(ball=[0.1, 0.05, 0.2], crank=0.3))
-    return load(folder, "swung", tilted(tree), toml)
 
 
 def rates_are_derivatives(motion, name, tolerance=1e-6):

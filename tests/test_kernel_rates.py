@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mechanisms import swung
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
@@ -109,3 +110,21 @@ def test_memory_for_rates_does_not_change_answers() -> None:
     again = sp.solve_rates(mechanism, state, speeds)
     assert np.array_equal(first.v, again.v)
     assert np.array_equal(first.a, again.a)
+
+
+def test_components_of_balls_and_floating_joints_are_driven_in_the_kernel(tmp_path):
+    """Their rates are none of the velocities: rows and second derivatives of their own."""
+    mechanism = swung(tmp_path)
+    state, system = _square(mechanism)
+    rng = np.random.default_rng(2)
+    drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
+    nv = mechanism.model.nv
+    kernel = Kernel(mechanism)
+    rates = Rates(kernel, [c.v + nv * (c.q < 0) for c in system.driven], len(drive))
+    rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
+    found = rates.solve(state.q, state.angles)
+    assert found is not None
+    v = system.driver_rates() @ drive
+    a = system.acceleration(state.q, v, more)
+    assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
+    assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)

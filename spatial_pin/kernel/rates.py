@@ -35,7 +35,8 @@ class Rates:
 
     Args:
         kernel: of the mechanism.
-        driven: places in the velocity vector, those that stand still last.
+        driven: places in the velocity vector, those that stand still last; nv and that of a
+            component of a ball or a floating joint.
         n_moving: how many do not.
     """
 

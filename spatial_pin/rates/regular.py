@@ -1,8 +1,8 @@
 """Rates where what is driven determines them clearly: by the kernel, in a tenth of the time.
 
-`assembly.newton.SquareSystem` is the specification. It works on where equations depend on each
-other, where passive freedoms take the least rates, where components of balls are driven, and near
-singular configurations; it says what is wrong where nothing determines the rates.
+`assembly.newton.SquareSystem` is the specification. It works on where it is not clear which
+equations depend on each other, and where passive freedoms take the least rates; it says what is
+wrong where nothing determines the rates.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from spatial_pin.assembly.holding import Hold, divided
+from spatial_pin.assembly.holding import Hold, divided, held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import finite_number
 from spatial_pin.errors import SpatialPinError
@@ -28,7 +28,8 @@ class Prescription(NamedTuple):
     """What is prescribed.
 
     Attributes:
-        driven: places in the velocity vector, those that stand still last.
+        driven: places in the velocity vector, those that stand still last; nv and that of a
+            component of a ball or a floating joint.
         n_moving: how many of them do not.
     """
 
@@ -130,15 +131,21 @@ def _plan(
     given = _prescription(mechanism, drivers, hold)
     if given is None:
         return None
-    return given, [[given.driven.index(c.v) for c in some] for some in chosen]
+    nv = mechanism.model.nv
+    return given, [[given.driven.index(_place(c, nv)) for c in some] for some in chosen]
 
 
 def _prescription(
     mechanism: Mechanism, driven: list[Coordinate], hold: Hold
 ) -> Prescription | None:
-    """Return where coordinates are prescribed; None where some are no velocities, or are held."""
+    """Return where coordinates are prescribed; None where some of them are held."""
     moving, still = divided(mechanism, driven, hold)
-    if len(moving) != len(driven) or any(
-            c.q < 0 and not isinstance(c, VelocityEntry) for c in moving):
+    if len(moving) - len(held_by(mechanism, hold, driven).coordinates) != len(driven):
         return None
-    return Prescription((*(c.v for c in moving), *still), len(moving))
+    nv = mechanism.model.nv
+    return Prescription((*(_place(c, nv) for c in moving), *still), len(driven))
+
+
+def _place(c: Coordinate, nv: int) -> int:
+    """Return the velocity entry of a coordinate, or that and nv of a component that has none."""
+    return c.v + nv * (c.q < 0 and not isinstance(c, VelocityEntry))

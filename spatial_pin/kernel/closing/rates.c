@@ -12,6 +12,7 @@
 #include "choosing.h"
 #include "dense.h"
 #include "kernel.h"
+#include "pins.h"
 #include "regular.h"
 #include "tolerances.h"
 
@@ -30,7 +31,8 @@
 typedef struct {
     Kernel *k;
     Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
-    const Int *driven;
+    const Int *driven; /* freedoms v, or nv + v for the component that v is of, see pins.h */
+    Pin *pin;         /* (n_driven) of those that are components */
     Int *chosen;      /* closure equations, ascending */
     Int *places;      /* among them, of independent ones */
     Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
@@ -67,15 +69,17 @@ EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
     const Int wanted = k->nv - k->n_idle - n_driven;
     if (n_driven < 0 || wanted < 0 || wanted > k->n_closure)
         return BAD_ARRAYS;
-    for (Int i = 0; i < n_driven; i++)
-        if (driven[i] < 0 || driven[i] >= k->nv)
-            return BAD_ARRAYS;
     Rates *r = kernel_memory(k, 1, sizeof *r);
     Int *copy = kernel_memory(k, n_driven, sizeof(Int));
-    if (!r || !copy)
+    Pin *pin = kernel_memory(k, n_driven, sizeof *pin);
+    if (!r || !copy || !pin)
         return NO_MEMORY;
+    for (Int i = 0; i < n_driven; i++)
+        if (!within(driven[i], 2 * k->nv) ||
+            (driven[i] >= k->nv && !pin_of(k, driven[i] - k->nv, pin + i)))
+            return BAD_ARRAYS;
     memcpy(copy, driven, (size_t)n_driven * sizeof(Int));
-    r->k = k, r->n_driven = n_driven, r->driven = copy, r->wanted = wanted;
+    r->k = k, r->n_driven = n_driven, r->driven = copy, r->pin = pin, r->wanted = wanted;
     if (make_room(r) != DONE)
         return NO_MEMORY;
     *out = r;
@@ -139,6 +143,25 @@ static void fill_row(Rates *r, Int row, Int equation)
         r->matrix[k->entry_v[e] * k->nv + row] = k->entry[e];
 }
 
+static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
+
+static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
+
+/* The row of a driven freedom, or of a component that is none. */
+static void fill_driven(Rates *r, Int i)
+{
+    const Kernel *k = r->k;
+    const Int row = k->nv - r->n_driven + i, first = r->pin[i].v;
+    Real gradient[3];
+    if (!is_pin(r, i)) {
+        r->matrix[r->driven[i] * k->nv + row] = 1.0;
+        return;
+    }
+    pin_row(r->pin + i, k->q, gradient);
+    for (int x = 0; x < 3; x++)
+        r->matrix[(first + x) * k->nv + row] = gradient[x] * k->scale[first + x] / driven_scale(r, i);
+}
+
 /* K transposed: equation by equation in the columns. */
 static void fill_matrix(Rates *r)
 {
@@ -149,7 +172,7 @@ static void fill_matrix(Rates *r)
     for (Int i = 0; i < k->n_idle; i++)
         fill_row(r, r->n_chosen + i, k->n_closure + i);
     for (Int i = 0; i < r->n_driven; i++)
-        r->matrix[r->driven[i] * k->nv + k->nv - r->n_driven + i] = 1.0;
+        fill_driven(r, i);
 }
 
 static Real pivot_ratio(const Real *matrix, Int n)
@@ -216,7 +239,7 @@ static Real solve_columns(Rates *r, Int n, Real *columns)
     const Kernel *k = r->k;
     Real pace = 1.0;
     for (Int c = 0; c < n; c++) {
-        const Real own = k->scale[r->driven[c]];
+        const Real own = driven_scale(r, c);
         Real *x = columns + c * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof(Real));
         x[k->nv - r->n_driven + c] = 1.0 / own;
@@ -229,7 +252,8 @@ static Real solve_columns(Rates *r, Int n, Real *columns)
     return pace;
 }
 
-/* x += factor times the second derivatives of the equations at joint velocities v. */
+/* x += factor times the second derivatives of the equations, and of driven components, at joint
+   velocities v. */
 static void add_bias(Rates *r, const Real *v, Real factor, Real *x)
 {
     Kernel *k = r->k;
@@ -238,6 +262,9 @@ static void add_bias(Rates *r, const Real *v, Real factor, Real *x)
         x[i] += factor * k->bias[r->chosen[i]];
     for (Int i = 0; i < k->n_idle; i++)
         x[r->n_chosen + i] += factor * k->bias[k->n_closure + i];
+    for (Int i = 0; i < r->n_driven; i++)
+        if (is_pin(r, i))
+            x[k->nv - r->n_driven + i] += factor * pin_bias(r->pin + i, k->q, v) / driven_scale(r, i);
 }
 
 static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
@@ -246,12 +273,13 @@ static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration
     memset(r->x, 0, (size_t)k->nv * sizeof(Real));
     add_bias(r, v, -1.0, r->x);
     for (Int i = 0; i < r->n_driven; i++)
-        r->x[k->nv - r->n_driven + i] = acceleration[i] / k->scale[r->driven[i]];
+        r->x[k->nv - r->n_driven + i] += acceleration[i] / driven_scale(r, i);
     solve(r, r->x);
     for (Int i = 0; i < k->nv; i++)
         a[i] = k->scale[i] * r->x[i];
     for (Int i = 0; i < r->n_driven; i++)
-        a[r->driven[i]] = acceleration[i]; /* as asked for, to the last digit */
+        if (!is_pin(r, i))
+            a[r->driven[i]] = acceleration[i]; /* as asked for, to the last digit */
 }
 
 /* ---------------------------------------------------------------- what round-off leaves */
@@ -404,7 +432,8 @@ EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, Int n_moving,
         for (Int i = 0; i < nv; i++)
             v[i] += columns[c * nv + i] * speed[c];
     for (Int i = 0; i < r->n_driven; i++)
-        v[r->driven[i]] = speed[i];
+        if (!is_pin(r, i))
+            v[r->driven[i]] = speed[i];
     solve_acceleration(r, v, acceleration, a);
     facts[0] = r->pivot;
     facts[1] = lost(r, v, pace);
