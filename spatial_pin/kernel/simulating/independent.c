@@ -330,7 +330,7 @@ static int is_worn(const Dynamics *d)
     if (k->n_chosen == k->n_closure)
         return 0;
     return k->pivot_ratio < WORN_PIVOTS * d->first_pivot ||
-           equations_error(k) > 10.0 * d->spare + TOLERANCE_TIGHT + d->tolerance;
+           equations_error(k) > 10.0 * d->spare + TOLERANCE_ZERO + d->tolerance;
 }
 
 /* How the determinant has changed on the way to x: relative to what it is there. */

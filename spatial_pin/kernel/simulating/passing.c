@@ -226,6 +226,9 @@ static int cross(Dynamics *d, Strip *s, Real x, Real way)
     d->x[0] = x;
     if (independent_stand(d) != DONE)
         return LOST;
+    if (k->n_chosen < k->n_closure && /* what held before may be nearly dependent here */
+        (system_reselect(k) != DONE || independent_stand(d) != DONE))
+        return LOST;
     return independent_settle(d, &x, OFF_CURVE * way);
 }
 

@@ -60,7 +60,8 @@ class Independent:
         self._prescribed = [c.v for c, _ in problem.drives]
         rows = problem.freedoms.equations(state)
         self._is_whole = len(rows) == constraints_of(mechanism).n_rows
-        wanted = problem.tolerance if self._is_whole else min(problem.tolerance, TOLERANCES.tight)
+        # where others lie between, what a residual leaves open in those left out is magnified
+        wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
         asked = Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
                       self._drives if problem.drives else None, self._least)
         self.kernel = Dynamics(mechanism, problem.packed,
