@@ -1,13 +1,18 @@
 """One object of tolerances, the same in Python and in C."""
 
+import ast
 import re
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-import spatial_pin as sp
-from spatial_pin.numerics.tolerances import TOLERANCES, Tolerances
+import pytest
 
-KERNEL = Path(sp.__file__).parent / "kernel"
+import spatial_pin as sp
+from spatial_pin.numerics.tolerances import EPS, TOLERANCES, Tolerances
+
+PACKAGE = Path(sp.__file__).parent
+KERNEL = PACKAGE / "kernel"
 
 
 def test_the_compiled_kernel_has_the_same_numbers():
@@ -20,3 +25,54 @@ def test_the_compiled_kernel_has_the_same_numbers():
 def test_every_tolerance_says_why_it_has_its_value():
     for name in asdict(TOLERANCES):
         assert f"\n        {name}: " in f"\n{Tolerances.__doc__}", name
+
+
+def is_number(node: ast.AST) -> bool:
+    """Whether an expression is made of numbers, the tolerances and machine epsilon alone."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, int | float) and not isinstance(node.value, bool)
+    if isinstance(node, ast.UnaryOp):
+        return is_number(node.operand)
+    if isinstance(node, ast.BinOp):
+        return is_number(node.left) and is_number(node.right)
+    return isinstance(node, ast.Name) and node.id == "EPS"
+
+
+def python_constants() -> Iterator[tuple[Path, int, str, float]]:
+    """Yield the numbers that modules name: file, line from 0, name, value."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign) and is_number(node.value):
+                target = node.targets[0]
+                if isinstance(target, ast.Name) and target.id.isupper():
+                    value = eval(ast.unparse(node.value), {"EPS": EPS})
+                    yield path, node.lineno - 1, target.id, float(value)
+
+
+def c_constants() -> Iterator[tuple[Path, int, str, float]]:
+    """Yield the same of the kernel's macros, but for those of one object in both languages."""
+    for path in sorted(KERNEL.rglob("*.[ch]")):
+        for i, line in enumerate(path.read_text(encoding="utf-8").splitlines()):
+            found = re.match(r"#define (\w+) (\(?[-+0-9.][^/]*)", line)
+            if found and path.name != "tolerances.h" and found[1] not in ("EPS", "PI"):
+                value = eval(found[2].strip(), {"DBL_EPSILON": EPS, "EPS": EPS})
+                yield path, i, found[1], float(value)
+
+
+CONSTANTS = [*python_constants(), *c_constants()]
+
+
+@pytest.mark.parametrize("path", sorted({path for path, *_ in CONSTANTS}), ids=lambda p: p.name)
+def test_a_constant_says_why_it_has_its_value(path):
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for _, at, name, _ in (x for x in CONSTANTS if x[0] == path):
+        beside = re.search(r"#.*\w|/\*.*\w", re.sub(r"^#define", "", lines[at]))
+        above = lines[at - 1].startswith("# ") or lines[at - 1].rstrip().endswith("*/")
+        assert beside or above, f"{path.name}:{at + 1}: {name}"
+
+
+def test_no_name_has_two_values():
+    values: dict[str, dict[float, list[str]]] = {}
+    for path, at, name, value in CONSTANTS:
+        values.setdefault(name, {}).setdefault(value, []).append(f"{path.name}:{at + 1}")
+    assert not {name: places for name, places in values.items() if len(places) > 1}

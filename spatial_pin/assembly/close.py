@@ -20,7 +20,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Damped steps at most: of random starts of `delta` 57 % close in 60, 75 % in 120, so that another
 # start is worth more than so many further steps.
-MOST_STEPS = 60
+DAMPED_STEPS = 60
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
@@ -29,7 +29,7 @@ def close(
     q: Array,
     free: NDArray[np.bool_],
     tolerance: float,
-    iterations: int = MOST_STEPS,
+    iterations: int = DAMPED_STEPS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> tuple[Array, float]:
@@ -60,7 +60,7 @@ def closed(
     free: NDArray[np.bool_],
     turns: Array,
     tolerance: float,
-    iterations: int = MOST_STEPS,
+    iterations: int = DAMPED_STEPS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:
@@ -75,7 +75,7 @@ def closed_by(
     free: NDArray[np.bool_],
     turns: Array,
     tolerance: float,
-    iterations: int = MOST_STEPS,
+    iterations: int = DAMPED_STEPS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:

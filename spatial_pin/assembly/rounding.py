@@ -42,7 +42,7 @@ from spatial_pin.settings import Accuracy
 CLOSED, SOFT = TOLERANCES.closed, TOLERANCES.near_singular
 # Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
 # rounding of one number, an equation is made of about ten.
-WIDE = 10.0
+GAPS_WIDE = 10.0
 # Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
 # as each takes as many steps as a start may.
 EVERY = 4
@@ -127,7 +127,7 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
 def cut_of(mechanism: Mechanism, gap: float) -> float:
     """Return the part of the largest singular value below which rounding hides the others."""
     found = _found(mechanism, gap)
-    return WIDE * gap if found is None else found.cut
+    return GAPS_WIDE * gap if found is None else found.cut
 
 
 def as_meant(mechanism: Mechanism, gap: float) -> Mechanism:
@@ -163,7 +163,7 @@ def closed_there(mechanism: Mechanism, q: Array) -> Mechanism:
 
 def allowed_from(state: State, gap: float) -> float:
     """Return the gap that motions from a state may have: `gap`, or more where it has as much."""
-    return max(gap, WIDE * float(state.gap))
+    return max(gap, GAPS_WIDE * float(state.gap))
 
 
 def rounding_of(mechanism: Mechanism) -> float:
@@ -183,7 +183,7 @@ def _found(mechanism: Mechanism, gap: float) -> Rounded | None:
 
 
 def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:
-    cut = WIDE * gap
+    cut = GAPS_WIDE * gap
     first = next(_beginnings(evaluation, cut, gap), None)
     if first is None or first.error <= CLOSED:  # a loop that fits at one place may hold there only
         return None

@@ -23,7 +23,7 @@ from spatial_pin.settings import Accuracy
 
 # Arc length that a start on a dead centre is moved by: rates there are twenty times the driver's,
 # and no sample is missed, as the way back is followed too.
-BESIDE = 0.05
+BESIDE_DEAD_CENTRE = 0.05
 
 
 def system_at(
@@ -69,7 +69,7 @@ def _beside(
             continue
         curve = Curve(system, Accuracy.named("engineering").tolerance)
         point = curve.settle(state.q, direction_of(system) / system.scale)
-        q = curve.ahead(point, BESIDE) if point is not None else None
+        q = curve.ahead(point, BESIDE_DEAD_CENTRE) if point is not None else None
         if q is not None:
             return State(mechanism, q, closure_error=curve.evaluation.closure_error,
                          angles=curve.evaluation.angles)

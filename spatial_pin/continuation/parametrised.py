@@ -17,11 +17,11 @@ from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-FIRST_STEP = 1e-4  # rad, characteristic lengths: the kernel's last steps are smaller still
+FIRST_WAY = 1e-4  # rad, characteristic lengths: the kernel's last steps are smaller still
 LARGEST_STEP = 0.1  # the same: where the path is smooth the kernel takes over again
-SMALLEST_STEP = 1e-9
+SMALLEST_STEP = 1e-9  # where shorter ones fail too, the curve ends
 STRAIGHT = 0.98  # least cosine between the directions at both ends of a step
-MOST_STEPS = 500
+CURVE_STEPS = 500  # fifty radians of the longest: what is longer is not one hard stretch
 CLEAR = 0.2  # arc length behind a hard stretch, from which the kernel goes on
 
 
@@ -111,8 +111,8 @@ class DrivenCurve:
         point = self.point(q, s, np.append(np.zeros(len(self.scale)), 1.0))
         if point is None:
             return Arrival("singular", q, s)
-        length, gone = FIRST_STEP, 0.0
-        for _ in range(MOST_STEPS):
+        length, gone = FIRST_WAY, 0.0
+        for _ in range(CURVE_STEPS):
             there = self.ahead(point, length)
             if there is None or there.t @ point.t < STRAIGHT:
                 length *= 0.5
@@ -120,7 +120,7 @@ class DrivenCurve:
                     return Arrival("lost", point.q, point.s)
                 continue
             if there.sign != point.sign:
-                if length > FIRST_STEP:
+                if length > FIRST_WAY:
                     length *= 0.5
                     continue
                 return Arrival("branch point", point.q, point.s)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import MOST_STEPS
+from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
@@ -139,7 +139,7 @@ class Samples:
             closer.set_system(*system)
             return closer.close(
                 start.q, start.angles, numbers, self._numbers.joints, rates,
-                Accuracy.named("engineering").tolerance, MOST_STEPS)
+                Accuracy.named("engineering").tolerance, DAMPED_STEPS)
 
     def values(self, closed: ClosedSamples, drive: Drive) -> list[Array]:
         """Return the outputs, each (m,) or (m, 3)."""

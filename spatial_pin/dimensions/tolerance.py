@@ -28,8 +28,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 
-CHUNK = 4096  # samples solved together: fewer pay more for each call, more leave the cache
-MOST_SAMPLES = 10_000_000  # which fit into a memory: spreads to 0.02 %
+SOLVED_TOGETHER = 4096  # samples: fewer pay more for each call, more leave the cache
+MOST_DRAWN = 10_000_000  # which fit into a memory: spreads to 0.02 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +125,9 @@ def tolerance(
         if x > TOLERANCES.largest:
             raise ValueError(
                 f"deviation of {name!r} is {x:.3g}; it is {TOLERANCES.largest:g} at most")
-    if samples == 1 or not 0 <= samples <= MOST_SAMPLES:
+    if samples == 1 or not 0 <= samples <= MOST_DRAWN:
         raise ValueError(f"samples is {samples}; it is 0 for none, or from 2, for a spread, to "
-                         f"{MOST_SAMPLES}")
+                         f"{MOST_DRAWN}")
     found = sensitivities(mechanism, state, names, spread)
     nominal = {one.output: one.value for one in found}
     units = {one.output: one.unit for one in found}
@@ -179,8 +179,8 @@ def _solved(
     samples = _together(mechanism, state, list(spread), names)
     near = samples.near(state, drive) if samples else None
     if samples and near:
-        for begin in range(0, len(drawn), CHUNK):
-            some = slice(begin, begin + CHUNK)
+        for begin in range(0, len(drawn), SOLVED_TOGETHER):
+            some = slice(begin, begin + SOLVED_TOGETHER)
             is_closed[some], together = near.solve(samples.made_of(drawn[some].T))
             for name, x in zip(names, together, strict=True):
                 values[name][some] = x

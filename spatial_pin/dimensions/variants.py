@@ -25,7 +25,7 @@ from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-SAME = 64 * EPS  # of the largest length: how far placements may be off by round-off
+PLACE_ROUND_OFF = 64 * EPS  # of the largest length: how far placements may be off by round-off
 WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
 FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
@@ -224,7 +224,7 @@ class TracedTree:
         model = self._mechanism.model
         i = model.getJointId(joint) if model.existJointName(joint) else 0
         own = _axis_of(model.joints[i])
-        if own is None or np.abs(own - _unit(words.values)).max() > SAME:
+        if own is None or np.abs(own - _unit(words.values)).max() > PLACE_ROUND_OFF:
             raise _Untraced
         self._axes[i] = words
 
@@ -243,8 +243,8 @@ class TracedTree:
         old = [*model.jointPlacements], [frame.placement for frame in model.frames]
         size = max(float(np.abs(x.translation).max()) for x in (*old[0], *old[1]))
         if not own.holds[0] or any(
-                np.abs(new.translation - was[i].translation).max() > SAME * size
-                or np.abs(new.rotation - was[i].rotation).max() > SAME
+                np.abs(new.translation - was[i].translation).max() > PLACE_ROUND_OFF * size
+                or np.abs(new.rotation - was[i].rotation).max() > PLACE_ROUND_OFF
                 for was, found in zip(old, (own.joints, own.frames), strict=True)
                 for i, new in found.items()):
             raise _Untraced

@@ -23,7 +23,7 @@ from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 EXACT = 1e-12  # residual of what is to be exact: some hundred times what round-off leaves
-SPREAD = 0.5  # rad, characteristic lengths: how far off other starts are, at most
+START_SPREAD = 0.5  # rad, characteristic lengths: how far off other starts are, at most
 
 
 @checked
@@ -96,7 +96,8 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
     yield state.q
     rng = np.random.default_rng(0)
     for _ in range(count):
-        way = solver.scale * solver.moves * rng.uniform(-SPREAD, SPREAD, len(solver.scale))
+        shaken = rng.uniform(-START_SPREAD, START_SPREAD, len(solver.scale))
+        way = solver.scale * solver.moves * shaken
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 

@@ -22,11 +22,12 @@ from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MOST_STEPS = 200  # of a level: Newton's take ten, towards what cannot be reached some dozens
+STEPS_AT_MOST = 200  # of a level: Newton's take ten, towards what cannot be reached some dozens
 CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
-DAMPING = 1e-3  # first damping where a step did not help, relative to the largest singular value
+# First damping where a step did not help, relative to the largest singular value.
+LEAST_DAMPING = 1e-3
 MOST_DAMPING = 1e6  # with which nothing moves any more
-SETTLED = 1e-9  # rad, characteristic lengths: what a least motion or least sum still changes
+NO_LONGER = 1e-9  # rad, characteristic lengths: what a least motion or least sum still changes
 
 
 class Reached(NamedTuple):
@@ -137,26 +138,26 @@ class Solver:
     ) -> tuple[Array, dict[int, JointLimit]]:
         """Make the sum of squared residuals of targets least, others being kept."""
         damping, size = 0.0, _length(self.residual(q, wanted)[0])
-        for _ in range(MOST_STEPS):
+        for _ in range(STEPS_AT_MOST):
             held = self._released(q, held, kept, wanted)
             step, free, now_held = self._step(q, held, kept, wanted, damping)
             moved = _length(step)
             there = self._kept(self._moved(q, step, now_held), free, kept)
             if there is None:
-                damping = max(DAMPING, 4.0 * damping)
+                damping = max(LEAST_DAMPING, 4.0 * damping)
                 continue
             found = _length(self.residual(there, wanted)[0])
             if found < size or (found <= self.tolerance and now_held == held):
                 done = found <= self.tolerance or (
-                    moved < SETTLED and now_held.keys() == held.keys())
+                    moved < NO_LONGER and now_held.keys() == held.keys())
                 q, size, held, damping = there, found, now_held, 0.1 * damping
                 if done:
                     return q, held
             elif now_held.keys() != held.keys() and found <= size * (1.0 + TOLERANCES.nothing):
                 q, size, held = there, found, now_held
             else:
-                damping = max(DAMPING, 4.0 * damping)
-                if damping > MOST_DAMPING or moved < SETTLED:
+                damping = max(LEAST_DAMPING, 4.0 * damping)
+                if damping > MOST_DAMPING or moved < NO_LONGER:
                     return q, held
         return q, held
 
@@ -221,14 +222,14 @@ class Solver:
         """Return the configuration nearest to the start that meets the targets as well."""
         free = self._free(held)
         part, model = 1.0, self.evaluation.model
-        for _ in range(MOST_STEPS):
+        for _ in range(STEPS_AT_MOST):
             rows = self.residual(q, self.weighted)[1]
             motions = self.motions(q, free, self.exact)
             left = decompose(rows @ motions.T, TOLERANCES.half_precision).null_space @ motions
             away = pin.difference(model, start, q) / self.scale
             step = -part * (left @ away) @ left
             size = np.linalg.norm(step)
-            if size < SETTLED:
+            if size < NO_LONGER:
                 return q
             step *= min(1.0, TOLERANCES.damped_step / float(size))
             if self._passed(q, step, held) is not None:

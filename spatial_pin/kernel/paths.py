@@ -17,13 +17,13 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 ENOUGH = 0.01  # of the tolerance at which a prediction is left as it is: what is left grows
-CLOSED = 0.03  # of the tolerance, which points are closed to: what is left of it is their rates'
+CLOSED_PART = 0.03  # of the tolerance, which points are closed to: the rest is their rates'
 BETWEEN = 1e-8  # tolerance from which on samples are interpolated between points of the path,
-NODES = 1e-13  # which are closed to this: second derivatives between them divide it by h²
+NODE_RESIDUAL = 1e-13  # which are closed to this: second derivatives between them divide it by h²
 FINEST = 1e-14  # residual: below it round-off decides
 LEFT = 1e-11  # residual that round-off may leave where there is no closer
 TIGHT = 1e-12  # of loops with redundant equations: open ones hide which of these are
-IDLE = 1e-14  # idle rotation that a step may leave at most, by estimate [rad]
+IDLE_ERROR = 1e-14  # idle rotation that a step may leave at most, by estimate [rad]
 IDLE_PART = 1e-3  # the same by the tolerance, where that is larger
 
 
@@ -96,9 +96,9 @@ class Path:
         corrections = -1 if accuracy.corrections is None else accuracy.corrections
         loose = accuracy.tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed
         between = accuracy.tolerance if loose else 0.0
-        closed = NODES if loose else max(wanted, FINEST)
-        asked = _Accuracy(ENOUGH * closed, CLOSED * closed, max(LEFT, wanted),
-                          np.inf if is_fixed else max(IDLE, IDLE_PART * accuracy.tolerance),
+        closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
+        asked = _Accuracy(ENOUGH * closed, CLOSED_PART * closed, max(LEFT, wanted),
+                          np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * accuracy.tolerance),
                           between, accuracy.order, corrections)
         handle = ctypes.c_void_p()
         check(self._library.path_create(kernel.handle, ctypes.byref(asked), ctypes.byref(handle)))

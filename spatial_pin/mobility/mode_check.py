@@ -33,7 +33,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Largest difference of two placements of one mode [characteristic lengths, 1]. At a singular mode
 # it is the square root of the residual: loops count as closed at its square, 1e-10.
-SAME = 1e-5
+SAME_MODE = 1e-5
 MOVING = 1e-3  # part of the fastest joint's speed that is worth a name: three digits of a report
 # Part of a motion that coordinates must change by to hold it: a tenth leaves its place known to one
 # digit less than theirs.
@@ -95,7 +95,7 @@ class Check:
     def close(self, q: Array, iterations: int = 60) -> Array | None:
         """Return q closed, values held; None if that fails or gives a mirror image."""
         q, error = close(self.evaluation, q, self.free, self.tolerance, iterations)
-        return q if error <= SAME * SAME and not self.evaluation.mirrored() else None
+        return q if error <= SAME_MODE * SAME_MODE and not self.evaluation.mirrored() else None
 
     def holds(self, q: Array) -> bool:
         """Whether the equations that the mechanism is without hold at q to the gap allowed."""
@@ -185,7 +185,7 @@ class Check:
         rng = np.random.default_rng(5)
         for _ in range(TRIES):
             found, error = close(self.evaluation, q, columns, self.tolerance)
-            if error <= SAME:
+            if error <= SAME_MODE:
                 return self.close(found)
             q = self.shaken(rods, q, rng)
         return None
@@ -214,11 +214,11 @@ class Check:
             start[own] = base[own]
         columns = self._columns(bodies, with_children=True)
         found, error = close(self.evaluation, start, columns, self.tolerance)
-        polished = self.close(found) if error <= SAME else None
+        polished = self.close(found) if error <= SAME_MODE else None
         if polished is None:
             return q
         apart = np.abs(self.signature(marks, polished) - self.signature(marks, q))
-        return polished if apart.max(initial=0.0) < SAME else q
+        return polished if apart.max(initial=0.0) < SAME_MODE else q
 
     # ------------------------------------------------------------ States
 
@@ -260,6 +260,6 @@ def _one_sign(mechanism: Mechanism, q: Array) -> Array:
         if not PAIRS[name].is_linear:
             last = model.idx_qs[i] + model.nqs[i]
             quaternion = q[[last - 1, *range(last - 4, last - 1)]]
-            if quaternion[np.abs(quaternion) > SAME][0] < 0.0:
+            if quaternion[np.abs(quaternion) > SAME_MODE][0] < 0.0:
                 q[last - 4 : last] *= -1.0
     return q

@@ -28,7 +28,7 @@ from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import PROBES
-from spatial_pin.mobility.mode_check import SAME, Check, Kind
+from spatial_pin.mobility.mode_check import SAME_MODE, Check, Kind
 from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, missing_by
 from spatial_pin.mobility.mode_marks import Mark, rows_of
 from spatial_pin.mobility.rods import Core, Rod, core_of, rods_of
@@ -186,7 +186,7 @@ class _Mode:
     @property
     def reach(self) -> float:
         """How far from its signature a configuration is still this mode."""
-        return SINGULAR_SAME if self.kind.is_singular else SAME
+        return SINGULAR_SAME if self.kind.is_singular else SAME_MODE
 
 
 class _Search:
@@ -253,7 +253,7 @@ class _Search:
         if self.slides and np.isfinite(self.low).all():
             starts[self.slides, 1::2] = self._slides_near(rng, m // 2)
         q, error = self._descended(starts)
-        closed = np.flatnonzero(error <= SAME * SAME)
+        closed = np.flatnonzero(error <= SAME_MODE * SAME_MODE)
         ends = q[self.slides][:, closed]
         self.low = np.minimum(self.low, ends.min(axis=1, initial=np.inf))
         self.high = np.maximum(self.high, ends.max(axis=1, initial=-np.inf))
@@ -286,7 +286,7 @@ class _Search:
         for mode in self.modes:
             q, signatures, starts = self._count(mode, q, signatures, starts)
         for rejected in self.rejected:
-            other = _apart(signatures, rejected) >= SAME
+            other = _apart(signatures, rejected) >= SAME_MODE
             q, signatures, starts = q[:, other], signatures[other], starts[other]
         while starts.size:
             if self.continuum is not None:
@@ -360,7 +360,8 @@ class _Search:
         found, error = self._descended(pushed)
         left = _apart(self._signatures(found), signatures)
         asked = _apart(self._signatures(pushed), signatures)
-        moving: NDArray[np.bool_] = ((width - ranks > self.generic_nullity) & (error <= SAME * SAME)
+        moving: NDArray[np.bool_] = ((width - ranks > self.generic_nullity)
+                                     & (error <= SAME_MODE * SAME_MODE)
                                      & (left > TOLERANCES.moved * asked))
         return moving
 
@@ -452,7 +453,7 @@ class _Search:
             if found is None:
                 continue
             signature = check.signature(marks, found)
-            if all(np.abs(signature - other).max() >= SAME for other in signatures):
+            if all(np.abs(signature - other).max() >= SAME_MODE for other in signatures):
                 signatures.append(signature)
                 beyond = beyond_limits(check.mechanism, check.state(found).q)
                 readings.append((own, found[own], not names.isdisjoint(beyond)))
@@ -466,7 +467,7 @@ class _Search:
             marks = check.marks(q, kind.idle, all_copies=False)
             signature = check.signature(marks, q)
             for k, other in enumerate(signatures):
-                if other.shape == signature.shape and np.abs(other - signature).max() < SAME:
+                if other.shape == signature.shape and np.abs(other - signature).max() < SAME_MODE:
                     kept[k] = kept[k][0], kept[k][1], max(kept[k][2], count)
                     break
             else:

@@ -9,10 +9,8 @@ from spatial_pin.continuation.cursor import Stopped, cursor_along
 from spatial_pin.errors import SingularError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
-
-STILL = 1e-9  # rate of an output relative to the fastest joint's, that is none
-ROUND_OFF = 1e-12  # rate in one row relative to the largest, that is none
 
 
 @checked
@@ -55,9 +53,9 @@ def _rates(motion: Motion, name: str) -> Array:
     size = motion.mechanism.velocity_scale
     rates = motion.v[:, coordinate.v] * np.sign(motion.driver_speed)
     largest = np.abs(rates).max(initial=0.0)
-    if largest < STILL * size[coordinate.v] * np.abs(motion.v / size).max(initial=0.0):
+    if largest < TOLERANCES.nothing * size[coordinate.v] * np.abs(motion.v / size).max(initial=0.0):
         return np.zeros(len(motion))
-    return np.where(np.abs(rates) < ROUND_OFF * largest, 0.0, rates)
+    return np.where(np.abs(rates) < TOLERANCES.tight * largest, 0.0, rates)
 
 
 def grounded_outputs(motion: Motion) -> list[str]:

@@ -32,7 +32,7 @@ from spatial_pin.progress import progress_bar
 from spatial_pin.rates.rates import check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
-CHUNK = 1000  # samples followed at a time: the bar moves, and Ctrl-C is heard
+SAMPLES_AT_ONCE = 1000  # samples followed at a time: the bar moves, and Ctrl-C is heard
 
 
 @checked
@@ -149,7 +149,7 @@ class _Trip:
 
     def go_on(self) -> Arrival | None:
         """Go on by some samples; return why that ends, if it does."""
-        path, last = self._path, min(self.done + CHUNK, len(self.s))
+        path, last = self._path, min(self.done + SAMPLES_AT_ONCE, len(self.s))
         if path is not None:
             self.done += path.follow(self.s[self.done : last],
                                      self.samples.between(self.done, last))

@@ -31,11 +31,11 @@ from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
-from spatial_pin.rates.rates import ROUND_OFF, check_finite, check_not_held
+from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
-FAR = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
+FAR_SLIDE = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
@@ -237,7 +237,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     worst, value = float(pace[row]), float(motion.swept[row])
     text = (f"near a limit position at {motion.driver_name} = {value:.12g} {unit}: joints move up "
             f"to {worst:.1e} times as fast as the driver; positions are good to about "
-            f"{ROUND_OFF * worst:.0e}, rates to {ROUND_OFF * worst**2:.0e} of their size")
+            f"{SOLUTION_ERROR * worst:.0e}, rates to {SOLUTION_ERROR * worst**2:.0e} of their size")
     return [Event("near limit", value, row, text)]
 
 
@@ -314,7 +314,7 @@ def _run_away(mechanism: Mechanism, q: Array) -> str:
     """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
     slides = [c for c in mechanism.coordinate_table.values() if c.q >= 0 and c.unit == "m"]
     far = max(slides, key=lambda c: abs(q[c.q]), default=None)
-    if far is None or abs(q[far.q]) < FAR * mechanism.characteristic_length:
+    if far is None or abs(q[far.q]) < FAR_SLIDE * mechanism.characteristic_length:
         return ""
     return (f"{far.name} has run away to {q[far.q]:.3g} m there, and may have no end: a slide that "
             "is parallel to what it should reach")

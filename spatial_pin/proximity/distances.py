@@ -18,7 +18,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.solids import SUPPORTS, Solid, solids_of
 
-ITERATIONS = 1000  # of coal's algorithms, which end long before: their tolerances decide
+GJK_STEPS = 1000  # of coal's algorithms, which end long before: their tolerances decide
 # Tolerances [m] with which solids that are apart, and how deep solids overlap, are asked for: of
 # 2000 overlapping pairs of solids six came out wrong at 1e-8 and fifteen at 1e-6, not the same;
 # with finer ones more do. Which is right, the solids' reach along the normal says.
@@ -37,7 +37,7 @@ def _around(n: int) -> Array:
 
 
 AROUND = _around(100)
-WIDE = 0.2  # rad between directions that lie so
+WIDE_GAP = 0.2  # rad between directions that lie so
 
 
 class Nearest(NamedTuple):
@@ -212,7 +212,7 @@ def _deepest(
     best, way = _along(ways, a, at_a, b, at_b)
     if best.distance <= found.distance + ALIKE * (a.radius + b.radius):
         return found
-    turn = WIDE
+    turn = WIDE_GAP
     while turn > ALIKE:
         ways = way + turn * AROUND
         ways /= np.linalg.norm(ways, axis=1)[:, None]
@@ -231,7 +231,7 @@ def _requests() -> tuple[coal.DistanceRequest, ...]:
     for apart, overlap in TOLERANCES:
         request = coal.DistanceRequest()
         request.gjk_tolerance, request.epa_tolerance = apart, overlap
-        request.gjk_max_iterations = request.epa_max_iterations = ITERATIONS
+        request.gjk_max_iterations = request.epa_max_iterations = GJK_STEPS
         made.append(request)
     return tuple(made)
 

@@ -23,9 +23,10 @@ CURVED = 1.25
 CERTAIN = 5e-3
 # Distances of solids are known to this, relative to the characteristic length: what is nearer to
 # touching than that touches, so that parts made to slide on each other do so all the way.
-KNOWN = 1e-8
+PLACE_ERROR = 1e-8
 NEAREST = 1e-5  # part of an interval to which a least distance is searched: it changes by 1e-10
-SAME = 1e-4  # part of what is known of distances within which the first place counts as the least
+# Part of what is known of distances within which the first place counts as the least.
+ONE_PLACE = 1e-4
 VALLEYS = 2  # places, the nearest of those known, beside which it is searched
 
 
@@ -67,7 +68,7 @@ class Search:
         self.distances, self.between, self.touching = distances, between, touching
         motion = between.motion
         size = motion.mechanism.characteristic_length
-        self.certain, self.known = CERTAIN * size, KNOWN * size
+        self.certain, self.known = CERTAIN * size, PLACE_ERROR * size
         self.sampled = np.empty((len(motion), len(distances.pairs)))
         self.points = np.empty((*self.sampled.shape, 2, 3))
         self._travel = np.zeros((max(len(motion) - 1, 0), len(distances.solids)))
@@ -136,7 +137,7 @@ class Search:
                     lambda part, row=row: self._nearest(pair, Place(row, part)).distance,
                     bounds=(first, last), method="bounded", options={"xatol": NEAREST})
                 known[Place(row, float(found.x))] = float(found.fun)
-        least = min(known.values()) + SAME * self.known
+        least = min(known.values()) + ONE_PLACE * self.known
         return min(place for place, distance in known.items() if distance <= least)
 
     def _contacts(self, pair: int, known: dict[Place, float]) -> Iterator[tuple[Place, Place]]:

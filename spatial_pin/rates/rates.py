@@ -27,8 +27,8 @@ from spatial_pin.rates.prescribed import (
     siblings,
 )
 
-ROUND_OFF = 8.0 * EPS  # of a solution, relative to its size
-OPEN = 2.0 * EPS  # of a closure equation at a configuration closed to round-off
+SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size
+CLOSURE_ROUND_OFF = 2.0 * EPS  # of a closure equation at a configuration closed to round-off
 PATTERNS = (1, 2)  # of the signs of equations' errors: as in `kernel/closing/rates.c`
 
 
@@ -328,7 +328,7 @@ def round_off(system: SquareSystem, q: Array, v: Array, solved: bool = True) -> 
     """
     paces = np.abs(system.driver_rates() / system.scale[:, None]) * system.scale[system.drive_at]
     pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
-    known = ROUND_OFF * pace * max(pace, 1.0 / max(pivot, 1e-300))
+    known = SOLUTION_ERROR * pace * max(pace, 1.0 / max(pivot, 1e-300))
     t = v / system.scale
     size = float(np.abs(t).max(initial=0.0))
     if not solved or not size:
@@ -361,7 +361,8 @@ def _lost_along(system: SquareSystem, q: Array, t: Array) -> float:
 
     first, bend = response(t, away), response(t, t)
     second = 2.0 * np.abs(response(t, first)).max() + np.abs(response(bend, away)).max()
-    return OPEN * off * float(max(np.abs(first).max(), second / max(np.abs(bend).max(), 1.0)))
+    moved = max(np.abs(first).max(), second / max(np.abs(bend).max(), 1.0))
+    return CLOSURE_ROUND_OFF * off * float(moved)
 
 
 def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:

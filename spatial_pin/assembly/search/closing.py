@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import MOST_STEPS, close, closed, closed_by, finite
+from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, closed_by, finite
 from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
@@ -100,9 +100,9 @@ class Closing:
         before: Sequence[Closed] = ()
         if self.has_first:
             before = self.closer.close_all(q, self.first, turns, max(self.tolerance, LOOSE),
-                                           MOST_STEPS, pinned, TOLERANCES.rank)
+                                           DAMPED_STEPS, pinned, TOLERANCES.rank)
             q = np.array([x.q for x in before])
-        after = self.closer.close_all(q, self.free, turns, self.tolerance, MOST_STEPS, pinned,
+        after = self.closer.close_all(q, self.free, turns, self.tolerance, DAMPED_STEPS, pinned,
                                       TOLERANCES.rank)
         for k, found in enumerate(after):
             if before:

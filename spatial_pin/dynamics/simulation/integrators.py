@@ -31,7 +31,7 @@ Function = Callable[[float, Array], Array]
 FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
 LONG = 15  # steps of an implicit method that an explicit one would take too
 SLOW = 1.0  # step, by the fastest decay, at which an explicit method would do
-DIFFERENCE = 1e-7  # step of the differences for implicit methods, by the units of unknowns
+SLOPE_STEP = 1e-7  # step of the differences for implicit methods, by the units of unknowns
 HUGE = 1e100  # rate that stands for none, where loops cannot be closed
 FASTEST = 1e100  # rate whose square, by a tolerance, still has a square
 SLOWEST = 1e3  # durations that a natural time may last
@@ -106,7 +106,7 @@ class Differences:
     def __call__(self, t: float, y: Array) -> Array:
         """Return the (n, n) Jacobian at t, y."""
         f, found = self._fun(t, y), self._last.copy()
-        steps = DIFFERENCE * np.maximum(self._units, np.abs(y)) * np.isfinite(f).all()
+        steps = SLOPE_STEP * np.maximum(self._units, np.abs(y)) * np.isfinite(f).all()
         for j, h in enumerate(steps.tolist()):
             for step in (h, -h) if h else ():
                 moved = y.copy()

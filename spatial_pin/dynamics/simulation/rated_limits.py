@@ -15,7 +15,7 @@ from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
 from spatial_pin.numerics.linalg import Array
 
-NEAR = 0.5  # of a limit, from which on it is looked for between the ends of a step too
+NEAR_LIMIT = 0.5  # of a limit, from which on it is looked for between the ends of a step too
 BETWEEN = (0.25, 0.5, 0.75)  # parts of a step
 
 
@@ -70,7 +70,7 @@ class RatedLimits:
         if before > 0.0:
             return None
         last = span[1] if after > 0.0 else None
-        if last is None and max(before, after) > -NEAR:
+        if last is None and max(before, after) > -NEAR_LIMIT:
             inside = (span[0] + part * (span[1] - span[0]) for part in BETWEEN)
             last = next((t for t in inside if excess(t) > 0.0), None)
         return None if last is None else falls(lambda t: -excess(t), span[0], last)

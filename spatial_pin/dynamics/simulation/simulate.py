@@ -34,7 +34,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 __all__ = ["Projection", "Simulation", "simulate"]
 
 DURATIONS = 1e-100, 1e100  # whose squares, by a tolerance, are numbers [s]
-ROWS = 1000  # rows of a simulation whose times are not given, less one
+INTERVALS = 1000  # rows of a simulation whose times are not given, less one
 
 
 @checked
@@ -166,7 +166,7 @@ def _times(duration: float, times: Any) -> Array:
         raise ValueError(f"duration is {duration:.3g} s; from {DURATIONS[0]:g} s to "
                          f"{DURATIONS[1]:g} s can be simulated")
     if times is None:
-        return np.linspace(0.0, duration, ROWS + 1)
+        return np.linspace(0.0, duration, INTERVALS + 1)
     array = np.atleast_1d(as_array(times, "times"))
     array = finite_array(array, (array.size,), "times")
     if not array.size or array[0] < 0.0 or np.any(np.diff(array) <= 0.0) or array[-1] > duration:

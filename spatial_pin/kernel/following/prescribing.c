@@ -4,7 +4,7 @@
 
 #include "prescribing.h"
 
-#define MOST_DEGREE 100
+#define MOST_DEGREE 100 /* of a polynomial: beyond, its terms cancel all digits */
 #define MOST_PIECES 100000000
 
 static void find_single(const Kernel *k, Int v, Int *place)

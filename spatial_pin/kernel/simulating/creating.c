@@ -4,7 +4,7 @@
 
 #include "dynamics.h"
 
-#define MOST_OWNED 128
+#define MOST_OWNED 128 /* arrays of a simulation, of which there are about sixty */
 
 static void *memory(Dynamics *d, Int count, size_t size)
 {

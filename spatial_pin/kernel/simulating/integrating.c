@@ -175,7 +175,7 @@ static void between_4(const Integrator *g, Real part, Real *y)
 
 /* ---- Gauss's method ---- */
 
-#define MOST_ITERATIONS 60
+#define MOST_ITERATIONS 60 /* of stages, which halve their error where steps are not too long */
 #define SETTLED_SLOPE 1e-10 /* change of a slope, times the step: what grows below it is round-off */
 
 /* Slopes 3, 4 at the stages that slopes 1, 2 lead to; how far these change, in natural units. */

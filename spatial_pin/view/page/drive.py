@@ -26,8 +26,8 @@ from spatial_pin.rates.rates import driven_coordinates
 from spatial_pin.settings import Accuracy
 
 TURN = 2 * np.pi  # either way, that a driver without limits can be moved by hand [rad]
-SLIDE = 0.5  # the same of one that slides relative to the characteristic length
-FARTHEST = 20.0  # turns, or characteristic lengths, that one move may go
+DRAGGED = 0.5  # the same of one that slides relative to the characteristic length
+FARTHEST_MOVE = 20.0  # turns, or characteristic lengths, that one move may go
 BESIDE = 1e-5  # distance from a limit that the next move begins at [rad, characteristic lengths]
 FIRM = 1e-4  # smallest over largest pivot that a move may begin with
 MOST_BRANCH_POINTS = 100  # in one move
@@ -124,7 +124,7 @@ class Drive:
     def span(self, name: str) -> float:
         """Return how far a driver without limits goes either way [rad or m]."""
         unit = self._coordinates[name].unit
-        return TURN if unit == "rad" else SLIDE * self.mechanism.characteristic_length
+        return TURN if unit == "rad" else DRAGGED * self.mechanism.characteristic_length
 
     def move(self, name: str, value: float) -> Stop | None:
         """Move a driver to a value [rad or m], or as far as it goes; the others are held.
@@ -138,9 +138,9 @@ class Drive:
         value = finite_number(value, f"value of {name!r}")
         coordinate = self._coordinates[name]
         unit = TURN if coordinate.unit == "rad" else self.mechanism.characteristic_length
-        if abs(value - self.value(name)) > FARTHEST * unit:
+        if abs(value - self.value(name)) > FARTHEST_MOVE * unit:
             words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
-            raise ValueError(f"{name}: a move goes no further than {FARTHEST:g} {words}")
+            raise ValueError(f"{name}: a move goes no further than {FARTHEST_MOVE:g} {words}")
         limit = self._joint_limit(self._followed(name, np.array([self.value(name), value])))
         goal = value if limit is None else limit.value
         driven = sorted(self._driven, key=lambda c: c.name != coordinate.name)

@@ -25,10 +25,10 @@ from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
+from spatial_pin.numerics.tolerances import TOLERANCES
 
-SAME = 1e-12  # difference of moments of inertia, and distance from the line, that is none
 FREE = 1e-9  # closure rows, per unit of spin, that do not hold it
-TRIALS = 3  # other configurations at which the spin must be free too
+SPIN_TRIALS = 3  # other configurations at which the spin must be free too
 
 
 class Spinning(NamedTuple):
@@ -82,15 +82,15 @@ def _is_symmetric(problem: Problem, body: Spinning) -> bool:
     size = problem.mechanism.characteristic_length
     if resists(problem.mechanism, body.joint):
         return False
-    if body.joint in list(model.parents) or _beside(u, inertia.lever) > SAME * size:
+    if body.joint in list(model.parents) or _beside(u, inertia.lever) > TOLERANCES.tight * size:
         return False
     moments = inertia.inertia
     along = float(u @ moments @ u)
     across = 0.5 * (float(np.trace(moments)) - along)
     round_one = across * np.eye(3) + (along - across) * np.outer(u, u)
-    if np.abs(moments - round_one).max() > SAME * max(np.abs(moments).max(), 1e-300):
+    if np.abs(moments - round_one).max() > TOLERANCES.tight * max(np.abs(moments).max(), 1e-300):
         return False
-    return all(_beside(u, point[:3]) <= SAME * size for line in problem.forces.lines
+    return all(_beside(u, point[:3]) <= TOLERANCES.tight * size for line in problem.forces.lines
                for joint, point in zip(line.bodies, line.points, strict=True)
                if joint == body.joint)
 
@@ -103,7 +103,7 @@ def _stay_free(evaluation: Evaluation, q: Array, bodies: list[Spinning]) -> bool
     """Whether the spins are free at other closed configurations too."""
     model, n = evaluation.model, evaluation.constraints.n_rows
     rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)
-    for _ in range(TRIALS if bodies else 0):
+    for _ in range(SPIN_TRIALS if bodies else 0):
         step = evaluation.mechanism.velocity_scale * rng.uniform(-0.1, 0.1, model.nv)
         _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
         held = [np.abs(evaluation.jacobian[:n, b.v] @ b.axis).max(initial=0.0) for b in bodies]

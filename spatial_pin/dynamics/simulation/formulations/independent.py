@@ -31,8 +31,11 @@ from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-FAST = 4.0  # speed of a joint, by the independent coordinates', at which others are taken
-FAR = 1.0  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
+# Speed of a joint relative to the independent coordinates' at which others are taken: as many digits
+# as that costs, a half, are worth less than choosing anew.
+FASTER_THAN_CHOSEN = 4.0
+# Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
+CHART_ENDS = 1.0
 
 
 class Independent:
@@ -107,7 +110,7 @@ class Independent:
         """Note that a chart begins at a state."""
         by_v = {c.v: c.q for c in self.problem.mechanism.coordinate_table.values()}
         self._first, self._scale = state, self.problem.scale[self.free]
-        self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FAST
+        self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FASTER_THAN_CHOSEN
         self._start = float(state.q[by_v[self.free[0]]]) if self.n and self._is_linear else 0.0
 
     # ---- what the kernel asks ----
@@ -218,7 +221,7 @@ class Independent:
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""
-        if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > FAR:
+        if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > CHART_ENDS:
             return True
         if self.kernel.place(t, y) is None:
             return True

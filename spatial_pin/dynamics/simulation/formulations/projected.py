@@ -36,13 +36,14 @@ from spatial_pin.numerics.linalg import (
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-FAR = 0.5  # chart coordinate at which a chart of joints that turn in space is begun anew [rad]
-OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
+# Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
+CHART_WIDTH = 0.5
+LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
 LOOSE = 10.0  # the same by the tolerance of a step, at loose ones
 WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
-MOST_CORRECTIONS = 8
+MOST_CORRECTIONS = 8  # each leaves at most a third: 1e-4 of a residual, or the step is shorter
 CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
-CLOSED = 1e-9  # residual at which round-off may end that
+CONTRACTED = 1e-9  # residual at which round-off may end that
 WORN = 1e-2  # smallest over largest pivot below which other coordinates go on as they are
 SINGULAR = 1e-12  # smallest over largest singular value at which the loops have lost rank
 
@@ -199,7 +200,7 @@ class Projected:
         self._choose(q)
         if self._worn:
             self._kept = None
-        allowed = min(max(OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
+        allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
         try:
             q, v = self._closed(q, v, allowed)
         except Lost:
@@ -267,7 +268,7 @@ class Projected:
             if k == 0:
                 self._opened = worst
             if not worst < last:
-                if k and worst < CLOSED:
+                if k and worst < CONTRACTED:
                     break
                 raise Lost
             self._corrections, last = k, CONTRACTION * worst
@@ -313,4 +314,4 @@ class Projected:
 
     def is_worn(self, t: float, y: Array) -> bool:
         """Whether the chart should be begun anew."""
-        return self.curved and float(np.abs(y[: self.n]).max()) > FAR
+        return self.curved and float(np.abs(y[: self.n]).max()) > CHART_WIDTH
