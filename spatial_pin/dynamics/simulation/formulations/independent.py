@@ -31,8 +31,8 @@ from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Speed of a joint relative to the independent coordinates' at which others are taken: as many digits
-# as that costs, a half, are worth less than choosing anew.
+# Speed of a joint relative to the independent coordinates' at which others are taken: it costs half
+# a digit of the joint.
 FASTER_THAN_CHOSEN = 4.0
 # Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
 CHART_ENDS = 1.0
