@@ -15,7 +15,6 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
-RANK_TOLERANCE = TOLERANCES.rank
 NOT_FINITE = ("the equations have entries that are no finite numbers: a position or a rate has "
               "grown beyond all numbers")
 
