@@ -13,8 +13,8 @@ Real chosen_residual(const Kernel *k)
     Real largest = 0.0;
     for (Int i = 0; i < k->n_chosen; i++) {
         const Real size = fabs(k->residual[k->chosen[i]]);
-        if (!(size <= largest))
-            largest = size; /* NaN too */
+        if (size > largest || isnan(size))
+            largest = size; /* which NaN stays */
     }
     return largest;
 }
