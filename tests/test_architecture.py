@@ -37,8 +37,8 @@ LAYERS = {
 LOADER = {"kernel.sources", "kernel.library"}  # of the compiled library: they know no mechanism
 DATA_TYPES = {  # a module that is one, and the rooms that it has nothing of
     "mechanism.mechanism": ("formats", "constraints", "kernel", "assembly", "rates"),
-    "assembly.state": ("formats", "assembly.newton", "rates", "mobility", "continuation"),
-    "motion.motion": ("formats", "assembly.newton", "rates", "mobility", "continuation"),
+    "assembly.state": ("formats", "assembly.square_system", "rates", "mobility", "continuation"),
+    "motion.motion": ("formats", "assembly.square_system", "rates", "mobility", "continuation"),
 }
 FACTORISATIONS = {"svd", "svdvals", "qr", "geqp3", "rq", "lstsq", "pinv", "pinvh", "matrix_rank",
                   "cond", "null_space", "orth", "lu", "lu_factor", "splu", "spilu"}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start

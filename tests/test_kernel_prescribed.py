@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 
 import spatial_pin as sp
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples, prescribed_places

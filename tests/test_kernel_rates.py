@@ -8,7 +8,7 @@ from mechanisms import swung
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.kernel.kernel import Kernel

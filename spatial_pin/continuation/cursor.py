@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards

@@ -9,8 +9,8 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import Hold, divided
-from spatial_pin.assembly.newton import SquareSystem
 from spatial_pin.assembly.passive_freedoms import moved_bodies
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.continuation.solution_curve import Curve

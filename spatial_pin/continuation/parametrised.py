@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.continuation.singular_points import distance_after, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 

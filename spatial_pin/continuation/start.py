@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import Hold, divided, still_entries
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError

@@ -10,7 +10,7 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of

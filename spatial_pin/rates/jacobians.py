@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
-from spatial_pin.assembly.newton import SquareSystem
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation, evaluation_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
-from spatial_pin.assembly.newton import SINGULAR_PIVOT, SquareSystem
+from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, mapping, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of

@@ -1,6 +1,6 @@
 """Rates where what is driven determines them clearly: by the kernel, in a tenth of the time.
 
-`assembly.newton.SquareSystem` is the specification. It works on where it is not clear which
+`assembly.square_system.SquareSystem` is the specification. It works on where it is not clear which
 equations depend on each other, and where passive freedoms take the least rates; it says what is
 wrong where nothing determines the rates.
 """
