@@ -10,7 +10,7 @@ import pytest
 import spatial_pin as sp
 from spatial_pin.accuracy import models
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
-from spatial_pin.constraints.trees import Tree, TreeInPieces, tree_of
+from spatial_pin.constraints.trees import Tree, TreeOfSubtrees, tree_of
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import rates_of
 from spatial_pin.mechanism.coordinates import with_values
@@ -70,17 +70,17 @@ def test_many_loops_that_flatten_together_are_no_crossing_before_they_do():
     assert np.ptp(motion.q[-1, pins]) < 1e-11
 
 
-def test_pieces_of_a_tree_move_as_the_whole_does():
+def test_subtrees_of_a_tree_move_as_the_whole_does():
     mechanism = models.ladder(40)
-    pieces, whole = tree_of(mechanism.model), Tree(mechanism.model)
-    assert isinstance(pieces, TreeInPieces)
+    parts, whole = tree_of(mechanism.model), Tree(mechanism.model)
+    assert isinstance(parts, TreeOfSubtrees)
     q, v, a = np.random.default_rng(2).uniform(-1.0, 1.0, (3, mechanism.model.nv))
-    for tree in (pieces, whole):
+    for tree in (parts, whole):
         tree.place(q)
         tree.move(q, v, a)
     for name in ("placements", "columns", "twists", "accelerations"):
-        assert np.array_equal(getattr(pieces, name), getattr(whole, name)), name
-    assert np.array_equal(pieces.data.oMi[50].homogeneous, whole.data.oMi[50].homogeneous)
+        assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
+    assert np.array_equal(parts.data.oMi[50].homogeneous, whole.data.oMi[50].homogeneous)
 
 
 @pytest.mark.parametrize("frame", ["rod_3", "end_17", "ground"])

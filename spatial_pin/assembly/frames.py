@@ -1,4 +1,4 @@
-"""Where frames are and how they move: by the whole tree, or by the piece of a large one.
+"""Where frames are and how they move: from the whole tree, or from a subtree of a large one.
 
 A `pin.Data` of 400 freedoms takes 4 GB and seconds to make; a frame needs its own branch only.
 """
@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from spatial_pin.constraints.trees import Piece, is_large, pieces_of
+from spatial_pin.constraints.trees import Subtree, is_large, subtrees_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 
-class FramePiece:
-    """Some branches of a tree, with their frames.
+class FrameSubtree:
+    """A subtree with its frames.
 
     Args:
-        piece: the branches.
+        subtree: some branches of the tree.
         whole: the model of the tree.
 
     Attributes:
@@ -24,9 +24,9 @@ class FramePiece:
         frames: place in it of frames of the whole model.
     """
 
-    def __init__(self, piece: Piece, whole: pin.Model) -> None:
-        self.model, self._q, self._v = piece.model, piece.q, piece.v
-        own = {0: 0} | {int(joint): k for k, joint in enumerate(piece.joints.tolist(), start=1)}
+    def __init__(self, subtree: Subtree, whole: pin.Model) -> None:
+        self.model, self._q, self._v = subtree.model, subtree.q, subtree.v
+        own = {0: 0} | {int(joint): k for k, joint in enumerate(subtree.joints.tolist(), start=1)}
         self.frames = {
             i: self.model.addFrame(pin.Frame(f"{i}", own[f.parentJoint], 0, f.placement, f.type))
             for i, f in enumerate(whole.frames) if f.parentJoint in own}
@@ -39,14 +39,14 @@ class FramePiece:
         return data
 
 
-def frame_pieces(mechanism: Mechanism) -> list[FramePiece]:
-    """Return the pieces of a mechanism's tree, made once; none if it is taken whole."""
+def frame_subtrees(mechanism: Mechanism) -> list[FrameSubtree]:
+    """Return the subtrees of a mechanism's tree, made once; none if it is taken whole."""
     if not is_large(mechanism.model):
         return []
-    if "frame pieces" not in mechanism.memo:
-        mechanism.memo["frame pieces"] = [
-            FramePiece(piece, mechanism.model) for piece in pieces_of(mechanism.model)]
-    found: list[FramePiece] = mechanism.memo["frame pieces"]
+    if "frame subtrees" not in mechanism.memo:
+        mechanism.memo["frame subtrees"] = [
+            FrameSubtree(subtree, mechanism.model) for subtree in subtrees_of(mechanism.model)]
+    found: list[FrameSubtree] = mechanism.memo["frame subtrees"]
     return found
 
 
@@ -59,23 +59,23 @@ class Located:
     """
 
     def __init__(self, mechanism: Mechanism, motion: tuple[Array, Array, Array]) -> None:
-        self._pieces, self._motion = frame_pieces(mechanism), motion
+        self._subtrees, self._motion = frame_subtrees(mechanism), motion
         self._known: dict[int, pin.Data] = {}
 
     @property
     def is_whole(self) -> bool:
         """Whether the tree is taken whole: then nothing is found here."""
-        return not self._pieces
+        return not self._subtrees
 
     def find(self, frame: int) -> tuple[pin.Model, pin.Data, int]:
-        """Return model and data of the piece that a frame of the whole tree is on, and its place.
+        """Return model and data of the subtree that a frame of the whole tree is on, and its place.
 
         Args:
             frame: Pinocchio's index of it.
         """
-        for k, piece in enumerate(self._pieces):
-            if frame in piece.frames:
+        for k, subtree in enumerate(self._subtrees):
+            if frame in subtree.frames:
                 if k not in self._known:
-                    self._known[k] = piece.data(*self._motion)
-                return piece.model, self._known[k], piece.frames[frame]
+                    self._known[k] = subtree.data(*self._motion)
+                return subtree.model, self._known[k], subtree.frames[frame]
         raise IndexError(f"no frame {frame}")

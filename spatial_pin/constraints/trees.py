@@ -1,8 +1,8 @@
-"""Kinematics of trees by Pinocchio, in one go or, of large ones, piece by piece.
+"""Kinematics of trees by Pinocchio: small ones whole, large ones one subtree at a time.
 
 A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
-algorithms time with the square. Branches that meet only at the ground know nothing of each other:
-each piece is a model of a few of them. The results are those of the whole model, in its order.
+algorithms time with the square. Branches that meet only at the ground do not depend on each
+other, so a model is made of every few of them. Results are those of the whole model, in its order.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from spatial_pin.constraints.pinocchio_views import (
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
-FREEDOMS = 32  # of a piece, at least, if there are so many branches
+FREEDOMS = 32  # of a subtree, at least, if there are so many branches
 WHOLE = 60  # freedoms up to which a tree is taken whole: there a `pin.Data` has 10 MB
-BRANCHES = 4  # at the ground, from which pieces are small beside the tree
+BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
 
 
 def is_large(model: pin.Model) -> bool:
-    """Whether a tree is better taken in pieces."""
+    """Whether a tree is better evaluated one subtree at a time."""
     return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
 
 
@@ -69,16 +69,16 @@ class _Placed:
         return pin.SE3(at[:3].T, at[3])
 
 
-class TreeInPieces:
-    """`Tree` of a large tree.
+class TreeOfSubtrees:
+    """`Tree` of a large tree, evaluated one subtree at a time.
 
     Attributes:
-        data: what it has of a `pin.Data`: `J` and `oMi`.
-        pieces: the tree.
+        data: the part of a `pin.Data` that there is: `J` and `oMi`.
+        subtrees: the parts of the tree.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        self.model, self.pieces = model, pieces_of(model)
+        self.model, self.subtrees = model, subtrees_of(model)
         self.placements = np.zeros((model.njoints, 4, 3))
         self.placements[0, :3] = np.eye(3)
         self.columns = np.zeros((6, model.nv))
@@ -87,25 +87,25 @@ class TreeInPieces:
 
     def place(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
-        for p in self.pieces:
+        for p in self.subtrees:
             pin.computeJointJacobians(p.model, p.data, q[p.q])
             self.placements[p.joints] = p.placements
             self.columns[:, p.v] = p.columns
 
     def move(self, q: Array, v: Array, a: Array) -> None:
         """Set `placements`, `twists` and `accelerations` of a motion."""
-        for p in self.pieces:
+        for p in self.subtrees:
             pin.forwardKinematics(p.model, p.data, q[p.q], v[p.v], a[p.v])
             self.placements[p.joints] = p.placements
             self.twists[p.joints], self.accelerations[p.joints] = p.twists, p.accelerations
 
 
-def tree_of(model: pin.Model) -> Tree | TreeInPieces:
+def tree_of(model: pin.Model) -> Tree | TreeOfSubtrees:
     """Return what places and moves the bodies of a tree."""
-    return TreeInPieces(model) if is_large(model) else Tree(model)
+    return TreeOfSubtrees(model) if is_large(model) else Tree(model)
 
 
-class Piece(NamedTuple):
+class Subtree(NamedTuple):
     """Some branches of a tree as a model of their own.
 
     Attributes:
@@ -131,8 +131,8 @@ class Piece(NamedTuple):
     columns: Array
 
 
-def pieces_of(model: pin.Model) -> list[Piece]:
-    """Return a model in pieces."""
+def subtrees_of(model: pin.Model) -> list[Subtree]:
+    """Return the subtrees of a model, each of one or more branches at the ground."""
     groups: list[list[int]] = [[]]
     size = 0
     for root in model.children[0]:
@@ -142,10 +142,10 @@ def pieces_of(model: pin.Model) -> list[Piece]:
         branch = [int(i) for i in model.subtrees[root]]
         groups[-1] += branch
         size += sum(model.nvs[i] for i in branch)
-    return [_piece(model, sorted(group)) for group in groups if group]
+    return [_subtree(model, sorted(group)) for group in groups if group]
 
 
-def _piece(whole: pin.Model, joints: list[int]) -> Piece:
+def _subtree(whole: pin.Model, joints: list[int]) -> Subtree:
     model = pin.Model()
     model.gravity = whole.gravity
     own = {0: 0}
@@ -157,7 +157,7 @@ def _piece(whole: pin.Model, joints: list[int]) -> Piece:
     model.armature = whole.armature[v]
     data = model.createData()
     q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
-    return Piece(model, data, np.array(joints), q, v, MassMatrix(model), related(model),
+    return Subtree(model, data, np.array(joints), q, v, MassMatrix(model), related(model),
                  placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
                  joint_jacobian(data, model.nv))
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import pieces_of, related
+from spatial_pin.constraints.trees import related, subtrees_of
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
@@ -62,14 +62,15 @@ class BodiesBySubtrees(Bodies):
     """A large tree: memory and time grow with its size, not with the cube of it."""
 
     def __init__(self, model: pin.Model) -> None:
-        self.model, self._pieces = model, pieces_of(model)
-        rows, columns = (np.concatenate([p.v[p.mass_at[k]] for p in self._pieces]) for k in (0, 1))
+        self.model, self._subtrees = model, subtrees_of(model)
+        rows, columns = (np.concatenate([p.v[p.mass_at[k]] for p in self._subtrees])
+                         for k in (0, 1))
         self.n_masses = len(rows)
         self.mass_at = rows, columns, np.arange(self.n_masses)
 
     def masses(self, q: Array) -> Array:
         """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        return np.concatenate([p.mass(q[p.q])[p.mass_at] for p in self._pieces])
+        return np.concatenate([p.mass(q[p.q])[p.mass_at] for p in self._subtrees])
 
     def matrix(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv)."""
@@ -80,7 +81,7 @@ class BodiesBySubtrees(Bodies):
     def needed(self, q: Array, v: Array, a: Array | None = None) -> Array:
         """Return M a + b (nv,), b if no accelerations are given."""
         total = np.empty(len(v))
-        for p in self._pieces:
+        for p in self._subtrees:
             part = q[p.q], v[p.v]
             total[p.v] = (pin.nonLinearEffects(p.model, p.data, *part) if a is None else
                           pin.rnea(p.model, p.data, *part, a[p.v]))
@@ -90,7 +91,7 @@ class BodiesBySubtrees(Bodies):
         """Return (njoints, 6) what joints hand on, joint axes."""
         self.needed(q, v, a)
         total = np.zeros((self.model.njoints, 6))
-        for p in self._pieces:
+        for p in self._subtrees:
             total[p.joints] = p.forces
         return total
 
