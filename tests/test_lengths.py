@@ -134,7 +134,7 @@ def test_a_twist_of_what_a_joint_carries_changes_the_row_as_its_coordinate_does(
         columns = np.array(evaluation.data.J).reshape(6, -1)
         for i in range(1, mechanism.model.njoints):
             k = mechanism.model.idx_vs[i]
-            assert_same(evaluation.opening(i) @ columns[:, k], evaluation.jacobian[:, k])
+            assert_same(evaluation.twist_derivatives(i) @ columns[:, k], evaluation.jacobian[:, k])
 
 
 # ---------------------------------------------------------------- motion

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import spatial_pin as sp
 from spatial_pin.dynamics.simulation.integrators import Differences
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.independent_coordinates import Blurred
+from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 
 FORMULATIONS = ("independent", "projected")
@@ -128,7 +128,7 @@ def test_least_constraint_gives_the_accelerations_of_the_mass_matrix(name):
     missing = given - problem.bodies.needed(q, v, a)
     want = np.linalg.solve(columns.T @ mass @ columns, columns.T @ missing)
     found = LeastConstraint(mech).solve(
-        q, v, Blurred(a, 0.0 * a), Blurred(columns, 0.0 * columns), given)
+        q, v, Bounded(a, 0.0 * a), Bounded(columns, 0.0 * columns), given)
     assert not len(found.still) and not found.pulled and found.error < 1e-9
     np.testing.assert_allclose(found.z, want, rtol=1e-8, atol=1e-9 * np.abs(want).max())
 

@@ -163,9 +163,9 @@ def tell(state: State) -> None:
     """Warn, once of a mechanism, of the equations that the numbers of its file contradict."""
     mechanism, whole = state.mechanism, state.mechanism.whole
     assert whole is not None and mechanism.kept is not None
-    if whole.memo.get("gap told"):
+    if whole.memo.get("gap warned"):
         return
-    whole.memo["gap told"] = True
+    whole.memo["gap warned"] = True
     counts = zip(whole.closures, mechanism.kept.counts(), strict=True)
     with evaluation_of(whole, all_angles(mechanism, state.angles)) as evaluation:
         evaluation.update(state.q)

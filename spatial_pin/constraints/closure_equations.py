@@ -571,7 +571,7 @@ class Evaluation:
         found[:3] -= pin.skew(self.frame(frame).translation) @ found[3:]
         return found
 
-    def opening(self, joint: int) -> Array:
+    def twist_derivatives(self, joint: int) -> Array:
         """Return (n_rows, 6) derivatives of the rows for a twist of what a joint carries."""
         c, at = self.constraints, self.model.idx_vs[joint]
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]

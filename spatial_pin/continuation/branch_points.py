@@ -135,10 +135,10 @@ class Passage(NamedTuple):
         error = float(np.abs(evaluation.residual).max(initial=0.0))
         return Place(value, q, self.t(value), self.c(value), error, angles)
 
-    def is_told(self, value: float, fewer: Callable[[float], Array]) -> bool:
-        """Whether loops are closed at a value, where an interpolator of fewer nodes says the same.
+    def is_accurate(self, value: float, fewer: Callable[[float], Array]) -> bool:
+        """Whether the residual at a value is small and an interpolant of fewer nodes agrees.
 
-        The one alone is not enough: at a branch point open loops are no measure of what is amiss.
+        Near a branch point the residual alone is no measure of the error.
         """
         mechanism, place = self.cursor.start.mechanism, self.place(value)
         other = pin.normalize(mechanism.model, fewer(value))
@@ -236,7 +236,7 @@ def _joined(
     kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
     fewer = _polynomial(values[kept], np.array([nodes[k].q for k in kept]))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
-    if not all(found.is_told(x, fewer) for x in between[1::3].tolist()):
+    if not all(found.is_accurate(x, fewer) for x in between[1::3].tolist()):
         return None
     met = [x for x in zeros(between, found.matrices(curve, between)) if found.holds(x)]
     return found._replace(branch_points=met) if met else None

@@ -43,7 +43,7 @@ class Run(ctypes.Structure):
                 ("limit_side", POINTER), ("limit_value", POINTER), ("limit_before", POINTER)]
 
 
-AT_END, AT_FAILURE, WORN, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
+AT_END, AT_FAILURE, NEW_CHART, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
 
 
 class Samples(NamedTuple):

@@ -221,13 +221,13 @@ class Factors:
         """Return the solution for right-hand sides (n,) or (n, k)."""
         return dense.lu_solve(self._lu, self._order, b)
 
-    def blur(self, x: Array, known: Array, rounding: float) -> Array:
+    def error_bounds(self, x: Array, known: Array, rounding: float) -> Array:
         """Return bounds on the errors of a solution, entry by entry [Higham2002, 7.2, 9.3].
 
         Args:
             x: the solution (n,) or (n, k).
             known: (n, n) how far the entries of the matrix may be off.
-            rounding: of an entry of the factors, by the size of what is added to it.
+            rounding: of an entry of the factors, relative to the size of what is added to it.
         """
         if not len(known):
             return np.zeros_like(x)

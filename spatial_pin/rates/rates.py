@@ -396,10 +396,10 @@ def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
     """
     evaluation = system.evaluation
     n = evaluation.constraints.n_rows
-    opening = np.abs(evaluation.jacobian[:n] @ (v / state.mechanism.velocity_scale))
+    violation = np.abs(evaluation.jacobian[:n] @ (v / state.mechanism.velocity_scale))
     largest = np.abs(v / state.mechanism.velocity_scale).max(initial=0.0)
-    if n and opening.max() > TOLERANCES.singular * max(largest, 1e-300):
-        worst = evaluation.constraints.labels[int(opening.argmax())].closure
+    if n and violation.max() > TOLERANCES.singular * max(largest, 1e-300):
+        worst = evaluation.constraints.labels[int(violation.argmax())].closure
         raise SingularError(
             f"mechanism {state.mechanism.name!r}: the prescribed rates would open closure "
             f"{worst!r}: they are inconsistent with the loops at {state}", state=state,

@@ -153,7 +153,7 @@ def _velocities(
     n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
     size = mechanism.characteristic_length
     unit = np.array([size] * 3 + [1.0] * 3)
-    loose = evaluation.opening(joint) * unit
+    loose = evaluation.twist_derivatives(joint) * unit
     kept = [k for k in range(evaluation.model.nv) if k not in (*driven, output.v)]
     allowed = null_space(np.hstack([evaluation.jacobian[:n, kept], loose]))[:, len(kept):]
     own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]

@@ -35,7 +35,7 @@ from spatial_pin.errors import (
     StepLimitError,
     warn,
 )
-from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, WORN
+from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_CHART
 from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
@@ -43,7 +43,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
-ROUTINE = (AT_END, MANY, WORN, AT_FAILURE)  # pauses of steps whose samples are made
+ROUTINE = (AT_END, MANY, NEW_CHART, AT_FAILURE)  # pauses of steps whose samples are made
 LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
 SHORTEST = 1e-13  # step, by the time, that is taken anew no more
 TRIED = 1000  # steps of a motion without damping, which go on as long as they are
@@ -135,7 +135,7 @@ class Run:
         return solver if method == self._method else self._made(method, system, solver.max_step)
 
     def _steps(self, system: System) -> Iterator[bool]:
-        """Take steps until the end, a failure or worn coordinates; yields whether to stop."""
+        """Take steps until the end, a failure or the end of a chart; yields whether to stop."""
         solver = self._integrator(system)
         self._has_failed = False
         while solver.status == "running":
@@ -149,7 +149,7 @@ class Run:
             if why in ROUTINE:
                 yield False
                 self._refuse_to_go_on_for_ever(solver)
-                if why == WORN:
+                if why == NEW_CHART:
                     break
                 continue
             if isinstance(system, Projected) and not self._is_projected(system, solver):
@@ -162,7 +162,7 @@ class Run:
             yield self._take(system, solver, before)
             self._refuse_to_go_on_for_ever(solver)
             if solver.status == "running":
-                if system.is_worn(self.t, solver.y):
+                if system.needs_new_chart(self.t, solver.y):
                     break
                 solver = self._succeeded(system, solver)
 
@@ -350,7 +350,7 @@ class Run:
         self._begun_at = self.t
 
     def _begin_again(self, system: System, failed: bool) -> System:
-        """Choose new coordinates where the old ones are worn, and change the unknowns to them.
+        """Choose new independent coordinates or a new chart, and change the unknowns to them.
 
         Raises:
             SingularError: none can be followed.
@@ -375,7 +375,7 @@ class Run:
         return self._given_up
 
     def _is_now(self, t: float) -> bool:
-        """Whether hardly anything has happened since then, by the longest step so far."""
+        """Whether the time since then is negligible relative to the longest step so far."""
         return self.t - t <= NEAR**2 * self._largest[1]
 
     def _take(self, system: System, solver: Any, before: Array) -> bool:

@@ -18,7 +18,7 @@ from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lo
 from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.dynamics.solvers.accelerations import no_inertia
 from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
-from spatial_pin.dynamics.solvers.independent_coordinates import Blurred
+from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.kernel.packing import Packed, packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
@@ -134,7 +134,7 @@ class Problem:
         total = kinetic + float(pin.computePotentialEnergy(self.model, self._data, q))
         return Energies(kinetic, total + self.forces.energy(evaluation, q), work)
 
-    def least(self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array) -> Least:
+    def least(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
         """Return the accelerations by `LeastConstraint`, for any masses.
 
         What has no inertia stays as it is, if no force works on it.

@@ -64,7 +64,7 @@ class System(Protocol):
     def rows(self, times: Array, unknowns: Array) -> Samples:
         """Return everything at times (N,) and unknowns (N, n)."""
 
-    def is_worn(self, t: float, y: Array) -> bool:
+    def needs_new_chart(self, t: float, y: Array) -> bool:
         """Whether other coordinates, or a chart begun anew, would be better."""
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:

@@ -1,7 +1,7 @@
-"""Independent coordinates: some coordinates follow the others by the closure equations alone.
+"""Independent coordinates: the closure equations alone give the other coordinates' motion.
 
 Near singular configurations of the loops, and with a heavy body carried between light ones, they
-keep the digits that the KKT system loses [Wehage1982]. All is told with bounds on its errors.
+keep the digits that the KKT system loses [Wehage1982]. Every result has bounds on its errors.
 """
 
 from __future__ import annotations
@@ -17,35 +17,37 @@ from spatial_pin.numerics.tolerances import EPS
 # Of an entry, with all that is added to it: sums of some hundred terms, each rounded once.
 ROUNDING = 128.0 * EPS
 
-class Blurred(NamedTuple):
+
+class Bounded(NamedTuple):
     """Numbers with bounds on their errors.
 
     Attributes:
         value: the numbers.
-        blur: as many bounds.
+        bound: largest absolute error of each, of the same shape.
     """
 
     value: Array
-    blur: Array
+    bound: Array
 
-    def plain(self) -> Blurred:
-        """Return the numbers with those that may be nothing as nothing."""
-        kept = np.abs(self.value) > self.blur
-        return Blurred(np.where(kept, self.value, 0.0), np.where(kept, self.blur, 0.0))
+    def plain(self) -> Bounded:
+        """Return the numbers; those whose bound allows them to be zero are zero."""
+        kept = np.abs(self.value) > self.bound
+        return Bounded(np.where(kept, self.value, 0.0), np.where(kept, self.bound, 0.0))
 
 
 class IndependentCoordinates:
-    """How some coordinates move the others by independent closure equations, and how surely.
+    """Motion of all joints per unit of the independent coordinates, with bounds on its errors.
 
     Args:
         rows: (r, nv) independent equations for scaled velocities, as many as there are others.
         scale: (nv,) velocity of a unit of each scaled unknown.
-        opened: closure residual [-]: loops that are open by so much move as if rows were off by it.
-        free: the coordinates; those that determine the others best if not given.
+        opened: closure residual [-]; entries of the rows may be off by as much.
+        free: velocity entries of the independent coordinates; if not given, those that determine
+            the others best.
 
     Attributes:
-        free: the coordinates, in the order of the columns.
-        columns: (nv, n) joint velocities, one of the free coordinates at its own unit each.
+        free: the independent coordinates, in the order of the columns.
+        columns: (nv, n) joint velocities; in each, one of the free coordinates moves at its unit.
         pivot: smallest over largest pivot of their equations.
     """
 
@@ -69,14 +71,14 @@ class IndependentCoordinates:
         units[r:] = np.eye(nv - r)
         self.columns = self._solve(units)
 
-    def _solve(self, rhs: Array, off: Array | None = None) -> Blurred:
+    def _solve(self, rhs: Array, off: Array | None = None) -> Bounded:
         x = self._factors.solve(rhs)
-        blur = self._factors.blur(x, self._known, ROUNDING)
+        bound = self._factors.error_bounds(x, self._known, ROUNDING)
         if off is not None:
-            blur += self._factors.spread(off)
-        return Blurred((self._scale * x.T).T, (self._scale * blur.T).T)
+            bound += self._factors.spread(off)
+        return Bounded((self._scale * x.T).T, (self._scale * bound.T).T)
 
-    def carried(self, gamma: Array, v: Array) -> Blurred:
+    def carried(self, gamma: Array, v: Array) -> Bounded:
         """Return the accelerations (nv,) that rows need while the free coordinates have none.
 
         Args:

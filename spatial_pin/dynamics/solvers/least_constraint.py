@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING, Blurred
+from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING, Bounded
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.dense import qr, qr_turn, upper_solve
 from spatial_pin.numerics.linalg import Array, decompose, null_space, row_space
@@ -28,16 +28,16 @@ from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
 
 class Least(NamedTuple):
-    """Where the constraint is least.
+    """The accelerations of least constraint.
 
     Attributes:
         a: (nv,) joint accelerations.
-        z: (n,) those of freedoms.
-        still: (k, nv) motions without inertia; they go on as they are.
-        pulled: whether forces work on one of them.
+        z: (n,) accelerations of the freedoms.
+        still: (k, nv) motions without inertia; they keep their velocities.
+        pulled: whether applied forces do work on one of these motions.
         off: (nv,) bounds on the round-off of a.
-        error: the largest of them, by the size of a.
-        lost: whether that is more than all that moves or pulls.
+        error: the largest of them, relative to the largest of a.
+        lost: whether that error exceeds every acceleration that motion or gravity gives.
     """
 
     a: Array
@@ -50,7 +50,7 @@ class Least(NamedTuple):
 
 
 class LeastConstraint:
-    """The bodies of a mechanism, at whose accelerations the constraint is least.
+    """Accelerations of a mechanism by Gauss's principle of least constraint.
 
     Args:
         mechanism: the mechanism.
@@ -78,15 +78,16 @@ class LeastConstraint:
         self._weights = np.sqrt(model.armature[self._rotors])
 
     def solve(
-        self, q: Array, v: Array, a: Blurred, columns: Blurred, given: Array
+        self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array
     ) -> Least:
-        """Return the accelerations of freedoms; motions without inertia go on as they are.
+        """Return the accelerations; motions without inertia keep their velocities.
 
         Args:
             q: (nq,) configuration, the loops closed.
             v: (nv,) joint velocities.
-            a: (nv,) joint accelerations at which the freedoms have none.
-            columns: (nv, n) joint velocities of unit freedoms. What may be none in them is none.
+            a: (nv,) joint accelerations while those of the freedoms are zero.
+            columns: (nv, n) joint velocities per unit of each freedom; entries within their bounds
+                count as zero.
             given: (nv,) joint forces.
         """
         columns = columns.plain()
@@ -94,17 +95,17 @@ class LeastConstraint:
         rows *= unit
         known *= unit
         moved = columns.value * unit
-        blur = columns.blur * unit
+        bound = columns.bound * unit
         load = moved.T @ given
         order = np.argsort(-np.abs(rows).max(axis=1, initial=0.0))
         fit = _Fit(rows[order], known[order])
         z = fit.solve(-rest[order], load)
         still = fit.still
-        allowed = np.abs(still) @ ((TOLERANCES.nothing * np.abs(moved) + blur).T @ np.abs(given))
+        allowed = np.abs(still) @ ((TOLERANCES.nothing * np.abs(moved) + bound).T @ np.abs(given))
         pulled = bool(np.any(np.abs(still @ load) > allowed))
-        wide = fit.error(z, rest_known[order], blur.T @ np.abs(given)
+        wide = fit.error(z, rest_known[order], bound.T @ np.abs(given)
                          + ROUNDING * np.abs(moved).T @ np.abs(given))
-        off = a.blur + np.abs(moved) @ wide + blur @ np.abs(z)
+        off = a.bound + np.abs(moved) @ wide + bound @ np.abs(z)
         motions, found = moved @ still.T, a.value + moved @ z
         if len(still):
             y = self._spinning_on(q, v, found, motions)
@@ -138,13 +139,13 @@ class LeastConstraint:
         return decompose(rows / largest).minimum_norm(-rest / largest)
 
     def _rows(
-        self, q: Array, v: Array, a: Blurred, columns: Blurred
+        self, q: Array, v: Array, a: Bounded, columns: Bounded
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Return weighted accelerations per unit freedom (m, n), and without (m,).
 
         Each with bounds on how far its entries may be off, and units of the freedoms (n,) at which
         some body moves by one: so scaled, no row is good for one freedom and too coarse for
-        another. What may be round-off is no such move.
+        another. Motion within its bounds does not count.
         """
         pin.forwardKinematics(self._model, self._data, q, v, a.value)
         rotors = self._of_rotors(columns, a)
@@ -154,18 +155,18 @@ class LeastConstraint:
         pace = np.maximum(bodies[4], rotors[4])
         return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
 
-    def _of_rotors(self, columns: Blurred, a: Blurred) -> tuple[Array, ...]:
-        """Return as `_rows`, of joints with an armature, and how fast they turn (n,)."""
+    def _of_rotors(self, columns: Bounded, a: Bounded) -> tuple[Array, ...]:
+        """Return the rows of joints with an armature, as `_rows` does, and their speeds (n,)."""
         at, weights = self._rotors, self._weights
         turned, turning = columns.value[at], a.value[at]
-        known = columns.blur[at] + ROUNDING * np.abs(turned)
-        rest_known = a.blur[at] + ROUNDING * np.abs(turning)
+        known = columns.bound[at] + ROUNDING * np.abs(turned)
+        rest_known = a.bound[at] + ROUNDING * np.abs(turning)
         pace = np.abs(turned / self._scale[at, None]).max(axis=0, initial=0.0)
         return (weights[:, None] * turned, weights[:, None] * known, weights * turning,
                 weights * rest_known, pace)
 
-    def _of_bodies(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, ...]:
-        """Return as `_rows`, of bodies with mass, and how fast they move (n,)."""
+    def _of_bodies(self, columns: Bounded, a: Bounded, v: Array) -> tuple[Array, ...]:
+        """Return the rows of bodies with mass, as `_rows` does, and their speeds (n,)."""
         data, n, roots = self._data, columns.value.shape[1], self._roots
         twists, sizes = (x[self._heavy] for x in self._twists(columns, a, v))
         twists[:, :3] -= self._across @ twists[:, 3:]
@@ -191,23 +192,23 @@ class LeastConstraint:
                 (roots[:, :, None] * sizes[:, :, :n]).reshape(flat), rest.ravel(),
                 (roots * rest_known).ravel(), moves.max(axis=(0, 1), initial=0.0))
 
-    def _twists(self, columns: Blurred, a: Blurred, v: Array) -> tuple[Array, Array]:
-        """Return what joints' bodies move like (njoints, 6, n) in unit freedoms, own axes.
+    def _twists(self, columns: Bounded, a: Bounded, v: Array) -> tuple[Array, Array]:
+        """Return twists (njoints, 6, n) of the joints' bodies per unit freedom, body axes.
 
-        From body to body, which keeps what is nothing nothing, as a way by the world's axes does
-        not. And bounds on how far that is off (njoints, 6, n + 2): of these, of accelerations and
-        velocity.
+        They are added up from body to body: a component that is zero stays exactly zero, which
+        world axes would not keep. Also returned: bounds on their errors (njoints, 6, n + 2), of
+        the twists, then of acceleration and velocity.
         """
         data, n, count = self._data, columns.value.shape[1], self._model.njoints
-        off = np.column_stack([columns.blur + ROUNDING * np.abs(columns.value),
-                               a.blur + ROUNDING * np.abs(a.value), ROUNDING * np.abs(v)])
+        off = np.column_stack([columns.bound + ROUNDING * np.abs(columns.value),
+                               a.bound + ROUNDING * np.abs(a.value), ROUNDING * np.abs(v)])
         axes = np.hstack([np.reshape(data.joints[j].S, (6, -1)) for j in range(1, count)]).T
         twists, sizes = np.zeros((count, 6, n)), np.zeros((count, 6, n + 2))
         for all_of, own, given in ((twists, axes, columns.value), (sizes, np.abs(axes), off)):
             np.add.reduceat(own[:, :, None] * given[:, None], self._starts, out=all_of[1:])
         placed = np.array([data.liMi[j].homogeneous[:3] for j in range(count)])
         back, across = placed[:, :, :3].transpose(0, 2, 1), skew(placed[:, :, 3])
-        grown, blurred = _bounds(back, across)
+        grown, added = _bounds(back, across)
         for joint in range(1, count):
             parent = self._parents[joint]
             if parent:
@@ -215,7 +216,7 @@ class LeastConstraint:
                 twists[joint, :3] += back[joint] @ (before[:3] - across[joint] @ before[3:])
                 twists[joint, 3:] += back[joint] @ before[3:]
                 sizes[joint] += grown[joint] @ sizes[parent]
-                sizes[joint, :, :n] += blurred[joint] @ np.abs(before)
+                sizes[joint, :, :n] += added[joint] @ np.abs(before)
         return twists, sizes
 
     def _rest(self, motion: Array, change: Array, gravity: Array) -> Array:
@@ -235,23 +236,23 @@ class LeastConstraint:
 
 
 def _bounds(back: Array, across: Array) -> tuple[Array, Array]:
-    """Return (m, 6, 6) how bounds on twists are carried on to the next body, and what that adds.
+    """Return two (m, 6, 6): how bounds on twists pass to the next body, and what that adds.
 
     Args:
         back: (m, 3, 3) rotations.
         across: (m, 3, 3) cross product matrices of the arms.
     """
     turned, none, reach = np.abs(back), _round_off(back), _round_off(across)
-    grown, blurred = np.zeros((2, len(back), 6, 6))
+    grown, added = np.zeros((2, len(back), 6, 6))
     grown[:, :3, :3] = grown[:, 3:, 3:] = turned
     grown[:, :3, 3:] = turned @ np.abs(across)
-    blurred[:, :3, :3] = blurred[:, 3:, 3:] = none
-    blurred[:, :3, 3:] = none @ np.abs(across) + turned @ reach
-    return grown, blurred
+    added[:, :3, :3] = added[:, 3:, 3:] = none
+    added[:, :3, 3:] = none @ np.abs(across) + turned @ reach
+    return grown, added
 
 
 def _round_off(placed: Array) -> Array:
-    """Return the sizes of those entries of rotations, or of arms, that may be none.
+    """Return the sizes of the entries of rotations, or of arms, that may be round-off of zero.
 
     A quarter turn in a file leaves a cosine of 6e-17 where there should be a zero.
     """
@@ -284,14 +285,14 @@ def _gyroscopic(roots: Array, w: Array) -> Array:
 
 
 class _Fit:
-    """Least squares with rows of very different sizes, and unknowns that no row knows of.
+    """Least squares with rows of very different sizes, and unknowns that no row determines.
 
     Args:
         rows: (m, n) the largest first.
         known: (m, n) how far their entries may be off.
 
     Attributes:
-        still: (k, n) orthonormal changes of the unknowns that no row knows of.
+        still: (k, n) orthonormal changes of the unknowns that change no row.
     """
 
     def __init__(self, rows: Array, known: Array) -> None:
@@ -316,7 +317,7 @@ class _Fit:
         self.still = row_space(motions.T)
 
     def _following(self, rank: int) -> Array:
-        """Return the motions (n, n - rank) of the last unknowns that the first ones make good."""
+        """Return changes (n, n - rank): one of the last unknowns by 1, the first ones in return."""
         n = self._rows.shape[1]
         found = np.zeros((n, n - rank))
         found[self._order[rank:]] = np.eye(n - rank)
@@ -333,7 +334,7 @@ class _Fit:
         return upper_solve(self._upper[:rank, :rank], np.eye(rank))
 
     def _pseudo(self, rank: int) -> Array:
-        """Return the sizes (rank, m) of the pseudo-inverse of the first unknowns' columns."""
+        """Return absolute values (rank, m) of the pseudo-inverse of the first unknowns' columns."""
         return np.abs(self._inverse(rank) @ self._basis.T[:rank])
 
     def solve(self, rest: Array, load: Array) -> Array:

@@ -9,7 +9,7 @@
 #include "regular.h"
 
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
-                            before others are chosen: worn choices show there first */
+                            before others are chosen: ill-conditioned choices show there first */
 
 EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out)
 {

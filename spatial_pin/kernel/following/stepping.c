@@ -15,8 +15,8 @@
 #define WEAK 0.1         /* smallest over largest pivot: below, a residual leaves the more open in
                             configurations and rates, and is asked to be smaller by as much;
                             factors of another point are off where the equations are weakest */
-#define WORN_ORDERS 2.3  /* binary orders (a factor of 5) by which the determinant falls, */
-#define WORN_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
+#define RESELECT_ORDERS 2.3  /* binary orders (a factor of 5) by which the determinant falls, */
+#define RESELECT_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
 #define OPENED 2.0       /* times a residual that no choice makes smaller: one like it is no news */
 #define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
                             round-off grows by 20 r^5 */
@@ -142,7 +142,8 @@ static Real round_off_of(const Kernel *k, const Real *q)
     return 4.0 * DBL_EPSILON * most;
 }
 
-/* Close the prediction; choose other equations where those left out tell that these are worn. */
+/* Close the prediction; choose other independent equations where the residuals
+ * of those left out show that the present choice is ill conditioned. */
 static int close_prediction(Path *path, Real way)
 {
     Kernel *k = path->k;
@@ -254,8 +255,8 @@ static int arrive(Path *path, Real way)
     if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
         return SINGULAR;
     const Real size = log2(k->mantissa) + (Real)k->exponent;
-    if (!is_new && has_redundant(k) && size < path->selected - WORN_ORDERS &&
-        k->pivot_ratio < WORN_PIVOT * path->selected_ratio) {
+    if (!is_new && has_redundant(k) && size < path->selected - RESELECT_ORDERS &&
+        k->pivot_ratio < RESELECT_PIVOT * path->selected_ratio) {
         code = choose_again(path);
         is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
         if (!is_new)

@@ -115,18 +115,18 @@ static int forces_are_sound(const Dynamics *d)
 static int make_place(Dynamics *d, Place *place)
 {
     const Kernel *k = d->k;
-    place->strip = -1;
+    place->passage = -1;
     return (place->q = memory(d, k->nq, sizeof(Real))) &&
            (place->x = memory(d, d->n_held, sizeof(Real))) &&
            (place->turns = memory(d, k->n_angles, sizeof(Real)));
 }
 
-static int make_strips(Dynamics *d)
+static int make_passages(Dynamics *d)
 {
     const Kernel *k = d->k;
-    for (Int i = 0; d->n_free == 1 && !d->n_drives && i < MOST_STRIPS; i++) {
-        Strip *s = d->strips + i;
-        const Int n = 2 * STRIP_NODES;
+    for (Int i = 0; d->n_free == 1 && !d->n_drives && i < MOST_PASSAGES; i++) {
+        Passage *s = d->passages + i;
+        const Int n = 2 * PASSAGE_NODES;
         if (!(s->q = memory(d, n * k->nq, sizeof(Real))) ||
             !(s->t = memory(d, n * k->nv, sizeof(Real))) ||
             !(s->c = memory(d, n * k->nv, sizeof(Real))) ||
@@ -148,7 +148,7 @@ static int make_room(Dynamics *d)
         {&d->turns, na}, {&d->columns, n * nv}, {&d->chart, 3 * n}, {&d->inverse, n * n},
         {&d->bend, nv}, {&d->bend_rate, n}, {&d->v, nv}, {&d->a, nv}, {&d->a0, nv},
         {&d->given, nv}, {&d->tau, nv}, {&d->z, n}, {&d->drive_effort, d->n_drives},
-        {&d->period_q, nq}, {&d->period_angle, na}, {&d->strip_t, nv}, {&d->strip_c, nv},
+        {&d->period_q, nq}, {&d->period_angle, na}, {&d->passage_t, nv}, {&d->passage_c, nv},
         {&d->step, nv}, {&d->trial, nq}, {&d->solved, nv}, {&d->goal, n * n + nq}, {&d->asking, 3 * n},
         {&d->before, n}, {&d->rates, n}, {&d->off, n}, {&d->force, 3 * nj}, {&d->moment, 3 * nj},
         {&d->twist, 6 * nj * d->n_free}, {&d->mass, d->n_free * d->n_free + 1},
@@ -163,7 +163,7 @@ static int make_room(Dynamics *d)
         if (!(*indices[i] = memory(d, n, sizeof(Int))))
             return 0;
     return make_place(d, &d->kept) && make_place(d, &d->aside) &&
-           make_place(d, &d->ended) && make_strips(d);
+           make_place(d, &d->ended) && make_passages(d);
 }
 
 EXPORT void dynamics_destroy(Dynamics *d)
@@ -191,7 +191,7 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
     d->owned = owned;
     d->k = k;
     d->asked = *asked;
-    d->strip = -1;
+    d->passage = -1;
     const Source from = {d, ints, n_ints, reals, n_reals, 0};
     int code = k->n_idle == 0 && read_arrays(d, from) && forces_are_sound(d)
                    ? DONE

@@ -302,9 +302,9 @@ static int place(Dynamics *d, Real t, const Real *y)
     if (passing_travel(d, x) != DONE)
         return LOST;
     velocities(d, held);
-    if (d->strip >= 0)
+    if (d->passage >= 0)
         for (Int v = 0; v < k->nv; v++)
-            d->a0[v] = d->strip_c[v] * held[0] * held[0];
+            d->a0[v] = d->passage_c[v] * held[0] * held[0];
     else
         independent_bias(d, d->v, d->n_drives ? acceleration : NULL, d->a0);
     add_spins(d);
@@ -557,7 +557,7 @@ EXPORT Int dynamics_crossed(const Dynamics *d, Real from, Real to, Real *x, Int 
  * how many times faster than the coordinates another moves. */
 EXPORT Real dynamics_keep(Dynamics *d)
 {
-    if (d->strip >= 0) {
+    if (d->passage >= 0) {
         independent_remember(d, &d->kept);
         return 1.0;
     }

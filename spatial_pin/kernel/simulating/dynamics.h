@@ -23,21 +23,21 @@ typedef struct {
                  Real *z); /* accelerations of the free coordinates by scale */
 } Asked;
 
-enum { STRIP_NODES = 8, MOST_STRIPS = 8, MOST_CROSSINGS = 6 };
+enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_CROSSINGS = 6 };
 
 /* The stretch about a crossing of branches, as polynomials in x through nodes on both sides. */
 typedef struct {
-    Real x[2 * STRIP_NODES], weight[2 * STRIP_NODES];
+    Real x[2 * PASSAGE_NODES], weight[2 * PASSAGE_NODES];
     Real *q, *t, *c, *angles; /* per node: configuration, derivatives with respect to x */
     Real low, high;           /* between which the polynomials stand for the branch */
     Int near, far;            /* the nodes at the ends */
     Real crossing[MOST_CROSSINGS];
     Int n_crossings;
-} Strip;
+} Passage;
 
 typedef struct {
     Real *q, *x, *turns;
-    Int strip, turn;
+    Int passage, turn;
 } Place;
 
 typedef struct Dynamics {
@@ -76,17 +76,17 @@ typedef struct Dynamics {
     Real power;
 
     /* ---- crossings of one freedom ---- */
-    Int passes, n_strips, n_built, strip, turn; /* strip: the one it stands on, or -1 */
-    Strip strips[MOST_STRIPS];
+    Int passes, n_passages, n_built, passage, turn; /* passage: the one it stands on, or -1 */
+    Passage passages[MOST_PASSAGES];
     Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
     Real room; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
     Real *change; /* (n_held) derivatives of the determinant along the last step, relative to it */
     Real mantissa;
     Int exponent; /* of the determinant here */
-    Real refused[MOST_STRIPS];
+    Real refused[MOST_PASSAGES];
     Int n_refused, flipped;
-    Real *strip_t, *strip_c;
+    Real *passage_t, *passage_c;
 
     /* ---- room to work in ---- */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,

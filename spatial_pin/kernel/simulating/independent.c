@@ -25,7 +25,7 @@
 #define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
 #define LEAST_SOLVED TOLERANCE_NOTHING /* pivot at which a configuration has seven digits left */
 #define OLD_FACTORS_DO TOLERANCE_HALF_PRECISION /* residual that old factors reduce to round-off */
-#define WORN_PIVOTS 1e-2     /* of the pivots where equations were chosen: there others are tried */
+#define RESELECT_PIVOTS 1e-2  /* of the pivots where equations were chosen: there others are tried */
 
 /* ---- the chart ---- */
 
@@ -329,7 +329,7 @@ static int is_worn(const Dynamics *d)
     const Kernel *k = d->k;
     if (k->n_chosen == k->n_closure)
         return 0;
-    return k->pivot_ratio < WORN_PIVOTS * d->first_pivot ||
+    return k->pivot_ratio < RESELECT_PIVOTS * d->first_pivot ||
            equations_error(k) > 10.0 * d->spare + TOLERANCE_ZERO + d->tolerance;
 }
 
@@ -373,7 +373,7 @@ static void accept(Dynamics *d, const Real *x)
     memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->pivot = k->pivot_ratio;
     d->has_bend = 0;
-    d->strip = -1;
+    d->passage = -1;
     if (d->is_linear)
         independent_columns(d);
 }
@@ -432,7 +432,7 @@ int independent_stand(Dynamics *d)
     equations_values(k, d->q);
     memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->has_bend = 0;
-    d->strip = -1;
+    d->passage = -1;
     const int code = factor_here(d);
     if (code != DONE)
         return LOST;
@@ -480,7 +480,7 @@ void independent_remember(const Dynamics *d, Place *place)
     memcpy(place->q, d->q, (size_t)d->k->nq * sizeof *d->q);
     memcpy(place->x, d->x, (size_t)d->n_held * sizeof *d->x);
     memcpy(place->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
-    place->strip = d->strip;
+    place->passage = d->passage;
     place->turn = d->turn;
 }
 

@@ -17,7 +17,7 @@ enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 
 /* Why a run of steps paused; after FULL, STIFF, CREEPING and LIMIT the samples of its last step are
  * still to be made. */
-enum Pause { AT_END = 0, AT_FAILURE = 1, WORN = 2, FULL = 3, STIFF = 4, CREEPING = 5, MANY = 6,
+enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_CHART = 2, FULL = 3, STIFF = 4, CREEPING = 5, MANY = 6,
              RAISED = 7, LIMIT = 8 };
 
 #define LONG_STEPS 15 /* steps at the bound of stability of a stiff motion [HairerWanner1996] */
@@ -454,7 +454,7 @@ static void note_crossings(const Integrator *g, const Dynamics *d, Run *run, Int
     run->n_crossed += n;
 }
 
-static int is_worn(const Integrator *g, Dynamics *d, const Run *run)
+static int needs_new_chart(const Integrator *g, Dynamics *d, const Run *run)
 {
     for (Int i = 0; !d->is_linear && i < d->n_free; i++)
         if (fabs(g->y[i]) > CHART_ENDS)
@@ -484,8 +484,8 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             return code == ASK_FAILED ? RAISED : AT_FAILURE;
         if (d->passes)
             note_crossings(g, d, run, first);
-        if (is_worn(g, d, run))
-            return WORN;
+        if (needs_new_chart(g, d, run))
+            return NEW_CHART;
         if (g->status == FINISHED)
             return AT_END;
     }

@@ -1,9 +1,10 @@
-/* One freedom through crossings of branches, straight on.
+/* Passing branch points with one freedom, on the same smooth branch.
  *
- * At a crossing (a change point) the equations lose rank and near it they are solved badly; on
- * either side each branch is a smooth curve. Told by falling pivots, a crossing ahead is bridged by
- * a strip: polynomials through eight closed configurations before it and eight behind, which the
- * curve before it, continued, has led to. Strips are found again after whole turns. */
+ * At a branch point (a change point) the equations lose rank and near it they are ill conditioned;
+ * on either side each branch is a smooth curve. Falling pivots announce a branch point. It is
+ * passed by interpolation, on a Passage: polynomials through eight closed configurations before it
+ * and eight behind, found by extrapolating the curve before it. Passages are used again after
+ * whole turns. */
 #include <string.h>
 
 #include "dynamics.h"
@@ -19,20 +20,20 @@
 /* Part of the way across that the continued curve may be off */
 #define OFF_CURVE TOLERANCE_REGULAR
 #define BRIDGED 4.0     /* way to a known crossing, by an estimate: one of fourth order is as far */
-#define REFUSED 0.1     /* change of x from where no strip was found, at which one may be */
+#define REFUSED 0.1     /* change of x from where no passage was found, at which one may be */
 /* Step, relative to the way to go, that is tried last: limits are met as roots */
 #define LAST_STEP TOLERANCE_NOTHING
 /* Way from a zero of order three, which is known to the third root of round-off, 6e-6 */
 #define NEARBY 1e-5
 #define LOOKS 16         /* places that a determinant is looked at */
-#define NODE STRIP_NODES
+#define NODE PASSAGE_NODES
 
 
 enum { FOUND = 40, CHOSEN_ANEW = 41 };
 
 /* ---- polynomials through nodes [BerrutTrefethen2004, 4.2] ---- */
 
-static void set_weights(Strip *s, Int first, Int count)
+static void set_weights(Passage *s, Int first, Int count)
 {
     const Real width = fabs(s->x[first + count - 1] - s->x[first]);
     for (Int i = first; i < first + count; i++) {
@@ -44,7 +45,7 @@ static void set_weights(Strip *s, Int first, Int count)
 }
 
 /* The polynomial through `count` nodes from `first` on, of rows of n numbers. */
-static void interpolate(const Strip *s, Int first, Int count, const Real *rows, Int n, Real x,
+static void interpolate(const Passage *s, Int first, Int count, const Real *rows, Int n, Real x,
                         Real *out)
 {
     Real sum = 0.0;
@@ -63,9 +64,9 @@ static void interpolate(const Strip *s, Int first, Int count, const Real *rows, 
         out[j] /= sum;
 }
 
-/* ---- standing on a strip ---- */
+/* ---- standing on a passage ---- */
 
-static void place_trial(Dynamics *d, const Strip *s, Int turn, Real x)
+static void place_trial(Dynamics *d, const Passage *s, Int turn, Real x)
 {
     Kernel *k = d->k;
     const Real local = x - (Real)turn * d->period;
@@ -83,28 +84,28 @@ static void place_trial(Dynamics *d, const Strip *s, Int turn, Real x)
 static void put(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Strip *s = d->strips + which;
+    const Passage *s = d->passages + which;
     const Real local = x - (Real)turn * d->period;
     place_trial(d, s, turn, x);
     tree_columns(k);
-    interpolate(s, 0, 2 * NODE, s->t, k->nv, local, d->strip_t);
-    interpolate(s, 0, 2 * NODE, s->c, k->nv, local, d->strip_c);
+    interpolate(s, 0, 2 * NODE, s->t, k->nv, local, d->passage_t);
+    interpolate(s, 0, 2 * NODE, s->c, k->nv, local, d->passage_c);
     for (Int v = 0; v < k->nv; v++)
-        d->columns[v] = d->strip_t[v] / k->scale[v];
+        d->columns[v] = d->passage_t[v] / k->scale[v];
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
-    d->strip = which;
+    d->passage = which;
     d->turn = turn;
     d->has_bend = 0;
     d->room = 0.0;
 }
 
-/* Stand at an end of a strip, off it. */
+/* Stand at an end of a passage, off it. */
 static int leave(Dynamics *d, Int which, Int turn, int high)
 {
     Kernel *k = d->k;
-    const Strip *s = d->strips + which;
+    const Passage *s = d->passages + which;
     const Int node = (s->x[s->far] > s->x[s->near]) == high ? s->far : s->near;
     const Real x = s->x[node] + (Real)turn * d->period;
     place_trial(d, s, turn, x);
@@ -115,9 +116,9 @@ static int leave(Dynamics *d, Int which, Int turn, int high)
     return independent_stand(d);
 }
 
-/* ---- finding strips again ---- */
+/* ---- finding passages again ---- */
 
-static Int turns_to(const Dynamics *d, const Strip *s, Real x)
+static Int turns_to(const Dynamics *d, const Passage *s, Real x)
 {
     if (d->period == 0.0 || d->period_is_known < 0)
         return 0;
@@ -125,14 +126,14 @@ static Int turns_to(const Dynamics *d, const Strip *s, Real x)
     return (Int)floor((x - middle) / d->period + 0.5);
 }
 
-/* The nearest strip that holds x or lies on the way there; -1 if none. */
-static Int nearest_strip(const Dynamics *d, Real x, Int *turn)
+/* The nearest passage that holds x or lies on the way there; -1 if none. */
+static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
 {
     const Real from = d->x[0], sense = x >= from ? 1.0 : -1.0;
     Int best = -1;
     Real least = INFINITY;
-    for (Int i = 0; i < d->n_strips; i++) {
-        const Strip *s = d->strips + i;
+    for (Int i = 0; i < d->n_passages; i++) {
+        const Passage *s = d->passages + i;
         const Int first = turns_to(d, s, from);
         for (Int n = first - 1; n <= first + 1; n++) {
             if (n != 0 && (d->period == 0.0 || d->period_is_known < 0))
@@ -152,11 +153,11 @@ static Int nearest_strip(const Dynamics *d, Real x, Int *turn)
     return best;
 }
 
-/* Whether the branch is the same after whole turns: told where the strip's image begins. */
+/* Whether the branch is the same after whole turns: told where the passage's image begins. */
 static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Strip *s = d->strips + which;
+    const Passage *s = d->passages + which;
     if (turn == 0 || d->period_is_known > 0)
         return 1;
     const int high = d->x[0] > x;
@@ -182,7 +183,7 @@ static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
     return d->period_is_known > 0;
 }
 
-/* ---- a new strip ---- */
+/* ---- a new passage ---- */
 
 static Real pace(const Dynamics *d)
 {
@@ -192,7 +193,7 @@ static Real pace(const Dynamics *d)
     return most;
 }
 
-static int note_node(Dynamics *d, Strip *s, Int node)
+static int note_node(Dynamics *d, Passage *s, Int node)
 {
     Kernel *k = d->k;
     s->x[node] = d->x[0];
@@ -204,7 +205,7 @@ static int note_node(Dynamics *d, Strip *s, Int node)
 }
 
 /* Nodes from `first` on, outwards from x. */
-static int note_side(Dynamics *d, Strip *s, Int first, Real x, Real apart)
+static int note_side(Dynamics *d, Passage *s, Int first, Real x, Real apart)
 {
     for (Int i = 0; i < NODE; i++) {
         const Real goal = x + (Real)i * apart;
@@ -215,7 +216,7 @@ static int note_side(Dynamics *d, Strip *s, Int first, Real x, Real apart)
 }
 
 /* To the far side at x, by the curve before the crossing continued, and closed there. */
-static int cross(Dynamics *d, Strip *s, Real x, Real way)
+static int cross(Dynamics *d, Passage *s, Real x, Real way)
 {
     Kernel *k = d->k;
     set_weights(s, 0, NODE);
@@ -232,11 +233,11 @@ static int cross(Dynamics *d, Strip *s, Real x, Real way)
     return independent_settle(d, &x, OFF_CURVE * way);
 }
 
-/* Whether loops are closed between the ends, where fewer nodes say the same. */
-static int is_told(Dynamics *d, Strip *s)
+/* Whether residuals between the ends are small and an interpolant of fewer nodes agrees. */
+static int is_accurate(Dynamics *d, Passage *s)
 {
     Kernel *k = d->k;
-    Strip fewer = *s;
+    Passage fewer = *s;
     for (int part = 1; part < 8; part += 2) {
         const Real x = s->low + 0.125 * part * (s->high - s->low);
         Real worst;
@@ -255,7 +256,7 @@ static int is_told(Dynamics *d, Strip *s)
 }
 
 /* 1 / (w . K^-1 e) is smooth about a crossing, however many loops go flat there, and vanishes. */
-static Real inverse_solution(Dynamics *d, const Strip *s, Real x)
+static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
 {
     Kernel *k = d->k;
     place_trial(d, s, 0, x);
@@ -272,7 +273,7 @@ static Real inverse_solution(Dynamics *d, const Strip *s, Real x)
 }
 
 /* Whether other equations keep their rank where the chosen ones lose it: these are taken then. */
-static int others_hold(Dynamics *d, const Strip *s, Real x)
+static int others_hold(Dynamics *d, const Passage *s, Real x)
 {
     place_trial(d, s, 0, x);
     equations_jacobian(d->k);
@@ -280,8 +281,8 @@ static int others_hold(Dynamics *d, const Strip *s, Real x)
            d->k->pivot_ratio > TOLERANCE_SINGULAR;
 }
 
-/* The determinant at x, by a power of two that is the same along a strip. */
-static Real determinant(Dynamics *d, const Strip *s, Real x, Int exponent)
+/* The determinant at x, by a power of two that is the same along a passage. */
+static Real determinant(Dynamics *d, const Passage *s, Real x, Int exponent)
 {
     Kernel *k = d->k;
     place_trial(d, s, 0, x);
@@ -293,7 +294,7 @@ static Real determinant(Dynamics *d, const Strip *s, Real x, Int exponent)
 
 /* The zero between a and b, where the determinant changes its sign; the bisection's end is made
  * exacter by secants of the inverse solution, which a manifold zero does not blur. */
-static Real zero_between(Dynamics *d, const Strip *s, Real a, Real b, Int exponent)
+static Real zero_between(Dynamics *d, const Passage *s, Real a, Real b, Int exponent)
 {
     const Real sign = determinant(d, s, a, exponent);
     while (fabs(b - a) > 1e-12 * (1.0 + fabs(b))) {
@@ -307,7 +308,7 @@ static Real zero_between(Dynamics *d, const Strip *s, Real a, Real b, Int expone
 }
 
 /* A zero of the inverse solution by secants from a and b; NaN where they lead out of low to high. */
-static Real secants(Dynamics *d, const Strip *s, Real a, Real b, Real low, Real high)
+static Real secants(Dynamics *d, const Passage *s, Real a, Real b, Real low, Real high)
 {
     Real fa = inverse_solution(d, s, a), fb = inverse_solution(d, s, b);
     for (int i = 0; i < 30 && fb != 0.0 && fb != fa && fabs(b - a) > 1e-14 * (1.0 + fabs(b)); i++) {
@@ -323,7 +324,7 @@ static Real secants(Dynamics *d, const Strip *s, Real a, Real b, Real low, Real 
 /* Note the crossing from low to high; where secants from there lead out, the one near a zero of
  * the determinant. Round-off blurs such a zero far and wide if it is one of higher order, but not
  * that of the inverse solution. */
-static void note_crossing(Dynamics *d, Strip *s, Real low, Real high, Int exponent)
+static void note_crossing(Dynamics *d, Passage *s, Real low, Real high, Int exponent)
 {
     Real x = secants(d, s, low, high, low, high);
     if (!isfinite(x)) {
@@ -341,7 +342,7 @@ static void note_crossing(Dynamics *d, Strip *s, Real low, Real high, Int expone
 /* Zeros of the determinant between low and high, at places so near that few are between two. Where
  * it comes near zero and goes back, closer looks tell two zeros from none; one at that is a zero
  * of even order. */
-static void look_for_zeros(Dynamics *d, Strip *s, Real low, Real high)
+static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
 {
     Real value[LOOKS + 1], largest = 0.0;
     place_trial(d, s, 0, low);
@@ -376,7 +377,7 @@ static void look_for_zeros(Dynamics *d, Strip *s, Real low, Real high)
     }
 }
 
-static int locate(Dynamics *d, Strip *s)
+static int locate(Dynamics *d, Passage *s)
 {
     const Kernel *k = d->k;
     s->n_crossings = 0;
@@ -408,7 +409,7 @@ static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
     return DONE;
 }
 
-static int build_at(Dynamics *d, Strip *s, Real about, Real sense, Real reach)
+static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
 {
     if (look_closer(d, &about, sense, reach) != DONE)
         return LOST;
@@ -421,7 +422,7 @@ static int build_at(Dynamics *d, Strip *s, Real about, Real sense, Real reach)
     set_weights(s, 0, 2 * NODE);
     s->near = 0, s->far = NODE;
     s->low = fmin(s->x[0], s->x[NODE]), s->high = fmax(s->x[0], s->x[NODE]);
-    if (!is_told(d, s))
+    if (!is_accurate(d, s))
         return LOST;
     return locate(d, s);
 }
@@ -430,8 +431,8 @@ static int build_at(Dynamics *d, Strip *s, Real about, Real sense, Real reach)
 static int is_known(const Dynamics *d, Real about, Real sense)
 {
     const Real far = BRIDGED * fabs(about - d->x[0]) + 0.02;
-    for (Int i = 0; i < d->n_strips; i++) {
-        const Strip *s = d->strips + i;
+    for (Int i = 0; i < d->n_passages; i++) {
+        const Passage *s = d->passages + i;
         const Real shift = (Real)turns_to(d, s, about) * d->period;
         for (Int c = 0; c < s->n_crossings; c++) {
             const Real way = sense * (s->crossing[c] + shift - d->x[0]);
@@ -445,12 +446,12 @@ static int is_known(const Dynamics *d, Real about, Real sense)
 /* Bridge the crossing about a place ahead; the branch stands where it stood. */
 static int build(Dynamics *d, Real about, Real sense)
 {
-    for (Int i = 0; i < d->n_refused && i < MOST_STRIPS; i++)
+    for (Int i = 0; i < d->n_refused && i < MOST_PASSAGES; i++)
         if (fabs(about - d->refused[i]) < REFUSED)
             return LOST;
     if (is_known(d, about, sense))
         return LOST;
-    Strip *s = d->strips + d->n_built % MOST_STRIPS;
+    Passage *s = d->passages + d->n_built % MOST_PASSAGES;
     int code = LOST;
     const Real room = d->room, tolerance = d->tolerance;
     independent_remember(d, &d->aside);
@@ -468,9 +469,9 @@ static int build(Dynamics *d, Real about, Real sense)
     }
     if (code == DONE) {
         d->n_built++;
-        d->n_strips = d->n_built < MOST_STRIPS ? d->n_built : MOST_STRIPS;
+        d->n_passages = d->n_built < MOST_PASSAGES ? d->n_built : MOST_PASSAGES;
     } else
-        d->refused[d->n_refused++ % MOST_STRIPS] = about;
+        d->refused[d->n_refused++ % MOST_PASSAGES] = about;
     return code;
 }
 
@@ -516,22 +517,22 @@ static int walk(Dynamics *d, Real x, int may_build)
 static int travel(Dynamics *d, Real x)
 {
     int is_found = 0;
-    for (int i = 0; i < 4 * MOST_STRIPS; i++) {
+    for (int i = 0; i < 4 * MOST_PASSAGES; i++) {
         Int turn = 0;
-        const int on_strip = d->strip >= 0;
-        if (on_strip) {
-            const Strip *s = d->strips + d->strip;
+        const int on_passage = d->passage >= 0;
+        if (on_passage) {
+            const Passage *s = d->passages + d->passage;
             const Real shift = (Real)d->turn * d->period;
             if (s->low + shift < x && x < s->high + shift) {
-                put(d, d->strip, d->turn, x);
+                put(d, d->passage, d->turn, x);
                 return DONE;
             }
-            if (leave(d, d->strip, d->turn, x > d->x[0]) != DONE)
+            if (leave(d, d->passage, d->turn, x > d->x[0]) != DONE)
                 return LOST;
         }
-        const Int which = nearest_strip(d, x, &turn);
+        const Int which = nearest_passage(d, x, &turn);
         if (which >= 0 && image_is_same(d, which, turn, x)) {
-            const Strip *s = d->strips + which;
+            const Passage *s = d->passages + which;
             const Real low = s->low + (Real)turn * d->period, high = s->high + (Real)turn * d->period;
             if (low < x && x < high) {
                 put(d, which, turn, x);
@@ -552,9 +553,9 @@ static int travel(Dynamics *d, Real x)
 
 int passing_return(Dynamics *d, const Place *place)
 {
-    if (place->strip < 0)
+    if (place->passage < 0)
         return independent_return(d, place);
-    put(d, place->strip, place->turn, place->x[0]);
+    put(d, place->passage, place->turn, place->x[0]);
     return DONE;
 }
 
@@ -583,9 +584,9 @@ Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room_for
 {
     Int n = 0;
     const Real low = fmin(from, to), high = fmax(from, to);
-    for (Int i = 0; i < d->n_strips; i++)
-        for (Int c = 0; c < d->strips[i].n_crossings; c++) {
-            const Real at = d->strips[i].crossing[c];
+    for (Int i = 0; i < d->n_passages; i++)
+        for (Int c = 0; c < d->passages[i].n_crossings; c++) {
+            const Real at = d->passages[i].crossing[c];
             if (d->period_is_known <= 0) {
                 if (low < at && at <= high && n < room_for)
                     x[n++] = at;
@@ -601,7 +602,7 @@ Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room_for
             const Real keep = x[j];
             x[j] = x[j - 1], x[j - 1] = keep;
         }
-    Int kept = 0; /* strips may overlap */
+    Int kept = 0; /* passages may overlap */
     for (Int i = 0; i < n; i++)
         if (kept == 0 || fabs(x[i] - x[kept - 1]) > NEARBY)
             x[kept++] = x[i];

@@ -22,7 +22,7 @@ from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.dynamics.solvers.independent_coordinates import (
     ROUNDING,
-    Blurred,
+    Bounded,
     IndependentCoordinates,
 )
 from spatial_pin.errors import SingularError
@@ -148,7 +148,7 @@ class Independent:
             self.free).columns
         given = problem.given(t, q, v, evaluation)
         try:
-            return problem.least(q, v, Blurred(a, ROUNDING * np.abs(a)), columns, given).z
+            return problem.least(q, v, Bounded(a, ROUNDING * np.abs(a)), columns, given).z
         except Lost:
             return None
 
@@ -219,7 +219,7 @@ class Independent:
         _, kinetic, total, work = self.rows(np.array([t]), y[None]).numbers[0].tolist()
         return Energies(kinetic, total, work)
 
-    def is_worn(self, t: float, y: Array) -> bool:
+    def needs_new_chart(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""
         if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > CHART_ENDS:
             return True

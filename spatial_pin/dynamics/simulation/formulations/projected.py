@@ -44,7 +44,7 @@ WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the s
 MOST_CORRECTIONS = 8  # each leaves at most a third: 1e-4 of a residual, or the step is shorter
 CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
 CONTRACTED = 1e-9  # residual at which round-off may end that
-WORN = 1e-2  # smallest over largest pivot below which other coordinates go on as they are
+ILL_CONDITIONED = 1e-2  # pivot ratio below which other coordinates keep their velocities
 SINGULAR = 1e-12  # smallest over largest singular value at which the loops have lost rank
 
 
@@ -91,7 +91,7 @@ class Projected:
         self._uneven = self._are_uneven(self.q0)  # where the loops were closed last
         # coordinates whose motions without inertia go on as they are, the same all along a step
         self._kept: tuple[int, ...] | None = None
-        self._worn = False
+        self._is_ill_conditioned = False
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
@@ -173,7 +173,7 @@ class Projected:
         for free in dict.fromkeys((self._kept, None)):
             motions = IndependentCoordinates(rows, self.scale, evaluation.closure_error, free)
             if motions.pivot >= SINGULAR:
-                self._worn = motions.pivot < WORN
+                self._is_ill_conditioned = motions.pivot < ILL_CONDITIONED
                 return motions
         raise Lost
 
@@ -198,7 +198,7 @@ class Projected:
         n, y = self.n, np.array(solver.y)
         q, v = self._place(y)
         self._choose(q)
-        if self._worn:
+        if self._is_ill_conditioned:
             self._kept = None
         allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
         try:
@@ -279,8 +279,8 @@ class Projected:
                               -self.scale * svd.minimum_norm(evaluation.residual[self.selected]))
         if svd.s.size:
             self.pivot = float(svd.s[-1] / svd.s[0])
-        opening = evaluation.jacobian[self.selected] @ (v / self.scale)
-        return q, v - self.scale * svd.minimum_norm(opening)
+        violation = evaluation.jacobian[self.selected] @ (v / self.scale)
+        return q, v - self.scale * svd.minimum_norm(violation)
 
     def place(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at y."""
@@ -312,6 +312,6 @@ class Projected:
         energies = self.problem.energies(q, v, self.evaluation, self.problem.work(y))
         return (q, v, a, np.array([error, *energies]), np.empty(0), self.evaluation.angles.copy())
 
-    def is_worn(self, t: float, y: Array) -> bool:
+    def needs_new_chart(self, t: float, y: Array) -> bool:
         """Whether the chart should be begun anew."""
         return self.curved and float(np.abs(y[: self.n]).max()) > CHART_WIDTH
