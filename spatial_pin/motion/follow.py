@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -92,7 +92,7 @@ def follow(
     if len(names) == 1 and times is None and rates is None:
         return sweep(mechanism, names[0], table[:, 0], guess=guess, hold=hold, on_limit=on_limit,
                      on_crossing=on_crossing, accuracy=accuracy, progress=progress)
-    s = np.arange(len(table), dtype=float) if times is None else _times(times, len(table))
+    s = np.arange(len(table), dtype=float) if times is None else sample_times(times, len(table))
     law = _law(mechanism, names, s, table, rates, times is None)
     held = () if hold is None else tuple(names_of(hold, "hold"))
     coordinates = [mechanism.prescribed_coordinate(name) for name in names]
@@ -100,22 +100,84 @@ def follow(
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
     first = dict(zip(names, table[0].tolist(), strict=True))
     state = assembled(mechanism, first, guess, accuracy=tight)
+    followed = along(state, names, hold, law, s, accuracy,
+                     f"{mechanism.name}: {', '.join(names)}", progress)
+    return finished(state.mechanism, followed, None if times is None else s, held, list(values),
+                    "drivers", on_limit, on_crossing)
+
+
+class Followed(NamedTuple):
+    """What was followed.
+
+    Attributes:
+        samples: of which `done` are done.
+        done: how many.
+        stop: what ended it before the last; None if nothing did.
+    """
+
+    samples: Samples
+    done: int
+    stop: Arrival | None
+
+
+def along(
+    state: State, names: Sequence[str], hold: Hold, law: Any, s: Array, accuracy: Accuracy,
+    title: str, progress: bool,
+) -> Followed:
+    """Follow a branch as coordinates go by a law.
+
+    Args:
+        state: closed, where the branch begins.
+        names: the coordinates.
+        hold: what stands still besides.
+        law: piecewise polynomial of the parameter: values (k,) of the coordinates.
+        s: (N,) rising values of the parameter, the samples.
+        accuracy: of the motion.
+        title: of the progress bar.
+        progress: whether there is one.
+
+    Raises:
+        SingularError: the coordinates do not determine the motion at the start.
+    """
     mechanism, n, stop = state.mechanism, len(s), None
-    with (progress_bar(n, f"{mechanism.name}: {', '.join(names)}", progress) as bar,
+    with (progress_bar(n, title, progress) as bar,
           evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
-        start = Start.along(state, names, hold, accuracy, kernel, evaluation)
-        trip = _Trip(start, law, s)
+        trip = _Trip(Start.along(state, names, hold, accuracy, kernel, evaluation), law, s)
         while trip.done < n and stop is None:
             stop = trip.go_on()
             bar.update(trip.done - bar.n)
-    motion = _motion(mechanism, trip.samples, trip.done, None if times is None else s)
+    return Followed(trip.samples, trip.done, stop)
+
+
+def finished(
+    mechanism: Mechanism, followed: Followed, times: Array | None, held: tuple[str, ...],
+    names: list[str], who: str, on_limit: str = "raise", on_crossing: str = "raise",
+) -> Motion:
+    """Return the Motion of what was followed, with its events; raise where it ended early.
+
+    Args:
+        mechanism: the mechanism.
+        followed: samples of its q, v and a.
+        times: (N,) of all samples; None: the parameter is their number.
+        held: what was held by name.
+        names: what went along tables, for words.
+        who: what these are, in one word.
+        on_limit: "raise" or "stop".
+        on_crossing: the same.
+
+    Raises:
+        LimitError: it ended at a limit.
+        SingularError: it ended at a singular configuration, or the branch was lost.
+    """
+    stop = followed.stop
+    motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
-        motion.events.append(_event(stop, trip.done, times is None))
+        motion.events.append(_event(stop, followed.done, times is None, who))
         ends = on_limit if stop.kind == "limit" else on_crossing
         if ends != "stop" or stop.kind == "lost":
-            raise _error(motion, stop, list(values), times is None)
+            raise _error(motion, stop, names, times is None, who)
     return motion
 
 
@@ -220,7 +282,12 @@ def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], 
     return list(columns), np.column_stack(full)
 
 
-def _times(times: Any, n: int) -> Array:
+def sample_times(times: Any, n: int) -> Array:
+    """Return rising times (n,).
+
+    Raises:
+        ValueError: they do not rise, or are not finite.
+    """
     found = finite_array(times, (n,), "times")
     if np.any(np.diff(found) <= 0.0):
         raise ValueError("times must rise from sample to sample")
@@ -272,8 +339,8 @@ def _where(value: float, is_timeless: bool) -> str:
     return f"sample {value:.12g}" if is_timeless else f"{value:.12g} s"
 
 
-def _event(stop: Arrival, row: int, is_timeless: bool) -> Event:
-    words = {"limit": "limit of what the drivers can do together", "singular":
+def _event(stop: Arrival, row: int, is_timeless: bool, who: str) -> Event:
+    words = {"limit": f"limit of what the {who} can do together", "singular":
              "singular configuration", "branch point": "branch point", "lost":
              "end of the followed path"}
     return Event(stop.kind, stop.value, row,
@@ -281,10 +348,10 @@ def _event(stop: Arrival, row: int, is_timeless: bool) -> Event:
 
 
 def _error(
-    motion: Motion, stop: Arrival, names: list[str], is_timeless: bool
+    motion: Motion, stop: Arrival, names: list[str], is_timeless: bool, who: str
 ) -> SpatialPinError:
-    at, drivers = _where(stop.value, is_timeless), ", ".join(names)
-    where = f"mechanism {motion.mechanism.name!r}: {drivers} cannot go on beyond {at}: "
+    at, moved = _where(stop.value, is_timeless), ", ".join(names)
+    where = f"mechanism {motion.mechanism.name!r}: {moved} cannot go on beyond {at}: "
     if stop.kind == "limit":
         return LimitError(f"{where}the loops let them go no further that way (limit position)",
                           limit=stop.value, motion=motion)
@@ -292,5 +359,5 @@ def _error(
         return SingularError(f"{where}the branch was lost there; ask for values nearer to each "
                              "other", motion=motion)
     what = "branches cross" if stop.kind == "branch point" else "the configuration is singular"
-    return SingularError(f"{where}{what} there, and drivers do not determine the motion; go round "
+    return SingularError(f"{where}{what} there, and {who} do not determine the motion; go round "
                          "it", motion=motion)
