@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
     from spatial_pin.inverse_kinematics import targets
     from spatial_pin.inverse_kinematics.reach import reach
+    from spatial_pin.inverse_kinematics.reach_path import reach_path
     from spatial_pin.inverse_kinematics.targets import Target
     from spatial_pin.mobility.grashof import Grashof, grashof
     from spatial_pin.mobility.idle_freedoms import PassiveFreedom
@@ -107,6 +108,7 @@ _ON_USE = {
     "dynamics.simulation.simulate": "Simulation simulate",
     "inverse_kinematics": "targets",
     "inverse_kinematics.reach": "reach",
+    "inverse_kinematics.reach_path": "reach_path",
     "inverse_kinematics.targets": "Target",
     "mobility.grashof": "Grashof grashof",
     "mobility.idle_freedoms": "PassiveFreedom",
@@ -223,6 +225,7 @@ __all__ = [
     "movie",
     "plot",
     "reach",
+    "reach_path",
     "reduce",
     "report",
     "screenshot",

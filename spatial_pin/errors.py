@@ -98,6 +98,7 @@ class ReachError(SpatialPinError):
             characteristic length, rad].
         stops: what stops it there, in words.
         limits: names of the coordinates whose joint limits hold it back.
+        motion: what was reached before it along a path of targets; else None.
     """
 
     def __init__(
@@ -107,6 +108,7 @@ class ReachError(SpatialPinError):
         super().__init__(message)
         self.state = state
         self.distances, self.stops, self.limits = distances, stops, limits
+        self.motion: Motion | None = None
 
 
 class SingularError(SpatialPinError):

@@ -244,22 +244,39 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
 
 def rotation_vector_rates(phi: Array, omega: Array, alpha: Array) -> tuple[Array, Array]:
     """Return phi', phi'' (N, 3) from body angular velocity and acceleration (N, 3)."""
-    t2 = np.sum(phi * phi, axis=1)
-    b, c, db, dc = _jacobian_functions(t2)
-    eye = np.eye(3)
-    skew = np.cross(eye[None], phi[:, None])  # skew @ x = phi × x
-    jacobian = eye - b[:, None, None] * skew + c[:, None, None] * (skew @ skew)
+    jacobian, functions = _jacobian(phi)
     # at whole turns the vector only tells the spin about its axis: least norm
     inverse = pseudo_inverses(jacobian, TOLERANCES.rank)
     rate = (inverse @ omega[..., None])[..., 0]
-    dt = 2.0 * np.sum(phi * rate, axis=1)
-    u = np.cross(phi, rate)
-    uu = np.cross(phi, u)
-    bias = (
-        -(db * dt)[:, None] * u + (dc * dt)[:, None] * uu + c[:, None] * np.cross(rate, u)
-    )
+    bias = _spin_bias(phi, rate, functions)
     acceleration = (inverse @ (alpha - bias)[..., None])[..., 0]
     return rate, acceleration
+
+
+def spin_of(phi: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Return body angular velocity and acceleration (N, 3) from phi, phi', phi'' (N, 3)."""
+    jacobian, functions = _jacobian(phi)
+    turned = (jacobian @ np.stack([rate, acceleration], axis=2)).transpose(2, 0, 1)
+    return turned[0], turned[1] + _spin_bias(phi, rate, functions)
+
+
+def _jacobian(phi: Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
+    """Return Jr(phi) (N, 3, 3), and the functions that it is made of."""
+    b, c, db, dc = _jacobian_functions(np.sum(phi * phi, axis=1))
+    skew = np.cross(np.eye(3)[None], phi[:, None])  # skew @ x = phi × x
+    return np.eye(3) - b[:, None, None] * skew + c[:, None, None] * (skew @ skew), (b, c, db, dc)
+
+
+def _spin_bias(
+    phi: Array, rate: Array, functions: tuple[Array, Array, Array, Array]
+) -> Array:
+    """Return Jr(phi)' phi' (N, 3)."""
+    _, c, db, dc = functions
+    dt = 2.0 * np.sum(phi * rate, axis=1)
+    u = np.cross(phi, rate)
+    bias: Array = (-(db * dt)[:, None] * u + (dc * dt)[:, None] * np.cross(phi, u)
+                   + c[:, None] * np.cross(rate, u))
+    return bias
 
 
 def _jacobian_functions(t2: Array) -> tuple[Array, Array, Array, Array]:

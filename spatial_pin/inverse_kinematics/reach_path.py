@@ -1,0 +1,208 @@
+"""Motions in which frames and coordinates go where they should, on one branch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import checked, names_of
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.errors import ReachError, SingularError, SpatialPinError
+from spatial_pin.inverse_kinematics.reach import EXACT, reach
+from spatial_pin.inverse_kinematics.solving import Solver
+from spatial_pin.inverse_kinematics.target_coordinates import (
+    Chain,
+    chain_of,
+    copy_at,
+    stretches_of,
+)
+from spatial_pin.inverse_kinematics.target_tables import Table, law_of, tables_of
+from spatial_pin.inverse_kinematics.targets import read_targets
+from spatial_pin.kernel.paths import Samples
+from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.progress import progress_bar
+from spatial_pin.rates.rates import check_not_held
+from spatial_pin.settings import Accuracy, accuracy_of
+
+
+@checked
+def reach_path(
+    mechanism: Mechanism,
+    targets: Mapping[str, Any],
+    times: Any = None,
+    state: State | None = None,
+    *,
+    hold: Hold = BASE,
+    accuracy: Accuracy | None = None,
+    progress: bool = False,
+) -> Motion:
+    """Return the motion in which frames and coordinates go along tables of targets.
+
+    The first targets are reached from a state as `reach` does; from there one branch is followed,
+    with the guarantees of `follow`: the drivers go where the targets take them. Between the samples
+    positions and coordinates go along cubic splines, two times continuously differentiable
+    ("not-a-knot" at the ends); orientations have at the samples the rates of the cubic spline of
+    their rotation vectors from the first one, which are continued past half a turn.
+
+    Where there are more freedoms than the targets ask for, they do not determine the motion: each
+    sample is then reached from the one before with the least motion, within joint limits, and the
+    drivers follow cubic splines through the values that they have there. The targets are met at the
+    samples, and between them nearly.
+
+    Args:
+        mechanism: the mechanism.
+        targets: by name of a link, frame or joint: points (N, 3) of the world for its origin [m],
+            or N `pinocchio.SE3` for its placement; by name of a coordinate or driver: values (N,)
+            [rad or m]. One placement, or one number, stands still. A point or placement may not
+            leave the plane, or turn about other axes, than the frame can at all.
+        times: (N,) rising [s]. Without them the motion has no time: its rates are those per
+            sample, and its forces statics.
+        state: where to start; default the assembled guess.
+        hold: names of what stands still where the state has it, as for `sweep`.
+        accuracy: predictor order, corrections and tolerance; default "engineering".
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The Motion, one row per sample, without a `driver`; `kinetostatics` gives the efforts along
+        it. Its closure error counts how far targets are off too, where they determine the motion.
+
+    Raises:
+        ReachError: the first targets cannot be reached, or too much is asked for; of a motion that
+            targets do not determine, also later ones: it has the motion so far.
+        LimitError: later targets cannot be reached; has the time, or number, up to which they can,
+            and the motion so far.
+        SingularError: the branch is not determined at a configuration, or crosses another one.
+        UnknownNameError: there is no such frame, coordinate or driver.
+        SpatialPinError: a frame turns too far from one sample to the next.
+        TypeError: a table is none.
+        ValueError: tables are not finite, or of different lengths, or times do not rise.
+    """
+    needed(mechanism)
+    accuracy = accuracy_of(accuracy)
+    tables = tables_of(mechanism, targets)
+    n = len(tables[0])
+    s = np.arange(n, dtype=float) if times is None else sample_times(times, n)
+    held = () if hold is None else tuple(names_of(hold, "hold"))
+    check_not_held(mechanism, [mechanism.prescribed_coordinate(t.name) for t in tables
+                               if t.points is None], held)
+    first = reach(mechanism, _targets(tables, 0), state, hold=hold)
+    freedom, chains = _chains(first, tables, s, hold)
+    asked = sum(chain.n for chain in chains)
+    if asked > freedom:
+        raise _too_much(first, tables, asked, freedom)
+    moved = None if times is None else s
+    if not asked:  # it stands still, and what is left free may as well
+        return _by_drivers(first, tables, moved, hold, accuracy, progress)
+    try:
+        followed = _followed(first, chains, s, hold, accuracy, progress)
+    except SingularError:
+        if asked == freedom:
+            raise
+        return _by_drivers(first, tables, moved, hold, accuracy, progress)
+    return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
+
+
+def _targets(tables: list[Table], k: int) -> dict[str, Any]:
+    return {table.name: table.target(k) for table in tables}
+
+
+def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[int, list[Chain]]:
+    """Return how many freedoms there are at a state, and the chains of the targets."""
+    mechanism = state.mechanism
+    size = mechanism.characteristic_length
+    with evaluation_of(mechanism, state.angles) as evaluation:
+        asked = read_targets(mechanism, _targets(tables, 0))
+        held = held_by(mechanism, hold)
+        solver = Solver(evaluation, asked, [], held.entries, EXACT)
+        motions = solver.motions(state.q, solver.moves, [])
+        chains = []
+        for table in tables:
+            rows = np.zeros((1, len(motions)))
+            if table.points is not None:
+                moved = evaluation.frame_jacobian(mechanism.frame_id(table.name)).copy()
+                moved[:3] /= size
+                rows = moved @ (motions * solver.scale).T
+            chains.append(chain_of(table, s, rows, size))
+    return len(motions) - len(held.coordinates), chains
+
+
+def _too_much(state: State, tables: list[Table], asked: int, freedom: int) -> ReachError:
+    names = ", ".join(repr(t.name) for t in tables)
+    return ReachError(
+        f"mechanism {state.mechanism.name!r}: {names}: {asked} numbers are asked for along the "
+        f"path, but it has {freedom} freedom{'s' * (freedom != 1)}; ask for fewer: a position "
+        "instead of a placement, or a coordinate", state=state,
+        distances={t.name: 0.0 for t in tables}, stops=("more is asked for than is free",),
+        limits=())
+
+
+def _followed(
+    state: State, chains: list[Chain], s: Array, hold: Hold, accuracy: Accuracy, progress: bool
+) -> Followed:
+    """Follow the targets from a state at the first of them."""
+    mechanism = state.mechanism
+    model, here, done = mechanism.model, state, 0
+    samples = Samples.empty(len(s), model.nq, model.nv, len(state.angles))
+    title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
+    standing = _standing(mechanism, hold)
+    for stretch in stretches_of(chains, len(s)):
+        copy = copy_at(here, chains, stretch)
+        own = s[stretch.first : stretch.last + 1]
+        found = along(copy.state, copy.names, standing, law_of(own, stretch.course), own, accuracy,
+                      title, progress)
+        done = stretch.first + found.done
+        into = samples.between(stretch.first, done)
+        for part, new in zip(into, found.samples.between(0, found.done), strict=True):
+            part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
+        if found.stop is not None:
+            return Followed(samples, done, found.stop)
+        here = State(mechanism, into.q[-1], closure_error=into.error[-1], angles=into.angles[-1])
+    return Followed(samples, done, None)
+
+
+def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
+    """Return names of what stands still, the free bases by their own."""
+    found: list[str] = []
+    for name in () if hold is None else names_of(hold, "hold"):
+        is_word = name == BASE and name not in mechanism.coordinate_table and (
+            name not in mechanism.drivers) and name not in list(mechanism.model.names)
+        found += free_bases(mechanism) if is_word else [name]
+    return found
+
+
+def _by_drivers(
+    first: State, tables: list[Table], times: Array | None, hold: Hold, accuracy: Accuracy,
+    progress: bool,
+) -> Motion:
+    """Return the motion of least motion from sample to sample, the drivers on splines."""
+    mechanism, states = first.mechanism, [first]
+    if not mechanism.drivers:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the targets do not determine the motion, and it has no "
+            "drivers that would; give the targets of as many coordinates as are free")
+
+    def motion() -> Motion:
+        n = len(states)
+        values = {d: np.array([x.coordinate(d).value for x in states]) for d in mechanism.drivers}
+        return follow(mechanism, values, np.arange(n, dtype=float) if times is None else times[:n],
+                      guess=first, hold=hold, accuracy=accuracy, progress=progress)
+
+    with progress_bar(len(tables[0]), f"{mechanism.name}: reach", progress) as bar:
+        for k in range(1, len(tables[0])):
+            try:
+                states.append(reach(mechanism, _targets(tables, k), states[-1], hold=hold,
+                                    starts=0))
+            except ReachError as error:
+                error.motion = motion()
+                error.args = (f"sample {k}: {error}",)
+                raise
+            bar.update(1)
+    return motion()

@@ -1,0 +1,274 @@
+"""Targets as coordinates: a copy of a mechanism whose frames hang on chains of driven joints.
+
+A target in space becomes coordinates by a chain without mass from the ground to the frame: slides
+along the directions that the frame can move in, and behind them, where an orientation is asked for,
+hinges; a closure joins its end to the frame. The slides and hinges have the values of the target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.close import close
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.target_tables import (
+    Course,
+    Table,
+    cardan_course,
+    turn_course,
+)
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS, closure_geometry, prismatic_joint, revolute_joint
+from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+LEANING = 1.2  # rad of the middle hinge at which a chain is begun anew: at pi/2 it is singular,
+# here rates of the outer hinges are three times those of what turns
+ALL = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The joints that stand for one target.
+
+    Attributes:
+        table: where it should be.
+        directions: (3, k) unit vectors of the world that the slides go along, in columns.
+        slides: their course.
+        hinges: 3 hinges, 1 or none.
+        axis: (3,) of a single hinge, in the axes of the first orientation.
+        phi, omega, alpha: (N, 3) rotation vectors from the first orientation, and rates in body
+            axes; None where no orientation is asked for.
+    """
+
+    table: Table
+    directions: Array
+    slides: Course
+    hinges: int = 0
+    axis: Array | None = None
+    phi: Array | None = None
+    omega: Array | None = None
+    alpha: Array | None = None
+
+    @property
+    def n(self) -> int:
+        """How many coordinates it has."""
+        return self.directions.shape[1] + self.hinges
+
+
+class Stretch(NamedTuple):
+    """Some samples in a row that one copy of the mechanism is followed along.
+
+    Attributes:
+        first, last: samples, both inclusive.
+        course: of all target coordinates, over these.
+    """
+
+    first: int
+    last: int
+    course: Course
+
+
+def chain_of(table: Table, s: Array, rows: Array, length: float) -> Chain:
+    """Return the chain of a target.
+
+    Args:
+        table: where it should be.
+        s: (N,) parameter.
+        rows: (r, k) velocities of the target, in world axes, by the motions there are at the start.
+        length: the characteristic length [m].
+    """
+    if table.points is None:
+        assert table.values is not None
+        return Chain(table, np.ones((1, 1)), Course.along(s, table.values[:, None]))
+    away = table.points - table.points[0]
+    directions = _directions(rows[:3], away / length)
+    slides = Course.along(s, away).turned(directions)
+    if table.rotations is None:
+        return Chain(table, directions, slides)
+    phi = table.turns()
+    axes = _directions(rows[3:], phi @ table.rotations[0].T)
+    hinges = axes.shape[1] if axes.shape[1] < 2 else 3
+    axis = table.rotations[0].T @ axes[:, 0] if hinges == 1 else None
+    return Chain(table, directions, slides, hinges, axis, phi, *turn_course(s, phi))
+
+
+def _directions(rows: Array, away: Array) -> Array:
+    """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`.
+
+    Args:
+        rows: (3, m) velocities.
+        away: (N, 3) where it is to go.
+    """
+    turned = decompose(rows.T, TOLERANCES.half_precision)
+    if turned.rank == 3:
+        return ALL
+    out = away @ turned.null_space.T
+    if np.abs(out).max(initial=0.0) > TOLERANCES.closed:
+        return ALL
+    found: Array = turned.vt[: turned.rank].T
+    return found
+
+
+# ---------------------------------------------------------------- stretches
+
+
+def stretches_of(chains: list[Chain], n: int) -> list[Stretch]:
+    """Return the stretches of n samples.
+
+    Raises:
+        SpatialPinError: a target turns too far from one sample to the next.
+    """
+    found: list[Stretch] = []
+    first = 0
+    while not found or first < n - 1:
+        courses = [_course(chain, first) for chain in chains]
+        last = n - 1
+        for chain, course in zip(chains, courses, strict=True):
+            if chain.hinges == 3:
+                last = min(last, _upright(chain, np.abs(course.value[:, -2]), first))
+        kept = slice(0, last - first + 1)
+        found.append(Stretch(first, last, Course(*(
+            np.hstack([getattr(c, part)[kept] for c in courses])
+            for part in ("value", "rate", "bend")))))
+        first = last
+    return found
+
+
+def _course(chain: Chain, first: int) -> Course:
+    """Return the course of all coordinates of a chain that is upright at a sample, from there."""
+    slides = Course(chain.slides.value[first:], chain.slides.rate[first:],
+                    chain.slides.bend[first:])
+    if not chain.hinges:
+        return slides
+    assert chain.phi is not None and chain.omega is not None and chain.alpha is not None
+    if chain.hinges == 1:
+        assert chain.axis is not None
+        turns = [x[first:] @ chain.axis[:, None] for x in (chain.phi, chain.omega, chain.alpha)]
+        hinges = Course(*turns)
+    else:
+        assert chain.table.rotations is not None
+        rotations = chain.table.rotations
+        hinges = cardan_course(rotations[first].T @ rotations[first:], chain.omega[first:],
+                               chain.alpha[first:])
+    return Course(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
+                    for part in ("value", "rate", "bend")))
+
+
+def _upright(chain: Chain, leaning: Array, first: int) -> int:
+    """Return the last sample up to which the middle hinge leans little.
+
+    One that leans by more than a right angle seems to lean less; what turns between two samples
+    tells.
+    """
+    rotations = chain.table.rotations
+    assert rotations is not None
+    turned = rotations[first:-1].transpose(0, 2, 1) @ rotations[first + 1 :]
+    cosines = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
+    steps = np.arccos(np.clip(cosines, -1.0, 1.0))
+    beyond = (leaning[1:] > LEANING) | (leaning[:-1] + steps > np.pi - LEANING)
+    if not beyond.any():
+        return first + len(steps)
+    last = first + int(beyond.argmax())
+    if last == first:
+        raise SpatialPinError(
+            f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} to "
+            f"{first + 1}: give placements nearer to each other")
+    return last
+
+
+# ---------------------------------------------------------------- the copy
+
+
+class Copy(NamedTuple):
+    """A state of a mechanism with target coordinates, behind those that it has.
+
+    Attributes:
+        state: closed.
+        names: of the target coordinates.
+    """
+
+    state: State
+    names: list[str]
+
+
+def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
+    """Return the copy of a mechanism in which targets are coordinates.
+
+    Args:
+        state: at the first sample of the stretch.
+        chains: the targets.
+        stretch: where they begin.
+    """
+    mechanism = state.mechanism
+    model, names, pairs, closures = mechanism.model.copy(), list[str](), list[str](), []
+    for chain in chains:
+        name = chain.table.name
+        if chain.table.points is None:
+            names.append(mechanism.prescribed_coordinate(name).name)
+            continue
+        added, end = _joints(mechanism, model, chain, stretch.first)
+        names += added
+        pairs += ["prismatic"] * chain.directions.shape[1] + ["revolute"] * chain.hinges
+        kind = "spherical" if chain.table.rotations is None else "weld"
+        geometry = closure_geometry(PAIRS[kind])
+        closures.append(Closure(f"target of {name}", kind, (end, name), geometry))
+    copy = Mechanism(
+        mechanism.name, model, pin.GeometryModel(), pin.GeometryModel(), (*mechanism.pairs, *pairs),
+        (*mechanism.closures, *closures), springs=mechanism.springs, passives=mechanism.passives)
+    # lengths are divided as in the mechanism
+    vars(copy)["characteristic_length"] = mechanism.characteristic_length
+    return Copy(_closed(copy, state, names, stretch.course.value[0]), names)
+
+
+def _joints(
+    mechanism: Mechanism, model: pin.Model, chain: Chain, first: int
+) -> tuple[list[str], str]:
+    """Add the joints of a chain and a frame at its end; return their names, and the frame's."""
+    table, names, parent = chain.table, list[str](), 0
+    assert table.points is not None
+
+    def add(joint: pin.JointModel, placement: pin.SE3, name: str) -> int:
+        names.append(_free_name(mechanism, model, f"{table.name}.{name}"))
+        return int(model.addJoint(parent, joint, placement, names[-1]))
+
+    here = pin.SE3(np.eye(3), table.points[0])
+    letters = "xyz" if chain.directions.shape[1] == 3 else "12"
+    for letter, direction in zip(letters, chain.directions.T, strict=False):
+        parent, here = add(prismatic_joint(direction), here, letter), pin.SE3.Identity()
+    if table.rotations is not None:
+        base = first if chain.hinges == 3 else 0
+        here = here * pin.SE3(table.rotations[base], np.zeros(3))
+    axes = [chain.axis] if chain.hinges == 1 else ALL[: chain.hinges]
+    for letter, axis in zip("xyz", axes, strict=False):
+        parent, here = add(revolute_joint(axis), here, f"turn_{letter}"), pin.SE3.Identity()
+    end = _free_name(mechanism, model, f"target of {table.name}")
+    model.addFrame(pin.Frame(end, parent, 0, here, pin.FrameType.OP_FRAME))
+    return names, end
+
+
+def _free_name(mechanism: Mechanism, model: pin.Model, name: str) -> str:
+    while (model.existFrame(name) or model.existJointName(name)
+           or name in mechanism.coordinate_table or name in mechanism.drivers):
+        name += "'"
+    return name
+
+
+def _closed(copy: Mechanism, state: State, names: list[str], values: Array) -> State:
+    """Return the state of a copy, its loops closed to round-off with the targets where they are."""
+    q = np.append(state.q, np.zeros(copy.model.nq - len(state.q)))
+    free = np.ones(copy.model.nv, dtype=bool)
+    for name, value in zip(names, values, strict=True):
+        coordinate = copy.coordinate_table[name]
+        if coordinate.q >= 0:
+            q[coordinate.q], free[coordinate.v] = value, False
+    with evaluation_of(copy, state.angles) as evaluation:
+        q, error = close(evaluation, q, free, TOLERANCES.round_off)
+        return State(copy, q, closure_error=error, angles=evaluation.angles.copy())

@@ -1,0 +1,223 @@
+"""Tables of targets: where frames and coordinates should be, sample by sample, and how they go on.
+
+Positions and coordinates go along cubic splines, orientations along the cubic spline of their
+rotation vectors from the first one. A helper coordinate has at every sample the value, the rate and
+the second derivative that follow from these; between samples it goes by the polynomial of fifth
+degree that they determine, which is the cubic itself where it is a coordinate of the target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import finite_array, finite_number, mapping
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.mechanism.coordinates import continued_rotation_vectors, spin_of
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+STEEP = 10.0  # rotation vectors run so much faster than what turns only beside a whole turn
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Numbers over the samples and their derivatives.
+
+    Attributes:
+        value, rate, bend: (N, k), by the parameter.
+    """
+
+    value: Array
+    rate: Array
+    bend: Array
+
+    @classmethod
+    def along(cls, s: Array, value: Array) -> Course:
+        """Return those of the cubic spline through values (N, k); one sample stands still."""
+        from scipy.interpolate import CubicSpline  # imported on use: it takes a tenth of a second
+
+        if len(s) == 1:
+            return cls(value, np.zeros_like(value), np.zeros_like(value))
+        spline = CubicSpline(s, value)
+        return cls(value, spline(s, 1), spline(s, 2))
+
+    def turned(self, matrix: Array) -> Course:
+        """Return the course of linear combinations, the columns of a matrix (k, m)."""
+        return Course(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Where a frame, or a coordinate, should be.
+
+    Attributes:
+        name: of the frame or coordinate.
+        points: (N, 3) where its origin should be [m]; None of a coordinate.
+        rotations: (N, 3, 3) how it should stand; None where nobody asks.
+        values: (N,) of a coordinate [rad or m].
+    """
+
+    name: str
+    points: Array | None = None
+    rotations: Array | None = None
+    values: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.points if self.points is not None else self.values)  # type: ignore[arg-type]
+
+    def target(self, k: int) -> Any:
+        """Return the target of a sample, as `reach` takes it."""
+        if self.points is None:
+            assert self.values is not None
+            return float(self.values[k])
+        if self.rotations is None:
+            return self.points[k]
+        return pin.SE3(self.rotations[k], self.points[k])
+
+    def turns(self) -> Array:
+        """Return rotation vectors (N, 3) from the first orientation to each, without jumps.
+
+        Raises:
+            SpatialPinError: they are not without jumps, beside a whole turn about another axis.
+        """
+        from scipy.spatial.transform import Rotation
+
+        assert self.rotations is not None
+        phi = continued_rotation_vectors(
+            Rotation.from_matrix(self.rotations[0].T @ self.rotations).as_quat())
+        gone = np.linalg.norm(np.diff(phi, axis=0), axis=1)
+        if np.any(gone > 0.1) and len(phi) > 1:
+            between = self.rotations[:-1].transpose(0, 2, 1) @ self.rotations[1:]
+            angles = Rotation.from_matrix(between).magnitude()
+            steep = np.flatnonzero((gone > STEEP * angles) & (gone > 0.1))
+            if len(steep):
+                raise SpatialPinError(
+                    f"target {self.name!r}: at sample {steep[0] + 1} it has turned a whole turn "
+                    "from its first orientation, and not about one axis, where rotation vectors "
+                    "jump; ask for the path in two parts")
+        return phi
+
+
+def tables_of(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Table]:
+    """Return tables given by name, of equal lengths; single placements and numbers stand still.
+
+    Raises:
+        UnknownNameError: there is no such frame or coordinate.
+        TypeError: a table is none.
+        ValueError: there is none, or lengths differ, or a number is not finite.
+    """
+    found = [_table(mechanism, name, given) for name, given in mapping(targets, "targets").items()]
+    if not found:
+        raise ValueError("targets is empty: say where something should be, as {'tip': points}, "
+                         "points (N, 3)")
+    moving = [t for t in found if not (len(t) == 1 and _stands(targets[t.name]))]
+    lengths = {t.name: len(t) for t in moving}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
+        raise ValueError(f"tables of targets differ in length: {said}")
+    n = next(iter(lengths.values()), 1)
+    if n == 0:
+        raise ValueError("tables of targets have no sample")
+    return [t if len(t) == n else _repeated(t, n) for t in found]
+
+
+def _stands(given: Any) -> bool:
+    return isinstance(given, pin.SE3) or np.ndim(given) == 0
+
+
+def _repeated(table: Table, n: int) -> Table:
+    return Table(table.name, *(None if x is None else np.repeat(x, n, axis=0)
+                               for x in (table.points, table.rotations, table.values)))
+
+
+def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
+    what = f"target {name!r}"
+    placements = [given] if isinstance(given, pin.SE3) else given
+    if not isinstance(placements, np.ndarray | str | Target) and np.iterable(placements):
+        placements = list(placements)
+        if placements and all(isinstance(x, pin.SE3) for x in placements):
+            mechanism.frame_id(name)
+            n = len(placements)
+            full = finite_array([x.homogeneous for x in placements], (n, 4, 4), what)
+            return Table(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
+    if not isinstance(given, str | Target):
+        if np.ndim(given) == 0 and given is not None:
+            mechanism.prescribed_coordinate(name)
+            return Table(name, values=np.array([finite_number(given, what)]))
+        shape = _shape(given)
+        if len(shape) == 1:
+            mechanism.prescribed_coordinate(name)
+            return Table(name, values=finite_array(given, shape, what))
+        if len(shape) == 2 and shape[1] == 3:
+            mechanism.frame_id(name)
+            return Table(name, finite_array(given, (shape[0], 3), what))
+    raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or numbers "
+                    "(N,) of a coordinate")
+
+
+def _shape(given: Any) -> tuple[int, ...]:
+    try:
+        return np.shape(given)
+    except ValueError:
+        return ()
+
+
+# ---------------------------------------------------------------- turns
+
+
+def turn_course(s: Array, phi: Array) -> tuple[Array, Array]:
+    """Return body angular velocity and acceleration (N, 3) of the spline of rotation vectors."""
+    course = Course.along(s, phi)
+    return spin_of(phi, course.rate, course.bend)
+
+
+def cardan_course(rotations: Array, omega: Array, alpha: Array) -> Course:
+    """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
+
+    Args:
+        rotations: from where the angles are zero.
+        omega: (N, 3) angular velocity in body axes.
+        alpha: (N, 3) angular acceleration, likewise.
+    """
+    r = rotations
+    a = np.unwrap(np.arctan2(-r[:, 1, 2], r[:, 2, 2]))
+    b = np.arctan2(r[:, 0, 2], np.hypot(r[:, 0, 0], r[:, 0, 1]))
+    c = np.unwrap(np.arctan2(-r[:, 0, 1], r[:, 0, 0]))
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    cb, sb, cc, sc = np.cos(b), np.sin(b), np.cos(c), np.sin(c)
+    axes = np.array([[cc * cb, sc, zero], [-sc * cb, cc, zero], [sb, zero, one]])
+    axes = axes.transpose(2, 0, 1)  # of the turns, in body axes
+    rate = np.linalg.solve(axes, omega[..., None])[..., 0]
+    _, db, dc = rate.T
+    moved = np.array([[-sc * cb * dc - cc * sb * db, cc * dc, zero],
+                      [-cc * cb * dc + sc * sb * db, -sc * dc, zero], [cb * db, zero, zero]])
+    left = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
+    bend = np.linalg.solve(axes, left[..., None])[..., 0]
+    return Course(np.column_stack([a, b, c]), rate, bend)
+
+
+# ---------------------------------------------------------------- the law
+
+
+def law_of(s: Array, course: Course) -> Any:
+    """Return the piecewise polynomial through values, rates and second derivatives."""
+    from scipy.interpolate import PPoly  # imported on use: it takes a tenth of a second
+
+    if len(s) == 1:
+        still = np.zeros((1, 1, course.value.shape[1])) + course.value
+        return PPoly(still, np.append(s, s[0] + 1.0))
+    h = np.diff(s)[:, None]
+    y, v, a = course.value, course.rate, 0.5 * course.bend
+    gone = np.diff(y, axis=0) - h * (v[:-1] + h * a[:-1])
+    faster = h * (np.diff(v, axis=0) - 2.0 * h * a[:-1])
+    bent = h * h * np.diff(a, axis=0)
+    c = [(6.0 * gone - 3.0 * faster + bent) / h**5,
+         (7.0 * faster - 15.0 * gone - 2.0 * bent) / h**4,
+         (10.0 * gone - 4.0 * faster + bent) / h**3, a[:-1], v[:-1], y[:-1]]
+    return PPoly(np.array(c), s)

@@ -1,0 +1,334 @@
+"""Frames go along tables of targets on one branch, with the guarantees of `follow`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+from test_reach import arm, at
+
+import spatial_pin as sp
+
+TIMES = np.linspace(0.0, 2.0, 81)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def figure(start, times=TIMES, size=0.02, turn=0.2):
+    """Return placements over time, the first as it is given."""
+    turns = np.column_stack([0.5 * np.sin(times), 0.4 * np.sin(2.0 * times), np.sin(times)])
+    away = np.column_stack([np.sin(2.0 * times), 1.0 - np.cos(2.0 * times), 0.5 * np.sin(times)])
+    return [pin.SE3(start.rotation @ pin.exp3(turn * w), start.translation + size * x)
+            for w, x in zip(turns, away, strict=True)], turn * turns
+
+
+def platform():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    return mechanism, state, state.placement("platform")
+
+
+def flyer():
+    """Return a body that may go anywhere."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
+    return sp.Mechanism.from_model(model, name="flyer")
+
+
+# ---------------------------------------------------------------- where they go
+
+
+def test_the_legs_of_a_gough_platform_are_those_of_the_closed_form():
+    mechanism, start, home = platform()
+    poses, _ = figure(home)
+    motion = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)
+    assert motion.driver is None and np.array_equal(motion.time, TIMES)
+    found = motion.frame("platform")
+    assert np.abs(found.position - [p.translation for p in poses]).max() < 1e-12
+    assert np.abs(found.rotation - [p.rotation for p in poses]).max() < 1e-12
+    assert motion.closure_error.max() < 1e-13
+    assert motion.q.shape == (len(TIMES), mechanism.model.nq)
+    for k in range(1, 7):
+        on_platform = home.actInv(start.placement(f"platform_{k}").translation)
+        foot = start.placement(f"cylinder_{k}").translation
+        lengths = np.array([np.linalg.norm(p.act(on_platform) - foot) for p in (home, *poses)])
+        moved = motion.coordinate(f"leg_{k}").value - start.coordinate(f"leg_{k}").value
+        assert np.abs(moved - (lengths[1:] - lengths[0])).max() < 1e-12
+
+
+def test_a_delta_robot_stands_as_its_arms_assemble():
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    points = start.placement("platform").translation + np.column_stack(
+        [0.1 * np.sin(2.0 * TIMES), 0.1 * (1.0 - np.cos(2.0 * TIMES)), 0.05 * TIMES])
+    motion = sp.reach_path(mechanism, {"platform": points}, TIMES, start)
+    assert np.abs(motion.frame("platform").position - points).max() < 1e-12
+    for k in (0, 31, 80):
+        arms = {d: motion.coordinate(d).value[k] for d in mechanism.drivers}
+        alone = sp.assemble(mechanism, arms, motion.state(k))
+        assert np.abs(alone.placement("platform").translation - points[k]).max() < 1e-12
+    # as its platform cannot turn, placements that do not are as good
+    rotation = start.placement("platform").rotation
+    poses = [pin.SE3(rotation, x) for x in points]
+    again = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)
+    assert np.abs(again.q - motion.q).max() < 1e-12
+    assert np.abs(again.a - motion.a).max() < 1e-9 * np.abs(motion.a).max()
+
+
+def test_coordinates_are_targets_as_drivers_are():
+    mechanism, start, _ = platform()
+    legs = {name: start.coordinate(name).value + 0.01 * np.sin((k + 1.0) * TIMES)
+            for k, name in enumerate(mechanism.drivers)}
+    motion = sp.reach_path(mechanism, legs, TIMES, start)
+    other = sp.follow(mechanism, legs, TIMES, guess=start)
+    assert np.abs(motion.q - other.q).max() < 1e-12
+    assert np.abs(motion.a - other.a).max() < 1e-9
+
+
+def test_a_point_and_an_angle_determine_a_plane_arm(tmp_path):
+    mechanism = arm(tmp_path)
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    angles = np.column_stack([0.3 + 0.5 * np.sin(TIMES), 0.4 + 0.2 * TIMES, np.full(81, 0.5)])
+    sums = np.cumsum(angles, axis=1)
+    tip = np.column_stack([np.cos(sums) @ [1.0, 0.8, 0.6], np.sin(sums) @ [1.0, 0.8, 0.6],
+                           np.zeros(81)])
+    motion = sp.reach_path(mechanism, {"tip": tip, "j3": 0.5}, TIMES, start)
+    assert np.abs(motion.q - angles).max() < 1e-12
+    poses = [pin.SE3(pin.exp3(np.array([0.0, 0.0, x])), p)
+             for x, p in zip(sums[:, 2], tip, strict=True)]
+    motion = sp.reach_path(mechanism, {"tip": poses}, TIMES, start)
+    assert np.abs(motion.q - angles).max() < 1e-12
+    out = tip + np.outer(TIMES, [0.0, 0.0, 0.1])
+    with pytest.raises(sp.ReachError, match=r"4 numbers are asked for.* 3 freedoms"):
+        sp.reach_path(mechanism, {"tip": out, "j3": 0.5}, TIMES, start)
+
+
+# ---------------------------------------------------------------- rates
+
+
+def test_rates_are_those_of_splines_through_the_targets():
+    mechanism, start, home = platform()
+    poses, turns = figure(home)
+    motion = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)
+    found = motion.frame("platform")
+    spline = CubicSpline(TIMES, [p.translation for p in poses])
+    assert np.abs(found.velocity - spline(TIMES, 1)).max() < 1e-12
+    assert np.abs(found.acceleration - spline(TIMES, 2)).max() < 1e-10
+    phi = CubicSpline(TIMES, turns)
+    for k in (5, 40, 77):
+        spin = home.rotation @ pin.exp3(turns[k]) @ pin.Jexp3(turns[k]) @ phi(TIMES[k], 1)
+        assert found.angular_velocity[k] == pytest.approx(spin, abs=1e-12)
+        there = sp.solve_rates(
+            mechanism, motion.state(k),
+            {d: motion.coordinate(d).rate[k] for d in mechanism.drivers},
+            {d: motion.coordinate(d).acceleration[k] for d in mechanism.drivers})
+        assert motion.v[k] == pytest.approx(there.v, abs=1e-11)
+        assert motion.a[k] == pytest.approx(there.a, abs=1e-9)
+
+
+def test_accelerations_are_derivatives_of_velocities():
+    mechanism, start, home = platform()
+    times = np.linspace(0.0, 2.0, 2001)
+    motion = sp.reach_path(mechanism, {"platform": figure(home, times)[0]}, times, start)
+    middle = slice(2, -2)
+    assert np.abs(np.gradient(motion.v, times, axis=0) - motion.a)[middle].max() < 1e-5
+    legs = motion.coordinate("leg_2")
+    assert np.abs(np.gradient(legs.value, times) - legs.rate)[middle].max() < 1e-7
+
+
+def test_without_times_rates_are_those_per_sample():
+    mechanism, start, home = platform()
+    poses, _ = figure(home)
+    timeless = sp.reach_path(mechanism, {"platform": poses}, state=start)
+    timed = sp.reach_path(mechanism, {"platform": poses}, np.arange(81.0), start)
+    assert timeless.time is None and timeless.per == "sample"
+    assert np.array_equal(timeless.v, timed.v)
+
+
+def test_orientations_go_past_half_a_turn_about_any_axis():
+    mechanism = flyer()
+    times = np.linspace(0.0, 1.0, 201)
+    turns = np.column_stack([1.5 * np.sin(3.0 * times), 5.0 * times, -2.0 * times * times])
+    rotations = Rotation.from_rotvec(turns).as_matrix()
+    assert np.linalg.norm(turns, axis=1).max() > 1.6 * np.pi
+    first = pin.exp3(np.array([0.3, 0.2, 0.1]))
+    poses = [pin.SE3(first @ r, np.array([t, t * t, 0.0]))
+             for r, t in zip(rotations, times, strict=True)]
+    motion = sp.reach_path(mechanism, {"body": poses}, times, hold=None)
+    found = motion.frame("body")
+    assert np.abs(found.rotation - first @ rotations).max() < 1e-12
+    phi = CubicSpline(times, turns)
+    spins = np.array([first @ r @ pin.Jexp3(w) @ x for r, w, x in zip(
+        rotations, turns, phi(times, 1), strict=True)])
+    assert np.abs(found.angular_velocity - spins).max() < 1e-10
+    change = np.gradient(spins, times, axis=0)
+    assert np.abs(found.angular_acceleration - change)[2:-2].max() < 0.02
+
+
+def test_a_plane_arm_turns_round_and_round(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8, 0.6))
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    home, times = start.placement("tip"), np.linspace(0.0, 1.0, 101)
+    poses = [pin.SE3(pin.exp3(np.array([0.0, 0.0, x])) @ home.rotation,
+                     pin.exp3(np.array([0.0, 0.0, x])) @ home.translation)
+             for x in 5.0 * np.pi * times]
+    motion = sp.reach_path(mechanism, {"tip": poses}, times, start)
+    assert np.abs(motion.coordinate("j1").value - 0.3 - 5.0 * np.pi * times).max() < 1e-11
+    assert np.ptp(motion.coordinate("j2").value) < 1e-11
+    assert np.abs(motion.v[:, 0] - 5.0 * np.pi)[8:-8].max() < 1e-4
+
+
+def test_a_whole_turn_that_is_not_about_one_axis_is_refused_in_words():
+    turns = np.column_stack([0.02 * np.linspace(-1.0, 1.0, 101), np.zeros(101),
+                             np.linspace(0.0, 7.0, 101)])
+    poses = [pin.SE3(Rotation.from_rotvec([0.0, 0.0, w[2]]).as_matrix()
+                     @ pin.exp3(np.array([w[0], 0.0, 0.0])), np.zeros(3)) for w in turns]
+    poses[0] = pin.SE3.Identity()
+    with pytest.raises(sp.SpatialPinError, match=r"whole turn.*two parts"):
+        sp.reach_path(flyer(), {"body": poses}, hold=None)
+
+
+def test_placements_too_far_apart_are_refused_in_words():
+    poses = [pin.SE3.Identity(), pin.SE3(pin.exp3(np.array([0.0, 2.0, 0.0])), np.zeros(3))]
+    with pytest.raises(sp.SpatialPinError, match="from sample 0 to 1"):
+        sp.reach_path(flyer(), {"body": poses}, hold=None)
+
+
+# ---------------------------------------------------------------- where they end
+
+
+def test_a_path_out_of_the_workspace_ends_where_bisection_by_reach_does():
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    home = start.placement("platform").translation
+    times, down = np.linspace(0.0, 1.0, 31), np.array([0.02, 0.0, -3.0])
+    with pytest.raises(sp.LimitError, match=r"platform cannot go on beyond 0\.2.* s") as caught:
+        sp.reach_path(mechanism, {"platform": home + np.outer(times, down)}, times, start)
+    limit, motion = caught.value.limit, caught.value.motion
+    low, high, state = 0.0, 1.0, start
+    for _ in range(28):
+        middle = 0.5 * (low + high)
+        try:
+            state = sp.reach(mechanism, {"platform": home + middle * down}, state, limits=False,
+                             starts=0)
+            low = middle
+        except sp.ReachError:
+            high = middle
+    assert limit == pytest.approx(low, abs=1e-7)
+    assert len(motion) == np.count_nonzero(times < limit)
+    assert motion.events[-1].kind == "limit"
+    assert motion.events[-1].text.startswith("limit of what the targets can do together")
+
+
+def test_a_joint_limit_that_is_passed_is_an_event_with_its_time():
+    mechanism, start, home = platform()
+    times = np.linspace(0.0, 1.0, 51)
+    rise = [pin.SE3(home.rotation, home.translation + 0.2 * t * UP) for t in times]
+    motion = sp.reach_path(mechanism, {"platform": rise}, times, start)
+    event = next(e for e in motion.events if e.kind == "joint limit")
+    upper = mechanism.model.upperPositionLimit[mechanism.coordinate("leg_1").q]
+    there = pin.SE3(home.rotation, home.translation + 0.2 * event.value * UP)
+    state = sp.reach(mechanism, {"platform": there}, start, limits=False)
+    assert state.coordinate("leg_1").value == pytest.approx(upper, abs=1e-9)
+    assert all("target" not in e.text for e in motion.events)
+
+
+def test_first_targets_out_of_reach_are_told_as_reach_tells_them():
+    mechanism, start, home = platform()
+    poses = [pin.SE3(home.rotation, home.translation + (2.0 + t) * UP) for t in (0.0, 0.1)]
+    with pytest.raises(sp.ReachError, match="platform"):
+        sp.reach_path(mechanism, {"platform": poses}, state=start)
+
+
+# ---------------------------------------------------------------- what is left free
+
+
+def test_what_targets_leave_free_moves_least_from_sample_to_sample(tmp_path):
+    mechanism = arm(tmp_path)
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    tip = start.placement("tip").translation + np.column_stack(
+        [-0.2 * TIMES, 0.1 * np.sin(TIMES), 0.0 * TIMES])
+    motion = sp.reach_path(mechanism, {"tip": tip}, TIMES, start)
+    assert np.abs(motion.frame("tip").position - tip).max() < 1e-12
+    second = sp.reach(mechanism, {"tip": tip[1]}, start)
+    assert np.abs(motion.q[1] - second.q).max() < 1e-12
+    out = tip + np.outer(TIMES, [3.0, 0.0, 0.0])
+    with pytest.raises(sp.ReachError, match=r"sample \d+: .*'tip'") as caught:
+        sp.reach_path(mechanism, {"tip": out}, TIMES, start)
+    assert 0 < len(caught.value.motion) < 81
+
+
+def test_a_target_that_cannot_move_leaves_all_to_the_drivers():
+    mechanism = sp.load("hooke_joint")
+    start = sp.assemble(mechanism)
+    fork = np.tile(start.placement("output_fork").translation, (5, 1))
+    motion = sp.reach_path(mechanism, {"output_fork": fork}, state=start)
+    assert np.abs(motion.q - start.q).max() < 1e-12
+
+
+def test_a_single_sample_is_what_reach_finds():
+    mechanism, start, home = platform()
+    there = figure(home)[0][9]
+    motion = sp.reach_path(mechanism, {"platform": there}, [3.0], start)
+    state = sp.reach(mechanism, {"platform": there}, start)
+    assert np.abs(motion.q[0] - state.q).max() < 1e-12
+    assert not motion.v.any() and motion.time[0] == 3.0
+
+
+# ---------------------------------------------------------------- what it is good for
+
+
+def test_efforts_along_it_are_those_of_each_state():
+    mechanism, start, home = platform()
+    motion = sp.reach_path(mechanism, {"platform": figure(home)[0]}, TIMES, start)
+    efforts = sp.kinetostatics(mechanism, motion).efforts
+    alone = sp.inverse_dynamics(mechanism, motion.state(40))
+    for name in mechanism.drivers:
+        assert efforts[name][40] == pytest.approx(alone.efforts[name], rel=1e-9)
+
+
+def test_an_answer_does_not_depend_on_what_was_asked_before():
+    mechanism, start, home = platform()
+    poses, _ = figure(home)
+    one = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)
+    sp.reach_path(mechanism, {"platform": poses[::-1]}, TIMES)
+    two = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)
+    assert np.array_equal(one.q, two.q) and np.array_equal(one.a, two.a)
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(("targets", "times", "error", "words"), [
+    ({}, None, ValueError, "targets is empty"),
+    ({"nobody": np.zeros((2, 3))}, None, sp.UnknownNameError, "nobody"),
+    ({"nobody": [0.0, 1.0]}, None, sp.UnknownNameError, "nobody"),
+    ({"platform": np.zeros((2, 4))}, None, TypeError, "no table"),
+    ({"platform": "there"}, None, TypeError, "no table"),
+    ({"platform": None}, None, TypeError, "no table"),
+    ({"platform": sp.targets.position([0.0, 0.0, 1.0])}, None, TypeError, "no table"),
+    ({"platform": np.full((2, 3), np.nan)}, None, ValueError, "platform"),
+    ({"platform": np.zeros((2, 3)), "leg_1": np.zeros(3)}, None, ValueError, "differ in length"),
+    ({"platform": np.zeros((0, 3))}, None, ValueError, "no sample"),
+    ({"platform": np.zeros((2, 3))}, [1.0, 1.0], ValueError, "must rise"),
+    ({"platform": np.zeros((2, 3))}, [1.0], ValueError, "times"),
+    ([1.0, 2.0], None, TypeError, "targets"),
+])
+def test_bad_tables_are_refused_in_words(targets, times, error, words):
+    with pytest.raises(error, match=words):
+        sp.reach_path(sp.load("stewart"), targets, times)
+
+
+def test_more_targets_than_freedoms_are_refused_before_work_begins():
+    mechanism = sp.load("delta")
+    home = sp.assemble(mechanism).placement("platform")
+    poses, _ = figure(home)
+    with pytest.raises(sp.ReachError, match="6 numbers are asked for along the path, but it has 3"):
+        sp.reach_path(mechanism, {"platform": poses}, TIMES)
+
+
+def test_what_is_held_is_no_target():
+    mechanism, start, _ = platform()
+    with pytest.raises(ValueError, match="is held"):
+        sp.reach_path(mechanism, {"leg_1": [0.4, 0.5]}, state=start, hold=["leg_1"])
