@@ -51,10 +51,10 @@ def assemble(
     nearest to the named values is returned. A free base (a floating joint that carries alone all
     that hangs together with its link) stays where the guess has it.
 
-    Only where the loops cannot close so, the drivers that stand are let go, all by the least
-    motion: the sum of squares of how far they go, angles in rad and slides by the characteristic
-    length, is the least of the branch. That is mostly a dead centre of theirs: where no driver has
-    a value at all, the guess as a whole is closed instead, so that they can move on.
+    Only where the loops cannot close so, the drivers that stand are let go, all with the least
+    motion: the sum of squares of how far they go, angles in rad and slides relative to the
+    characteristic length, is the least of the branch. That is mostly a dead centre of theirs: where
+    no driver has a value at all, the guess as a whole is closed instead, so that they can move on.
     `State.released` tells which have gone how far.
 
     Args:
@@ -181,7 +181,7 @@ def standing_drivers(
     guess: Mapping[str, Any] | State | Array | None = None,
     free: Iterable[str] = (),
 ) -> dict[str, float]:
-    """Return where the drivers that nobody gives a value stand, by coordinate [rad, m].
+    """Return the values of the drivers that are not given one, keyed by coordinate [rad, m].
 
     Args:
         mechanism: the mechanism.

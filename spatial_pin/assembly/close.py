@@ -1,4 +1,4 @@
-"""Closing loops from a guess, by the least motion: the kernel's, and its last digits."""
+"""Closing loops from a guess with the least motion: the kernel's, and its last digits."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def close(
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> tuple[Array, float]:
-    """Move the `free` velocities of q (nq,) until the loops close, by the least motion.
+    """Move the `free` velocities of q (nq,) until the loops close, with the least motion.
 
     Damped steps, then undamped ones of least norm down to round-off, see
     `kernel/closing/closing.c`. Where frames of closures are turned far against each other, the
@@ -79,7 +79,7 @@ def closed_by(
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:
-    """Do as `closed` by what the caller has been lent, for the same names pinned."""
+    """Do as `closed` with the closer that the caller has acquired, the same names pinned."""
     return finite(closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut))
 
 
@@ -107,7 +107,7 @@ def pinned_rows(
 
 
 def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
-    """Return the derivative (nv,) of a coordinate by its size with respect to scaled velocities."""
+    """Return the derivative (nv,), in scaled velocities, of a coordinate relative to its size."""
     size = mechanism.velocity_scale
     row: Array = coordinate_gradient(mechanism, coordinate, q) * size / size[coordinate.v]
     return row

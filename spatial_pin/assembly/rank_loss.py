@@ -16,8 +16,9 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 STEP = TOLERANCES.trial_step
 CORRECTIONS = 8  # Newton steps of a trial: four square a hundredth down to round-off
 REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
-# Part of the way on which equations would turn to dependence, by how they turn over a trial step,
-# on which none is looked for again: they may turn faster farther on, but not four times.
+# Estimated from how equations turn over a trial step, they would become dependent after some way.
+# Lost rank is not looked for again within this part of it: they may turn faster farther on, but not
+# four times as fast.
 SURE_WAY = 0.25
 LONGEST_SURE = 0.1  # rad, characteristic lengths, of it at most: ten trial steps
 

@@ -212,7 +212,7 @@ def _closes(evaluation: Evaluation, q: Array) -> bool:
 
 
 def _nearly_depend(rows: Array, part: float) -> bool:
-    """Whether rows have singular values that are small, by the largest below a part, but not zero.
+    """Whether singular values of rows are small but not zero: below a part of the largest.
 
     Of rows that are clearly independent, and others that clearly follow from them, the longest left
     first, there are none: that costs as much as there are loops, singular values their cube.

@@ -72,7 +72,8 @@ class Gap(float):
     """How far equations of a closed configuration are from holding: the largest of them.
 
     A number, 0 where all hold; else the file's numbers are rounded, and redundant equations of its
-    loops hold to so much only. Angles are in rad, lengths by the characteristic length.
+    loops hold to so much only. Angles are in rad, lengths relative to
+    the characteristic length.
 
     Attributes:
         closures: the largest of each closure that has such equations.
@@ -108,11 +109,11 @@ class State:
         branch: label of the assembly mode, from `assembly_modes`.
         released: how far drivers that were given no value have gone from where the guess has
             them, as the loops would not close otherwise {driver: displacement [rad or m]}.
-        rate_error: estimated round-off of v and a, by their size; it grows near a limit position
-            of a driver, and near a crossing of branches, up to 1: no digit. NaN until
-            `solve_rates`; of a row of a sweep it is worked out when asked for, of a row of a
-            simulation it is NaN.
-        in_time: whether v and a are rates in time; those of a row of a sweep without a speed are
+        rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
+            position of a driver, and near a branch point, up to 1: no digit. NaN until
+            `solve_rates`; of a sample of a sweep it is worked out when asked for, of a sample of
+            a simulation it is NaN.
+        in_time: whether v and a are rates in time; those of a sample of a sweep without speed are
             not, and forces there are those at rest.
     """
 
@@ -154,7 +155,7 @@ class State:
 
     @cached_property
     def rate_error(self) -> float:
-        """Estimated round-off of v and a, by their size; NaN where it is not known."""
+        """Estimated round-off of v and a, relative to their size; NaN where it is not known."""
         known, self._rate_error = self._rate_error, np.nan  # an error on the way may print us
         return float(known(self) if callable(known) else known)
 

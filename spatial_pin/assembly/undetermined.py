@@ -109,7 +109,7 @@ def check_regular(evaluation: Evaluation, q: Array, rank: int) -> None:
 
 
 def _check_free(evaluation: Evaluation, null_space: Array) -> None:
-    """Refuse passive freedoms that closures do hold, by a lever too short to be of use."""
+    """Refuse freedoms counted as passive that a closure holds, with a lever arm near round-off."""
     n = evaluation.constraints.n_rows
     held = np.abs(evaluation.jacobian[:n] @ null_space.T).max(axis=1, initial=0.0)
     if held.max(initial=0.0) > TOLERANCES.zero:

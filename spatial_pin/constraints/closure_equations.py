@@ -42,7 +42,7 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.taylor import Taylor
 
-SHORT = 1e-3  # length of a distance, by the characteristic length, that is no unit for it
+SHORT = 1e-3  # distance relative to the characteristic length below which it is no unit
 DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
 
 
@@ -405,11 +405,11 @@ def composed_rates(
 
 
 def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array) -> Array:
-    """Return (m, nv, ...) derivatives of composed equations by scaled velocities.
+    """Return (m, nv, ...) derivatives of composed equations, in scaled velocities.
 
     Args:
         group: the equations.
-        slopes: (m, n, ...) by their products and coordinates.
+        slopes: (m, n, ...) derivatives with respect to their products and coordinates.
         products: (N, nv, ...) derivatives of all products.
         scale: (nv,) of the velocities.
     """
@@ -431,9 +431,9 @@ def combined_wrenches(
 
     Args:
         c: the equations.
-        products: (N, 1, ...) of the products, and their derivative by something if wanted.
+        products: (N, 1, ...) of the products, and a derivative of theirs if wanted.
         wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
-            the derivatives of that by the same.
+            the same derivative of that.
 
     Returns:
         As many as `wrenches`, (n_wrenches, 6, ...).

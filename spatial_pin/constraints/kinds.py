@@ -171,9 +171,10 @@ class Composed:
         """Return products and coordinates as series.
 
         Args:
-            products: (N, ...) derivatives 0, 1, ... of all products by the parameter.
+            products: (N, ...) derivatives 0, 1, ... of all products in the parameter.
             coordinates: q, v and further derivatives (nv,); zero where there are no more.
-            changes: (N, ...) of the products by something else; coordinates do not change.
+            changes: (N, ...) derivatives of the products with respect to a second variable;
+                coordinates do not depend on it.
         """
         found = [Taylor.of(*([x[at] for x in part] for part in (products, changes)))
                  for at in self.products]
@@ -211,10 +212,10 @@ class Composed:
         return self.kind.formula(*inputs, angle, *numbers), angle
 
     def slopes(self, products: Sequence[Array]) -> list[Taylor]:
-        """Return derivatives (m, 1, ...) of the equations by each of their products in turn.
+        """Return derivatives (m, 1, ...) of the equations with respect to each of their products.
 
         Args:
-            products: (N, 1, ...) derivatives 0, 1, ... of all products by the parameter.
+            products: (N, 1, ...) derivatives 0, 1, ... of all products in the parameter.
         """
         if not len(self.products):
             return []

@@ -89,7 +89,7 @@ def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
 
 
 def _arc(t: Array) -> float:
-    """Return the arc length of a path (nv,) by the way of the joint that moves most."""
+    """Return the arc length of a path (nv,) per unit of the fastest joint's motion."""
     return float(np.linalg.norm(t) / np.abs(t).max())
 
 

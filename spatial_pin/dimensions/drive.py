@@ -26,7 +26,7 @@ def end_of_range(output: str) -> tuple[str, str] | None:
 
 @dataclass(frozen=True)
 class Drive:
-    """The drivers' motion of a state: values, speeds, accelerations by coordinate.
+    """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate.
 
     Attributes:
         driver: whose speed ratios are relative to.

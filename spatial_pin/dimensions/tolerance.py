@@ -88,7 +88,7 @@ def tolerance(
     """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
 
     The file is expanded once with its dimensions traced, and samples are solved together in the
-    kernel: each is closed by the least motion from the state. Those that move a joint by more
+    kernel: each is closed with the least motion from the state. Those that move a joint by more
     than 0.25 rad or characteristic lengths, or do not go straight, go again from the nominal
     dimensions to their own in 4 and then 16 steps. A sample is made and followed by itself, in
     as many steps of its dimensions as it takes, where that does not do either, or the determinant

@@ -25,7 +25,7 @@ from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-PLACE_ROUND_OFF = 64 * EPS  # of the largest length: how far placements may be off by round-off
+PLACE_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
 WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
 FIELDS = [field.name for field in fields(Mechanism) if field.init]
 

@@ -36,8 +36,8 @@ class Dynamics:
 
     Attributes:
         a: (nv,) joint accelerations.
-        error: estimated round-off of `a`, by its size: large where a heavy body hangs on links
-            too light to push it; 0 where `a` was given.
+        error: estimated round-off of `a`, relative to its largest entry: large where a heavy body
+            hangs on links too light to push it; 0 where `a` was given.
     """
 
     def __init__(

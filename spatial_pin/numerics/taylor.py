@@ -31,16 +31,16 @@ class Taylor:
 
     @staticmethod
     def of(derivatives: Sequence[Coefficient], changes: Sequence[Coefficient] = ()) -> Taylor:
-        """Return the series of derivatives 0, 1, ... by t, and of their derivatives by e."""
+        """Return the series of derivatives 0, 1, ... in t, and of their derivatives in e."""
         return Taylor(*([x / factorial(k) for k, x in enumerate(part)]
                         for part in (derivatives, changes)))
 
     def derivative(self, order: int) -> Coefficient:
-        """Return a derivative by t at 0."""
+        """Return a derivative in t at 0."""
         return factorial(order) * self.values[order]
 
     def change(self, order: int) -> Coefficient:
-        """Return the derivative by e of a derivative by t at 0."""
+        """Return the derivative in e of a derivative in t at 0."""
         return factorial(order) * self.changes[order]
 
     def __add__(self, other: Taylor | Coefficient) -> Taylor:

@@ -48,7 +48,7 @@ def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordina
 def rates_given(
     mechanism: Mechanism, given: Mapping[str, Any], what: str
 ) -> dict[Coordinate, float]:
-    """Return rates by what they prescribe.
+    """Return rates, keyed by what they prescribe.
 
     Args:
         mechanism: the mechanism.

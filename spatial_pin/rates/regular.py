@@ -100,7 +100,7 @@ def point_jacobian(
 def _once(
     mechanism: Mechanism, key: tuple[Any, ...], hold: Hold, make: Callable[[], Made | None]
 ) -> Made | None:
-    """Return what is made of names once; None where it cannot be told by names, or not made."""
+    """Return what is made once for names; None where they do not determine it, or it fails."""
     if not (hold is None or isinstance(hold, str)):
         return None
     whole = *key, hold

@@ -147,8 +147,8 @@ def _velocities(
     """Return the twist of the output's own joint, and those it may have with that joint opened.
 
     Both relative to the joint's parent, at the world origin in world axes, (6,) and (k, 6), lengths
-    by the characteristic length; all drivers stand still in the latter. Opening a joint adds the
-    six freedoms of a body between the subtree and the rest.
+    relative to the characteristic length; drivers stand still in the latter. Opening a joint adds
+    the six freedoms of a body between the subtree and the rest.
     """
     n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
     size = mechanism.characteristic_length

@@ -193,7 +193,7 @@ def coordinate_sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp],
 
 
 def size_of(mechanism: Mechanism, q: Array) -> Any:
-    """Return the largest coordinate of q (nq,) or (m, nq) by the size of the mechanism.
+    """Return the largest coordinate of q (nq,) or (m, nq), relative to the mechanism's size.
 
     Angles that mean the same after a turn do not count.
     """

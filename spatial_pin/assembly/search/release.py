@@ -1,9 +1,9 @@
-"""Letting go of drivers whose values the loops do not allow: by the least motion of all of them.
+"""Letting go of drivers whose values the loops do not allow, with the least motion of them all.
 
 The motion is the sum of squares of how far each goes from where it should stand, angles in rad and
-slides by the characteristic length. It is made least over the closed configurations by Newton's
-method with the second derivatives of the loops, as the least motion is nearly always a
-dead centre of the drivers let go, where first derivatives vanish.
+slides relative to the characteristic length. Newton's method finds its minimum over the closed
+configurations with the second derivatives of the loops: that minimum is nearly always a dead centre
+of the drivers let go, where first derivatives vanish.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class Products:
         return coefficients @ moved.reshape(*moved.shape[:-3], 4 * moved.shape[-3], 3)
 
     def _body(self, joint: int) -> tuple[Array, Array, Array]:
-        """Return G, G', G'' (3, 4, 3) of a body and their derivatives by q and v (3, nv, 4, 3)."""
+        """Return G, G', G'' (3, 4, 3) of a body and their q and v derivatives (3, nv, 4, 3)."""
         data = self.data
         nu_by_q, _ = twist_derivatives(self.model, data, joint)
         g0 = data.oMi[joint].homogeneous[:3].T
@@ -142,7 +142,7 @@ class Rows:
         self.products = Products(mechanism, whole, a, b)
 
     def accelerations(self, rates: Rates) -> tuple[Array, Array]:
-        """Return the derivatives (n_rows, nv) of the rows' second rates by q and v."""
+        """Return the derivatives (n_rows, nv) of the rows' second rates, in q and in v."""
         c = self.constraints
         out = np.zeros((2, c.n_rows, self.nv))
         for total, change in zip(out, (rates.by_q, rates.by_v), strict=True):
@@ -153,7 +153,7 @@ class Rows:
         return out[0], out[1]
 
     def curvature(self, q: Array) -> tuple[Array, Array]:
-        """Return derivatives by q of the Jacobian of the closure rows (n_rows, nv, nv).
+        """Return q derivatives of the Jacobian of the closure rows (n_rows, nv, nv).
 
         And of that of half the squared spring lengths (n_lines, nv, nv).
         """

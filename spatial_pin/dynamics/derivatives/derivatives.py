@@ -119,8 +119,8 @@ def dynamics_derivatives(
         external: by link, frame or joint, the force on it at its origin, world axes; it keeps its
             world axes as the frame moves.
         laws: of springs, as for `forward_dynamics`; smooth at the state.
-        slopes: by spring with a law, (derivative by length, by rate) as a function of
-            (length, rate); by extrapolated differences of the law where not given.
+        slopes: by spring with a law, its derivatives with respect to (length, rate) as a function
+            of (length, rate); extrapolated differences of the law where not given.
         slip_speed: of dry friction, as for `forward_dynamics`.
 
     Returns:
@@ -174,7 +174,9 @@ def _changes(
     equations: Equations, answer: Dynamics, terms: _Terms, chosen: NDArray[np.intp],
     multipliers: Array,
 ) -> tuple[list[Array], list[Array]]:
-    """Return derivatives of accelerations (nv, nv) and multipliers (n_rows, nv), by q, v, efforts.
+    """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
+
+    The former are (nv, nv), the latter (n_rows, nv).
 
     Args:
         equations: at the state, their KKT system factored.

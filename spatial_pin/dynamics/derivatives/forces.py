@@ -1,7 +1,8 @@
 """How given forces change with q and v: springs, their laws, and wrenches from outside.
 
 A wrench that keeps its world axes while its frame turns is, seen from the frame's joint, a force
-that turns the other way; a spring pulls along a row, by a law of its length and rate.
+that turns the other way; a spring pulls along a row, with a force that is a
+function of its length and rate.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
 Slopes = Callable[[float, float], tuple[float, float]]
-REACH = 0.1  # first step of the differences of a law, by the size of what it depends on
+REACH = 0.1  # first step of a law's differences, relative to the size of its argument
 HALVINGS = 14  # how often that step is halved, at most
 
 
@@ -50,8 +51,8 @@ class Springs:
     Args:
         mechanism: the mechanism.
         laws: by spring, as for `forward_dynamics`.
-        slopes: by spring with a law, its derivatives by length and by rate; by differences if not
-            given.
+        slopes: by spring with a law, its derivatives with respect to length and to rate;
+            differences if not given.
 
     Attributes:
         forces: the springs.
@@ -72,7 +73,7 @@ class Springs:
         self._length = mechanism.characteristic_length
 
     def _slopes(self, name: str, x: float, rate: float) -> tuple[float, float]:
-        """Return the derivatives of a spring's law by length and by rate."""
+        """Return the derivatives of a spring's law with respect to length and to rate."""
         if name not in self._given:
             return self._of[name].stiffness, self._of[name].damping
         if name in self.slopes:
@@ -117,7 +118,7 @@ class Springs:
 def spring_slopes(
     lines: list[Pull], turns: list[Pull], rates: Rates, bends: Array, closed: int
 ) -> tuple[Array, Array]:
-    """Return the derivatives (nv, nv) of the springs' joint forces by q and v.
+    """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
 
     Args:
         lines: springs between frames.
@@ -178,7 +179,7 @@ class Outside:
         return total
 
     def turning(self, data: pin.Data) -> Array:
-        """Return how the joint forces (nv, nv) change by q as the forces turn in joint axes."""
+        """Return q derivatives (nv, nv) of the joint forces, as the forces turn in joint axes."""
         nv = self.whole.model.nv
         total = np.zeros((nv, nv))
         for joint, placement, force in self._moving:

@@ -71,7 +71,8 @@ class Changes(NamedTuple):
 class ReactionChanges:
     """The reactions of a mechanism and their derivatives.
 
-    Wrenches are kept as arrays (..., 6, 1 + 3 nv): the value, then derivatives by q, v, efforts.
+    Wrenches are kept as arrays (..., 6, 1 + 3 nv): the value, then its derivatives with
+    respect to q, v and efforts.
 
     Args:
         answer: of the forward dynamics.
@@ -178,7 +179,7 @@ class ReactionChanges:
         return found, total
 
     def _row_wrenches(self) -> tuple[Array, Array]:
-        """Return the wrenches (n_wrenches, 6) of the rows and their derivatives by q (..., nv)."""
+        """Return the wrenches (n_wrenches, 6) of the rows and their q derivatives (..., nv)."""
         c, rates = self.changes.rows.constraints, self.changes.rates
         n, nv = len(c.constants), self.nv
         b, x = (c.c_abx @ rates.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
@@ -277,7 +278,7 @@ class ReactionChanges:
 
         Args:
             axes: (3, k) A.
-            spun: (k, 3, nv) derivatives of its columns by q.
+            spun: (k, 3, nv) derivatives of its columns with respect to q.
             values: (k, ...) t.
         """
         inverse = np.linalg.inv(axes.T @ axes)

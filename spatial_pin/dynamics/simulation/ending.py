@@ -23,7 +23,7 @@ class Place(NamedTuple):
         t: when [s].
         state: configuration and velocity.
         a: (nv,) joint accelerations.
-        error: their round-off, by their size.
+        error: their round-off, relative to the largest of them.
     """
 
     t: float
@@ -57,7 +57,7 @@ def why_it_ends(
 
 
 def _place(problem: Problem, t: float, state: State) -> Place:
-    """Return a place with its accelerations, by the least constraint: for any masses."""
+    """Return a place with the accelerations of least constraint: for any masses."""
     evaluation, loops, rows = _rows(problem, state)
     picked = independent_rows(rows)
     motions = IndependentCoordinates(rows[picked], problem.scale, evaluation.closure_error)

@@ -18,7 +18,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows, weighty_rows
 
 NONE = 1e-13  # derivative of an equation that is round-off: others are of order one
-PLAIN = 0.1  # speed of a plain coordinate, by the fastest component's, at which it will do
+PLAIN = 0.1  # speed of a plain coordinate, relative to the fastest component's, that will do
 
 
 class Lost(Exception):
@@ -39,7 +39,7 @@ class Freedoms:
         self._state: State | None = None
         self._jacobian: Array = np.empty((0, 0))
         self._rows: NDArray[np.intp] = np.empty(0, np.intp)
-        self._spaces: dict[bytes, Array] = {}  # freedoms by what is held besides
+        self._spaces: dict[bytes, Array] = {}  # freedoms, keyed by what is held
 
     def equations(self, state: State) -> NDArray[np.intp]:
         """Return which closure equations are independent at a state."""

@@ -42,12 +42,12 @@ from spatial_pin.kernel.kernel import address
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
-NEAR = 1e-3  # pivot, and step, by the largest so far, below which the motion creeps
+NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion creeps
 ROUTINE = (AT_END, MANY, NEW_CHART, AT_FAILURE)  # pauses of steps whose samples are made
-LITTLE = 1e-3  # of what a step may open loops by, below which it may be longer
-SHORTEST = 1e-13  # step, by the time, that is taken anew no more
+LITTLE = 1e-3  # of the residual that a step may leave, below which the step may be longer
+SHORTEST = 1e-13  # step, relative to the time, that is not shortened any more
 TRIED = 1000  # steps of a motion without damping, which go on as long as they are
-HOPELESS = 10.0  # as many steps as are allowed, by these: the duration is a mistake
+HOPELESS = 10.0  # steps needed relative to those allowed: beyond, the duration is a mistake
 CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
 
 NOWHERE = 1e-2  # of the longest step, that all steps allowed would lead to if they were as short

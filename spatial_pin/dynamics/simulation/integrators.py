@@ -30,10 +30,10 @@ Function = Callable[[float, Array], Array]
 
 FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
 LONG = 15  # steps of an implicit method that an explicit one would take too
-SLOW = 1.0  # step, by the fastest decay, at which an explicit method would do
-SLOPE_STEP = 1e-7  # step of the differences for implicit methods, by the units of unknowns
+SLOW = 1.0  # step times the fastest decay rate, at which an explicit method would do
+SLOPE_STEP = 1e-7  # step of differences for implicit methods, relative to the unknowns' units
 HUGE = 1e100  # rate that stands for none, where loops cannot be closed
-FASTEST = 1e100  # rate whose square, by a tolerance, still has a square
+FASTEST = 1e100  # rate whose square, divided by a tolerance, still has a square
 SLOWEST = 1e3  # durations that a natural time may last
 
 

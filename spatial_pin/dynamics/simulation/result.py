@@ -15,7 +15,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
-SMALL = 1e-2  # of the energy there is, or of falling by its size, that counts as exchanged
+SMALL = 1e-2  # of the energy, or of that of a fall over its size, that counts as exchanged
 EPS = float(np.finfo(float).eps)
 
 
@@ -39,17 +39,17 @@ class Projection(NamedTuple):
 
 
 class ByDriver(dict[str, Array]):
-    """Rows (N,) by driver; a driver's joint or coordinate finds its rows too.
+    """Samples (N,) keyed by driver; a driver's joint or coordinate finds them too.
 
     Args:
         mechanism: the mechanism.
-        rows: by coordinate.
+        samples: (N,) keyed by coordinate.
     """
 
-    def __init__(self, mechanism: Mechanism, rows: Mapping[str, Array]) -> None:
+    def __init__(self, mechanism: Mechanism, samples: Mapping[str, Array]) -> None:
         names = driver_names(mechanism)
-        self._names = {name: names.get(name, name) for name in rows}
-        super().__init__({self._names[name]: x for name, x in rows.items()})
+        self._names = {name: names.get(name, name) for name in samples}
+        super().__init__({self._names[name]: x for name, x in samples.items()})
 
     def __missing__(self, name: str) -> Array:
         if name in self._names:
@@ -60,7 +60,7 @@ class ByDriver(dict[str, Array]):
         return super().__contains__(name) or name in self._names
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Return the rows of a driver, joint or coordinate, or a default."""
+        """Return the samples of a driver, joint or coordinate, or a default."""
         return super().get(self._names.get(name, name), default)
 
 
@@ -77,11 +77,12 @@ class Simulation(Motion):
         energy: (N,) kinetic, potential and spring energy [J].
         work: (N,) of efforts, dampers, damping and friction of joints, prescribed drivers and
             spring laws since the start [J].
-        energy_drift: largest difference of energy and work to the energy at the start, by what is
-            exchanged: the largest kinetic energy or change of the rest, and a hundredth of the
-            energy there is, or of falling by the mechanism's size, at least [-].
-        efforts: (N,) of every prescribed driver [N·m, N], by its name; one that is no driver of
-            the mechanism by its coordinate. A driver's joint finds them too.
+        energy_drift: largest error of the energy balance (energy less work less the energy at the
+            start) relative to the energy exchanged: the largest kinetic energy or change of the
+            rest, at least a hundredth of the energy, or of that of a fall over the mechanism's
+            size [-].
+        efforts: (N,) of every prescribed driver [N·m, N], keyed by its name; one that is no driver
+            of the mechanism by its coordinate. A driver's joint finds them too.
         coordinates: independent coordinates that were used, in their order.
         evaluations: how often the equations of motion were evaluated.
         steps: how many steps were taken.
@@ -130,12 +131,12 @@ class Energies(NamedTuple):
 
 
 class LeastExchange:
-    """What counts as exchanged at least: what stands still exchanges round-off.
+    """The least energy that counts as exchanged: what stands still exchanges only round-off.
 
-    It is a part of the energy there is, or of falling by the mechanism's size, for heights are
+    It is a part of the energy, or of that of a fall over the mechanism's size, because heights are
     known to round-off of that. The energy of a spring near its free length is a square of
-    round-off, and so is the work of efforts that balance: round-off of the energy of stretching it
-    by the mechanism's size is well above that.
+    round-off, and so is the work of efforts that balance: round-off of the energy at a stretch of
+    the mechanism's size is well above that.
 
     Args:
         mechanism: what moves.
@@ -152,7 +153,7 @@ class LeastExchange:
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 
     def __call__(self, *energies: float) -> float:
-        """Return it [J], by energies that there are [J]."""
+        """Return it [J], given the energies [J]."""
         return max(SMALL * max(self._falling, *map(abs, energies)), self._pulling)
 
 
@@ -160,7 +161,7 @@ def energy_drift(
     mechanism: Mechanism, kinetic: Array, energy: Array, work: Array, start: Energies,
     efforts: Array,
 ) -> float:
-    """Return the largest energy that came from nowhere, by what the motion exchanges.
+    """Return the largest error of the energy balance, relative to the energy exchanged.
 
     Args:
         mechanism: what moves.

@@ -33,8 +33,8 @@ from spatial_pin.settings import Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
 
-DURATIONS = 1e-100, 1e100  # whose squares, by a tolerance, are numbers [s]
-INTERVALS = 1000  # rows of a simulation whose times are not given, less one
+DURATIONS = 1e-100, 1e100  # whose squares, divided by a tolerance, are finite [s]
+INTERVALS = 1000  # between the samples of a simulation whose times are not given
 
 
 @checked

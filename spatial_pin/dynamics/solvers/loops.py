@@ -35,7 +35,7 @@ class Loops:
 
     Args:
         mechanism: the mechanism.
-        large: whether it is taken as a large one; by its size if not given.
+        large: whether it is treated as a large one; its size decides if not given.
 
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.

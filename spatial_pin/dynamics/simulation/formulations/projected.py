@@ -39,7 +39,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
 CHART_WIDTH = 0.5
 LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
-LOOSE = 10.0  # the same by the tolerance of a step, at loose ones
+LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
 WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
 MOST_CORRECTIONS = 8  # each leaves at most a third: 1e-4 of a residual, or the step is shorter
 CONTRACTION = 0.3  # a correction leaves at most this fraction of a residual
@@ -192,7 +192,8 @@ class Projected:
     def settle(self, solver: Any) -> float:
         """Take the solver's state back to closed loops and to velocities that they allow.
 
-        Returns how far the step had opened them, by what is allowed; above 1 nothing has been done.
+        Returns the residual that the step had left, relative to what is allowed; above 1 nothing
+        has been done.
         """
         began = time.perf_counter()
         n, y = self.n, np.array(solver.y)
