@@ -215,6 +215,57 @@ def test_too_much_is_asked_of_few_freedoms():
         sp.reach(mechanism, {"coupler": point})
 
 
+def test_a_planar_arm_has_two_freedoms_for_a_point_off_its_plane(tmp_path):
+    mechanism = arm(tmp_path)
+    with pytest.raises(sp.ReachError, match="2 freedoms there for 3 numbers"):
+        sp.reach(mechanism, {"tip": [1.0, 0.5, 0.3]}, at(mechanism, 0.2, 0.4, 0.3))
+
+
+def test_what_nothing_moves_is_said_to_be_so():
+    mechanism = sp.load("rssr")
+    point = sp.assemble(mechanism).placement("rocker").translation + 0.1
+    with pytest.raises(sp.ReachError, match="nothing that is free to move moves them"):
+        sp.reach(mechanism, {"rocker": point})
+
+
+def test_a_crank_many_turns_away_is_on_its_way():
+    mechanism = sp.load("rssr")
+    with pytest.raises(sp.ReachError, match="still coming nearer") as caught:
+        sp.reach(mechanism, {"crank": 150.0})
+    assert sp.reach(mechanism, {"crank": 150.0}, caught.value.state).coordinate(
+        "crank_pin").value == pytest.approx(150.0, rel=0, abs=1e-12)
+
+
+@pytest.mark.parametrize("turn", [1e-3, 0.5, 2.0])
+def test_an_idle_rotation_that_is_asked_for_is_made(turn):
+    mechanism = sp.load("rssr")  # its coupler spins between two balls
+    start = sp.assemble(mechanism)
+    coupler = start.placement("coupler")
+    along = start.placement("coupler_b").translation - coupler.translation
+    turned = pin.exp3(turn * along / np.linalg.norm(along)) @ coupler.rotation
+    state = sp.reach(mechanism, {"coupler": pin.SE3(turned, coupler.translation)}, start)
+    assert state.closure_error < 1e-12
+    assert np.abs(state.placement("coupler").rotation - turned).max() < 1e-12
+    assert state.coordinate("crank_pin").value == pytest.approx(
+        start.coordinate("crank_pin").value, rel=0, abs=1e-9)
+
+
+def test_idle_rotations_move_least():
+    mechanism = sp.load("rssr")
+    start = sp.assemble(mechanism)
+    state = sp.reach(mechanism, {"crank": 0.6}, start)
+
+    def moved(spin):
+        along = state.placement("coupler_b").translation - state.placement("coupler").translation
+        along /= np.linalg.norm(along)
+        turned = pin.exp3(spin * along) @ state.placement("coupler").rotation
+        spun = sp.reach(mechanism, {"crank": 0.6, "coupler": targets.orientation(turned)}, state)
+        return np.linalg.norm(
+            pin.difference(mechanism.model, start.q, spun.q) / mechanism.velocity_scale)
+
+    assert moved(0.0) < min(moved(1e-3), moved(-1e-3))
+
+
 def test_what_is_held_stands_still():
     mechanism = sp.load("stewart")
     start = sp.assemble(mechanism)

@@ -19,8 +19,7 @@ from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, decompose
-from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.numerics.linalg import Array
 
 EXACT = 1e-12  # residual of what is to be exact: some hundred times what round-off leaves
 START_SPREAD = 0.5  # rad, characteristic lengths: how far off other starts are, at most
@@ -87,7 +86,7 @@ def reach(
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
         if best.distance > EXACT:
-            raise _short(solver, best, reached)
+            raise _short(start, solver, best, reached)
     return reached
 
 
@@ -101,7 +100,7 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 
-def _short(solver: Solver, found: Reached, state: State) -> ReachError:
+def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
     mechanism, lengths = state.mechanism, {}
     at = 0
@@ -110,7 +109,7 @@ def _short(solver: Solver, found: Reached, state: State) -> ReachError:
         lengths[target.name] = float(np.linalg.norm(found.exact[at : at + n]))
         at += n
     worst = max(lengths, key=lengths.__getitem__)
-    stops = tuple(_stops(solver, found))
+    stops = tuple(_stops(start, solver, found))
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
         f"off by {lengths[worst]:.3g} (lengths relative to the characteristic length, "
@@ -119,18 +118,23 @@ def _short(solver: Solver, found: Reached, state: State) -> ReachError:
         limits=tuple(limit.name for limit in found.limits))
 
 
-def _stops(solver: Solver, found: Reached) -> Iterable[str]:
+def _stops(start: State, solver: Solver, found: Reached) -> Iterable[str]:
     """Yield what stops a mechanism short of its targets."""
     if found.limits:
         yield "it is stopped by the " + " and the ".join(limit.words for limit in found.limits)
         return
-    residual, rows = solver.residual(found.q, solver.exact)
-    motions = solver.motions(found.q, solver.moves, [])
-    freedom, asked = len(motions), len(residual)
-    rank = decompose(rows @ motions.T, TOLERANCES.half_precision).rank if freedom else 0
-    if rank < min(freedom, asked):
+    asked = len(found.exact)
+    rank = solver.rank(found.q)
+    others = (solver.closed(q) for q in _starts(start, solver, 1))
+    freedom = max(rank, *map(solver.rank, others))  # where it is not stretched out
+    if not freedom:
+        yield "nothing that is free to move moves them: let go of what is held, or ask for another"
+    elif rank < freedom:
         yield ("it is stretched out or folded: at this singular configuration no motion takes it "
                "further towards them")
+    elif found.is_on_its_way:
+        yield ("it was still coming nearer when the steps ran out: go on from the state of this "
+               "error, or start nearer")
     elif freedom < asked:
         yield (f"it has {freedom} freedom{'s' * (freedom != 1)} there for {asked} numbers asked "
                "for: ask for fewer, or give some a weight")

@@ -37,11 +37,13 @@ class Reached(NamedTuple):
         q: (nq,) configuration, its loops closed.
         exact: (k,) residuals of what was to be exact.
         limits: joint limits that hold it back.
+        is_on_its_way: whether it came nearer to the last, and ran out of steps.
     """
 
     q: Array
     exact: Array
     limits: tuple[JointLimit, ...]
+    is_on_its_way: bool = False
 
     @property
     def distance(self) -> float:
@@ -80,15 +82,16 @@ class Solver:
 
     def solve(self, start: Array) -> Reached:
         """Return where the targets are met, from a configuration (nq,) on."""
-        q, held = self._closed(start, self.moves), dict[int, JointLimit]()
+        q, held = self.closed(start), dict[int, JointLimit]()
+        is_on_its_way = False
         if self.exact:
-            q, held = self._descend(q, held, [], self.exact)
+            q, held, is_on_its_way = self._descend(q, held, [], self.exact)
         polished = self._kept(q, self._free(held), self.exact)
         if polished is None:
-            return self._reached(q, held)
+            return self._reached(q, held)._replace(is_on_its_way=is_on_its_way)
         q = polished
         if self.weighted:
-            q, held = self._descend(q, held, self.exact, self.weighted)
+            q, held, _ = self._descend(q, held, self.exact, self.weighted)
         return self._reached(self._least_motion(q, start, held), held)
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
@@ -101,16 +104,33 @@ class Solver:
         return (np.concatenate([w * r for w, (r, _) in zip(weights, parts, strict=True)]),
                 np.vstack([w * j * self.scale for w, (_, j) in zip(weights, parts, strict=True)]))
 
+    def closed(self, q: Array) -> Array:
+        """Return a configuration with its loops closed."""
+        return self._closed(q, self.moves)
+
     def _closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
         found, _ = close(self.evaluation, q, free, TOLERANCES.round_off)
         return found
 
+    def rank(self, q: Array) -> int:
+        """Return how many of the numbers that are to be exact are free to change on their own."""
+        slope = self.residual(q, self.exact)[1] @ self.motions(q, self.moves, []).T
+        return decompose(slope, TOLERANCES.half_precision).rank
+
     def motions(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array:
-        """Return orthonormal rows (k, nv) of motions that keep loops closed and targets met."""
+        """Return orthonormal rows (k, nv) of motions that keep loops closed and targets met.
+
+        Idle rotations are among them: a target may ask for one.
+        """
         _, rows = self.residual(q, kept)
-        basis = decompose(np.vstack([self.evaluation.jacobian, rows])[:, free]).null_space
+        basis = decompose(np.vstack([self._closures(), rows])[:, free]).null_space
         found = np.zeros((len(basis), len(free)))
         found[:, free] = basis
+        return found
+
+    def _closures(self) -> Array:
+        """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
+        found: Array = self.evaluation.jacobian[: self.evaluation.constraints.n_rows]
         return found
 
     def _kept(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array | None:
@@ -123,20 +143,22 @@ class Solver:
                 return q
             if size > min(TOLERANCES.unexplained, last):
                 return None
-            last, n = size, self.evaluation.constraints.n_rows
-            rhs = np.concatenate([-self.evaluation.residual,
-                                  np.zeros(len(self.evaluation.jacobian) - n), -residual])
+            last = size
             step = np.zeros(len(free))
-            step[free] = decompose(np.vstack([self.evaluation.jacobian, rows])[:, free]
-                                   ).minimum_norm(rhs)
+            step[free] = decompose(np.vstack([self._closures(), rows])[:, free]).minimum_norm(
+                np.concatenate([-self.evaluation.residual, -residual]))
             q = self._closed(pin.integrate(self.evaluation.model, q, self.scale * step), free)
         return q if last <= self.tolerance else None
 
     def _descend(
         self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
         wanted: Sequence[Target],
-    ) -> tuple[Array, dict[int, JointLimit]]:
-        """Make the sum of squared residuals of targets least, others being kept."""
+    ) -> tuple[Array, dict[int, JointLimit], bool]:
+        """Make the sum of squared residuals of targets least, others being kept.
+
+        Returns:
+            The configuration, the limits that hold it, and whether the steps were too few.
+        """
         damping, size = 0.0, _length(self.residual(q, wanted)[0])
         for _ in range(STEPS_AT_MOST):
             held = self._released(q, held, kept, wanted)
@@ -152,14 +174,14 @@ class Solver:
                     moved < NO_LONGER and now_held.keys() == held.keys())
                 q, size, held, damping = there, found, now_held, 0.1 * damping
                 if done:
-                    return q, held
+                    return q, held, False
             elif now_held.keys() != held.keys() and found <= size * (1.0 + TOLERANCES.nothing):
                 q, size, held = there, found, now_held
             else:
                 damping = max(LEAST_DAMPING, 4.0 * damping)
                 if damping > MOST_DAMPING or moved < NO_LONGER:
-                    return q, held
-        return q, held
+                    return q, held, False
+        return q, held, True
 
     def _step(
         self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
