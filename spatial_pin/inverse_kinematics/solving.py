@@ -79,6 +79,8 @@ class Solver:
         self.scale = evaluation.mechanism.velocity_scale
         self.moves = np.ones(len(self.scale), dtype=bool)
         self.moves[list(still)] = False
+        # the last two residuals, with configuration and targets: they are asked for again and again
+        self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
 
     def solve(self, start: Array) -> Reached:
         """Return where the targets are met, from a configuration (nq,) on."""
@@ -96,11 +98,20 @@ class Solver:
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
         """Return weighted residuals (k,) and derivatives (k, nv) for scaled velocities."""
-        self.evaluation.update(q)
+        if self.evaluation.q is not q:
+            self.evaluation.update(q)
+        if not targets:
+            return np.empty(0), np.empty((0, len(self.scale)))
+        for at, known, found in self._known:
+            if at is q and known is targets:
+                return found
+        found = self._residual(targets)
+        self._known = [*self._known[-1:], (q, targets, found)]
+        return found
+
+    def _residual(self, targets: Sequence[Target]) -> tuple[Array, Array]:
         parts = [t.residual(self.evaluation) for t in targets]
         weights = [1.0 if t.weight is None else t.weight for t in targets]
-        if not parts:
-            return np.empty(0), np.empty((0, len(self.scale)))
         return (np.concatenate([w * r for w, (r, _) in zip(weights, parts, strict=True)]),
                 np.vstack([w * j * self.scale for w, (_, j) in zip(weights, parts, strict=True)]))
 
@@ -206,11 +217,13 @@ class Solver:
         self, q: Array, step: Array, held: dict[int, JointLimit]
     ) -> JointLimit | None:
         """Return the limit that a step passes first, or None."""
-        first, part = None, 1.0
+        first, part, ways = None, 1.0, (step * self.scale * self.moves).tolist()
         for limit in self.limits:
-            way = limit.side * step[limit.v] * self.scale[limit.v]
+            way = limit.side * ways[limit.v]
+            if way <= 0.0 or limit.v in held:
+                continue
             room = max(float(limit.room(q)), 0.0)
-            if limit.v not in held and self.moves[limit.v] and way > room and room / way < part:
+            if way > room and room / way < part:
                 first, part = limit, room / way
         return first
 

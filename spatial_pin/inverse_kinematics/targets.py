@@ -51,6 +51,22 @@ class Target(ABC):
         mechanism.frame_id(self.name)
 
 
+def _frame(evaluation: Evaluation, name: str) -> tuple[pin.SE3, Array]:
+    """Return where a frame is, and its Jacobian (6, nv) at its origin in world axes."""
+    frame = evaluation.mechanism.frame_id(name)
+    return evaluation.frame(frame), evaluation.frame_jacobian(frame)
+
+
+def _offset(evaluation: Evaluation, at: pin.SE3, slope: Array, point: Array) -> Residual:
+    size = evaluation.mechanism.characteristic_length
+    return (at.translation - point) / size, slope[:3] / size
+
+
+def _turn(at: pin.SE3, slope: Array, rotation: Array) -> Residual:
+    turned = rotation.T @ at.rotation
+    return pin.log3(turned), pin.Jlog3(turned) @ at.rotation.T @ slope[3:]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Position(Target):
     """The origin of a frame at a point of the world."""
@@ -59,10 +75,7 @@ class Position(Target):
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`."""
-        frame = evaluation.mechanism.frame_id(self.name)
-        size = evaluation.mechanism.characteristic_length
-        return ((evaluation.frame(frame).translation - self.point) / size,
-                evaluation.frame_jacobian(frame)[:3] / size)
+        return _offset(evaluation, *_frame(evaluation, self.name), self.point)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,10 +86,7 @@ class Orientation(Target):
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`: the logarithm of the rotation from where it should be to where it is."""
-        frame = evaluation.mechanism.frame_id(self.name)
-        turned = self.rotation.T @ evaluation.frame(frame).rotation
-        slope = pin.Jlog3(turned) @ evaluation.frame(frame).rotation.T
-        return pin.log3(turned), slope @ evaluation.frame_jacobian(frame)[3:]
+        return _turn(*_frame(evaluation, self.name), self.rotation)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,8 +97,9 @@ class Pose(Target):
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`: those of `Position`, then those of `Orientation`."""
-        parts = [Position(self.name, point=self.placement.translation).residual(evaluation),
-                 Orientation(self.name, rotation=self.placement.rotation).residual(evaluation)]
+        at, slope = _frame(evaluation, self.name)
+        parts = [_offset(evaluation, at, slope, self.placement.translation),
+                 _turn(at, slope, self.placement.rotation)]
         return (np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts]))
 
 
