@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 
-# Values are sorted first if the way through them as they are given is more than so many times
-# longer: random ones are; one or two turns back are not, and are followed as they are asked for.
+# Values are sorted first if following them as given is more than so many times longer: random ones
+# are; one or two reversals are not, and are followed as given.
 SORTED_FROM = 3.0
 
 
 def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
-    """Return the rows from the first value upwards, and those from it downwards.
+    """Return the places of values from the first one upwards, and of those from it downwards.
 
-    None where values asked for one after the other make no much longer way.
+    None where following the values as given is not much longer.
 
     Args:
         values: (N,) driver values.
@@ -27,6 +27,6 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
         way = np.abs(values[1:] - values[:-1]).sum()
         if not way / SORTED_FROM > high - low + min(high - first, first - low):
             return None
-    rows = np.argsort(values, kind="stable")
-    up, down = rows[values[rows] >= first], rows[values[rows] < first][::-1]
+    order = np.argsort(values, kind="stable")
+    up, down = order[values[order] >= first], order[values[order] < first][::-1]
     return [part for part in (up, down) if part.size]

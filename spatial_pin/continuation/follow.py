@@ -19,8 +19,8 @@ CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
 def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
     """Return the samples, followed in the order of their values from the first on, both ways.
 
-    None where the order asked for is no detour, or anything lies in the way: what it is, and which
-    samples come before it, is told by the order asked for.
+    None where the values as given are no detour, or where the branch ends or crosses another: which
+    samples come before that depends on the order asked for.
     """
     ways = there_and_back(values)
     if ways is None:
@@ -45,7 +45,7 @@ def follow(
 ) -> Iterator[int]:
     """Write the samples of a branch at driver values; yields the number of those done.
 
-    Branch points that are passed are added to `crossed`, if that is a list, as (value, row).
+    Branch points that are passed are added to `crossed`, if that is a list, as (value, sample).
 
     Raises:
         Stopped: a value cannot be reached; says which, and where the branch ended.
@@ -86,9 +86,9 @@ def _pass_branch_point(
     cursor: Cursor, values: Array, samples: Samples, stopped: Stopped,
     crossed: list[tuple[float, int]] | None,
 ) -> int:
-    """Go straight on at a branch point before a row; return the first row behind its passage.
+    """Go straight on at a branch point before a sample; return the first one behind its passage.
 
-    Rows before it that lie on the passage are taken from there too: it is the more exact.
+    Samples before it that lie on the passage are taken from there too: it is the more exact.
 
     Raises:
         Stopped: it is no branch point, or one that is not to be passed.

@@ -136,7 +136,7 @@ def kinetostatics(
     laws: Mapping[str, Law] | None = None,
     slip_speed: SlipSpeed | None = None,
 ) -> Kinetostatics:
-    """Solve the efforts that a motion needs and the reactions it causes, row by row.
+    """Solve the efforts that a motion needs and the reactions it causes, sample by sample.
 
     The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost. Of a
     sweep without a speed they are statics: the mechanism is held at rest in every row.

@@ -21,12 +21,12 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
     advantage infinite. Limit positions of the driver itself are `motion.events`.
 
     Args:
-        motion: from `sweep`, the driver moving in every row.
+        motion: from `sweep`, the driver moving in every sample.
         output: a coordinate; default every one-freedom joint on the fixed link but the driver.
 
     Returns:
-        Events of kind "dead centre" with the driver's values, in the order of the rows; `row` is
-        the first row that is there or beyond; the text says where the output is.
+        Events of kind "dead centre" with the driver's values, in the order of the samples; `row`
+        is the first sample that is there or beyond; the text says where the output is.
 
     Raises:
         UnknownNameError: there is no such coordinate.
@@ -68,7 +68,7 @@ def grounded_outputs(motion: Motion) -> list[str]:
 
 
 def _located(motion: Motion, first: int, last: int, name: str) -> Event:
-    """Return the dead centre of an output between two rows in which it moves opposite ways."""
+    """Return the dead centre of an output between two samples in which it moves opposite ways."""
     from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
 
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit

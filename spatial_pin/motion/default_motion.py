@@ -46,7 +46,7 @@ def default_motion(
     Args:
         mechanism: the mechanism.
         driver: driver or coordinate that moves; the first driver if not given.
-        rows: number of rows of the whole way.
+        rows: number of samples of the whole way.
 
     Returns:
         The motion; the assembled state of a mechanism without drivers, or that cannot move.

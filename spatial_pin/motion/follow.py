@@ -73,8 +73,8 @@ def follow(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Motion, one row per sample. It has no `driver`; its events have times as values, or
-        numbers of samples, 0 the first, counted with fractions.
+        The Motion, one sample per row of the tables. It has no `driver`; its events have times as
+        values, or numbers of samples, 0 the first, counted with fractions.
 
     Raises:
         AssemblyError: the first values cannot be assembled.

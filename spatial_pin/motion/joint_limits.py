@@ -33,7 +33,7 @@ class Passing(NamedTuple):
     Attributes:
         limit: which one.
         value: where [s], or the driver's value there [rad or m].
-        row: number of rows of the motion before it.
+        row: number of samples of the motion before it.
         where: the same in words; empty where the motion begins beyond the limit.
     """
 
@@ -98,17 +98,17 @@ def first_passing(
 
 
 def joint_limits_passed(motion: Motion) -> list[Passing]:
-    """Return where a motion passes joint limits outwards, in the order of its rows.
+    """Return where a motion passes joint limits outwards, in the order of its samples.
 
-    Where the motion of a swept driver passes one between two rows, the branch is followed again
-    from the first of them, to where the joint is at its limit: however far rows are apart, the
-    driver's value is as exact as the limit allows, 1e-12 where the joint moves as fast as the
+    Where the motion of a swept driver passes one between two samples, the branch is followed
+    again from the first of them, to where the joint is at its limit: however far samples are apart,
+    the driver's value is as exact as the limit allows, 1e-12 where the joint moves as fast as the
     driver. Where that is impossible (coordinates held that are no drivers, branches that cross in
-    between), and in simulations, whose `joint_limits` are exact, a coordinate is taken for the
-    polynomial of fifth degree through values, rates and accelerations of the two rows, or for a
+    between), and in simulations, whose `joint_limits` are exact, a coordinate is interpolated by
+    the polynomial of fifth degree through values, rates and accelerations of the two samples, or a
     straight line without rates; then sentences have six digits. A joint that turns back between
-    two rows is looked at where it does; one that goes out and back between two rows while its
-    rates at both have the same sign is missed: give rows nearer to each other.
+    two samples is checked where it does; one that goes out and back between two samples while its
+    rates at both have the same sign is missed: ask for samples nearer to each other.
 
     Args:
         motion: from `sweep`, `trace` or `simulate`.
@@ -149,7 +149,7 @@ def joint_limit_events(motion: Motion) -> list[Event]:
 
 
 def _sense(motion: Motion) -> Array:
-    """Return, for every step (N - 1,), whether rows go with their rates (1) or against them."""
+    """Return, for every step (N - 1,), whether samples go with their rates (1) or against them."""
     if motion.driver is None or motion.time is not None:
         return np.ones(len(motion) - 1)
     v = motion.coordinate(motion.driver_name).rate
@@ -158,14 +158,14 @@ def _sense(motion: Motion) -> Array:
 
 
 def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
-    """Return where a limit is passed between rows k and k + 1, if it is."""
+    """Return where a limit is passed between samples k and k + 1, if it is."""
     h, rates, seconds = _step(motion, k)
     q, v = _hermite(motion.q[k : k + 2, limit.q], rates[:, limit.v], seconds[:, limit.v], h)
-    row, moving = np.zeros(motion.q.shape[1]), np.zeros(motion.v.shape[1])
+    sample, moving = np.zeros(motion.q.shape[1]), np.zeros(motion.v.shape[1])
 
     def at(x: float) -> tuple[Array, Array]:
-        row[limit.q], moving[limit.v] = q(x), v(x)
-        return row, moving
+        sample[limit.q], moving[limit.v] = q(x), v(x)
+        return sample, moving
 
     ends = (motion.q[k], rates[0]), (motion.q[k + 1], rates[1])
     if motion.driver is not None:
@@ -194,7 +194,7 @@ def _at_driver(motion: Motion, limit: JointLimit, k: int, value: float, digits: 
 
 
 def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
-    """Whether a limit may be passed between two rows, by polynomials good to a part of the way."""
+    """Whether a limit may be passed between two samples, if interpolants are only roughly right."""
     (q0, v0), (q1, v1) = ends
     if limit.room(q1) < -SLACK * limit.size:
         return True
@@ -207,10 +207,10 @@ def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
 
 
 def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float | None:
-    """Return the driver's value at which a limit is passed between rows k and k + 1, if it is.
+    """Return the driver's value at which a limit is passed between samples k and k + 1, if it is.
 
     Raises:
-        Stopped: the branch of row k does not lead to row k + 1.
+        Stopped: the branch of sample k does not lead to sample k + 1.
         SpatialPinError: the driver does not determine it.
     """
     first, last = motion.swept[k : k + 2].tolist()
@@ -229,17 +229,17 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
 
 
 def _elsewhere(motion: Motion, q: Array, k: int) -> bool:
-    """Whether joints of one freedom stand elsewhere in q (nq,) than in row k."""
+    """Whether joints of one freedom stand elsewhere in q (nq,) than in sample k."""
     table = [c for c in motion.mechanism.coordinate_table.values() if c.q >= 0]
     size = motion.mechanism.velocity_scale
     return any(abs(q[c.q] - motion.q[k, c.q]) > ELSEWHERE * size[c.v] for c in table)
 
 
 def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
-    """Return the step from row k, and first and second derivatives (2, nv) at its ends.
+    """Return the step from sample k, and first and second derivatives (2, nv) at its ends.
 
-    They are taken by the time, or by the driver where v and a are; where rows are no history in
-    either by the arc length, whose step h is the one that fits best
+    They are derivatives with respect to time, or to the driver where v and a are; where samples are
+    no history in either, to the arc length, whose step h is the one that fits best
     q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
     """
     v, a = motion.v[k : k + 2], motion.a[k : k + 2]
@@ -255,12 +255,12 @@ def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
     t, c = v / size / pace, a / size / pace**2
     c = c - t * np.vecdot(t, c)[:, None]
     moved = pin.difference(motion.mechanism.model, motion.q[k], motion.q[k + 1]) / size
-    t = np.where((t @ moved)[:, None] < 0.0, -t, t)  # rows may go backwards
+    t = np.where((t @ moved)[:, None] < 0.0, -t, t)  # samples may go backwards
     first, second = 0.5 * (t[0] + t[1]), (c[0] - c[1]) / 12.0
     h = float(np.sqrt(moved @ moved))
     for _ in range(4):
         slope = first + 2.0 * h * second
-        if not np.any(slope):  # rows at one place, but for round-off
+        if not np.any(slope):  # samples at one place, but for round-off
             return 0.0, v, a
         h -= float((h * first + h * h * second - moved) @ slope / (slope @ slope))
     return h, size * t, size * c
@@ -269,7 +269,7 @@ def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
 def _hermite(
     q: Array, v: Array, a: Array, h: float
 ) -> tuple[Callable[[float], float], Callable[[float], float]]:
-    """Return value and slope of the quintic through two rows, as functions of the part of the way.
+    """Return value and slope of the quintic through two samples, as functions of the fraction.
 
     Values q, rates v and accelerations a, each (2,), hold at the ends of a step of length h; 0
     makes a straight line.

@@ -1,4 +1,4 @@
-"""A Motion: a mechanism's configurations, rates and events, one row per step."""
+"""A Motion: a mechanism's configurations, rates and events, one sample per step."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Event(NamedTuple):
         kind: "limit", "near limit" (digits are lost), "singular", "branch point", "dead centre",
             "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed),
             "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
-            "not closed" (a traced curve, within its rows), "released" (a driver that nobody named
-            and that the loops do not let stand), or "stopped" (a simulation).
+            "not closed" (a traced curve, within its samples), "released" (a driver that nobody
+            named and that the loops do not let stand), or "stopped" (a simulation).
         value: driver value of it [rad or m]; in a simulation the time of "stopped" and
             of limits of the URDF [s].
-        row: number of rows of the motion before it.
+        row: number of samples of the motion before it.
         text: the same as a sentence.
     """
 
@@ -46,7 +46,7 @@ class Event(NamedTuple):
 
 
 class FrameMotion(NamedTuple):
-    """Motion of a frame or of a link's centre of mass, world axes, N rows.
+    """Motion of a frame or of a link's centre of mass, world axes, N samples.
 
     Attributes:
         position: (N, 3) [m].
@@ -93,22 +93,22 @@ FRAME_UNITS = {  # unit and order of the derivative
 
 @dataclass(eq=False)
 class Motion:
-    """A motion of a mechanism, one row per step.
+    """A motion of a mechanism, one sample per step.
 
     Attributes:
         mechanism: the mechanism.
         driver: (N,) driver values [rad or m]; None where none was swept (a simulation).
         driver_name: the driver, or coordinate, that was swept; empty where none was.
-        time: (N,) [s], or None where rows are no history in time.
+        time: (N,) [s], or None where samples are no history in time.
         q: (N, nq) configurations; v, a: (N, nv) joint velocities and accelerations.
-        closure_error: (N,) largest closure row of each row [-].
+        closure_error: (N,) largest residual of a constraint equation, of each sample [-].
         driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
         events: limits and singular configurations met.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
-        per: unit of what v and a are derivatives by: "s"; "rad" or "m" of the driver where it has
-            no speed; "length" of the arc of a traced curve [rad, characteristic lengths]; "sample"
-            where several drivers go along tables without times. Where
-            it is not "s", forces are those at rest.
+        per: unit of what v and a are derivatives with respect to: "s"; "rad" or "m" of the driver
+            where it has no speed; "length" of the arc of a traced curve [rad, characteristic
+            lengths]; "sample" where several drivers go along tables without times. Where it is
+            not "s", forces are those at rest.
         held: what was held by name as the driver was swept, see `sweep`.
     """
 
@@ -165,10 +165,10 @@ class Motion:
 
     @checked
     def state(self, row: int) -> State:
-        """Return one row as a State; its `rate_error` is known where a driver was swept.
+        """Return one sample as a State; its `rate_error` is known where a driver was swept.
 
         Args:
-            row: negative from the end.
+            row: number of the sample, negative from the end.
 
         Raises:
             SpatialPinError: there is no such row.
@@ -187,7 +187,7 @@ class Motion:
                      in_time=self.per == "s")
 
     def _is_continued(self, row: int) -> bool:
-        """Whether a row may lie where the branch was continued across a crossing."""
+        """Whether a sample may lie where the branch was continued across a branch point."""
         size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
         return any(e.kind == "branch point" and e.row < len(self)
                    and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)

@@ -16,7 +16,7 @@ MOST_SAMPLES = 1000
 def check_gaps(motion: Motion, gap: float) -> None:
     """Refuse a motion of a rounded file on which equations that it is without open.
 
-    At most a thousand of its rows are looked at.
+    At most a thousand of its samples are checked.
 
     Raises:
         SingularError: they do; says where, and which.

@@ -66,7 +66,7 @@ def effort_lines(motion: Motion, efforts: dict[str, Array]) -> list[str]:
 
 
 def where(motion: Motion, row: int) -> str:
-    """Return at what driver value, or time, a row is, in words."""
+    """Return at what driver value, or time, a sample is, in words."""
     name, unit = _over(motion)
     values = motion.driver if motion.driver is not None else motion.time
     return f"at {name} = {values[row]:.6g} {unit}" if values is not None else f"in row {row}"

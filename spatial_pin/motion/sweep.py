@@ -63,9 +63,9 @@ def sweep(
         mechanism: the mechanism.
         driver: a driver, or any coordinate of a joint.
         values: (N,) driver values in any order [rad or m].
-        speed: the driver's speed at every row, one number or (N,) [rad/s or m/s]. Without one
-            the motion has no time: v and a are derivatives by the driver's value, and forces of
-            it (`kinetostatics`, `report`) are statics.
+        speed: the driver's speed at every sample, one number or (N,) [rad/s or m/s]. Without one
+            the motion has no time: v and a are derivatives with respect to the driver's value,
+            and forces of it (`kinetostatics`, `report`) are statics.
         acceleration: likewise [rad/s² or m/s²]; it needs a speed.
         guess: where to assemble, as for `assemble`.
         hold: values of other drivers or coordinates, a free base then stands still too; or names
@@ -84,9 +84,9 @@ def sweep(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Motion, one row per value. Joint limits passed are events, exact however far rows are
-        apart; a joint that goes out and back between two rows, with rates of the same sign at
-        both, is missed.
+        The Motion, one sample per value. Joint limits passed are events, exact however far samples
+        are apart; a joint that goes out and back between two samples, with rates of the same sign
+        at both, is missed.
 
     Raises:
         AssemblyError: the first value cannot be assembled.
@@ -94,7 +94,7 @@ def sweep(
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
         SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
-            that moves most, away from the row before.
+            that moves most, away from the sample before.
         UnknownNameError: a name does not exist.
         ValueError: values or speeds are not finite, or make rates that are not, or there is an
             acceleration without a speed.
@@ -107,8 +107,8 @@ def sweep(
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
     values = finite_array(values, (max(values.size, 1),), "values")
-    speeds = _rows(1.0 if speed is None else speed, values, "speed")
-    accels = _rows(acceleration, values, "acceleration")
+    speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
+    accels = _per_sample(acceleration, values, "acceleration")
     if speed is None and np.any(accels):
         raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
     coordinate = mechanism.prescribed_coordinate(driver)
@@ -186,8 +186,8 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
 
 
-def _rows(value: Any, values: Array, what: str) -> Array:
-    """Return one number, or one for every row, as (N,)."""
+def _per_sample(value: Any, values: Array, what: str) -> Array:
+    """Return one number, or one for every sample, as (N,)."""
     numbers = as_array(value, what)
     return finite_array(np.full(values.shape, numbers) if numbers.ndim == 0 else numbers,
                         values.shape, what)
@@ -222,7 +222,7 @@ def _motion(
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
-    """Report rows near a limit position, where joints move so fast that digits are lost."""
+    """Report samples near a limit position, where joints move so fast that digits are lost."""
     if not len(t):
         return []
     size = motion.mechanism.velocity_scale
@@ -243,10 +243,10 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
 
 def _drift(motion: Motion) -> list[Event]:
     """Report where a motion that is not corrected to tolerance has left its closed loops."""
-    open_rows = np.flatnonzero(motion.closure_error > DRIFTED)
-    if not open_rows.size:
+    open_samples = np.flatnonzero(motion.closure_error > DRIFTED)
+    if not open_samples.size:
         return []
-    row = int(open_rows[0])
+    row = int(open_samples[0])
     value, unit = float(motion.swept[row]), motion.driver_unit
     text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
             "on: too few corrections")
@@ -254,7 +254,7 @@ def _drift(motion: Motion) -> list[Event]:
 
 
 def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
-    """(value - first)/speed where that rises from row to row at constant speed, else None."""
+    """(value - first)/speed where that rises from sample to sample at constant speed, else None."""
     if speeds[0] == 0.0 or (speeds != speeds[0]).any() or accels.any():
         return None
     with np.errstate(over="ignore", invalid="ignore"):

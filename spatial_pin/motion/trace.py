@@ -44,14 +44,14 @@ def trace(
         mechanism: the mechanism; other drivers stay where the guess has them.
         driver: the driver or coordinate that is set free; its values are `Motion.driver`.
         guess: where to start, as for `assemble`.
-        step: arc length from row to row [rad, characteristic lengths].
+        step: arc length from sample to sample [rad, characteristic lengths].
         most_rows: where to stop in any case.
         hold: names of what stands still besides, as for `sweep`.
 
     Returns:
         A Motion whose rates are with respect to the arc length; limit positions, and branch
         points that are passed straight on, are its events.
-        The last row is the first one again, in which bodies that spin freely jump back; if the
+        The last sample is the first one again, in which bodies that spin freely jump back; if the
         curve was not closed within `most_rows`, the last event is of kind "not closed".
 
     Raises:
@@ -66,26 +66,26 @@ def trace(
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)
     path = ArcLengthPath(curve, first, distance_ahead(curve, first))
-    rows = _TracedRows(curve, driver, state.mechanism)
-    rows.add(first)
-    while len(rows.points) < most_rows:
-        if _advance(path, step, rows):
-            if rows.is_back(path.point, step):
-                rows.add_first_again()
+    samples = _TracedSamples(curve, driver, state.mechanism)
+    samples.add(first)
+    while len(samples.points) < most_rows:
+        if _advance(path, step, samples):
+            if samples.is_back(path.point, step):
+                samples.add_first_again()
                 break
-        elif not _pass_straight_on(path, rows):
+        elif not _pass_straight_on(path, samples):
             raise SingularError(
                 f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
-                f"{path.value:.12g}: branch point", motion=rows.motion(),
+                f"{path.value:.12g}: branch point", motion=samples.motion(),
             )
-        rows.add(path.point)
+        samples.add(path.point)
     else:
-        rows.note("not closed", path.value)
-    return rows.motion()
+        samples.note("not closed", path.value)
+    return samples.motion()
 
 
-def _advance(path: ArcLengthPath, length: float, rows: _TracedRows) -> bool:
-    """Go one row further, noting limits on the way; False where branches cross before."""
+def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> bool:
+    """Go one sample further, noting limits on the way; False where branches cross before."""
     left, longest = length, length
     while left > TOLERANCES.tight * length:
         step = path.ahead(min(longest, left))
@@ -93,26 +93,26 @@ def _advance(path: ArcLengthPath, length: float, rows: _TracedRows) -> bool:
             return False
         turn = path.turning_point(step)
         if turn is not None:
-            rows.note("limit", float(turn.q[path.curve.driver.q]))
+            samples.note("limit", float(turn.q[path.curve.driver.q]))
         if not path.take(step):
             return False
         longest, left = step.length, left - step.length
     return True
 
 
-def _pass_straight_on(path: ArcLengthPath, rows: _TracedRows) -> bool:
-    """Go straight on beyond a branch point after the last row; False if no branch does."""
-    before = rows.points[-1]
+def _pass_straight_on(path: ArcLengthPath, samples: _TracedSamples) -> bool:
+    """Go straight on beyond a branch point after the last sample; False if no branch does."""
+    before = samples.points[-1]
     beyond = straight_on(path.curve, before)
     if beyond is None:
         return False
-    rows.note_branch_points(before, beyond)
+    samples.note_branch_points(before, beyond)
     path.point, path.distance = beyond, distance_ahead(path.curve, beyond)
     return True
 
 
-class _TracedRows:
-    """Rows of a traced curve."""
+class _TracedSamples:
+    """Samples of a traced curve."""
 
     def __init__(self, curve: Curve, driver: str, mechanism: Mechanism) -> None:
         self.curve, self.driver, self.mechanism = curve, driver, mechanism
@@ -181,7 +181,7 @@ class _TracedRows:
                 self.note("branch point", value)
 
     def motion(self) -> Motion:
-        """Return the rows as a Motion over the arc length."""
+        """Return the samples as a Motion over the arc length."""
         scale = self.curve.scale
         q = np.array([p.q for p in self.points])
         v = np.array([scale * p.t for p in self.points])

@@ -28,7 +28,7 @@ class Verification(NamedTuple):
 
     Attributes:
         differences: one for each output and driver.
-        rows: rows compared.
+        rows: number of samples compared.
         full_seconds, reduced_seconds: times of the sweeps.
         remarks: where the two did not end alike.
     """

@@ -132,7 +132,7 @@ class Reduced(Mechanism):
     ) -> Verification:
         """Sweep this and the full mechanism side by side and compare the outputs.
 
-        With `dynamics`, accelerations by `forward_dynamics` are compared too, at some rows of it.
+        With `dynamics`, accelerations by `forward_dynamics` are compared too, at some samples.
 
         Args:
             driver: what to sweep; default every driver in turn.

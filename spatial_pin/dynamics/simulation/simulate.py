@@ -68,17 +68,17 @@ def simulate(
         duration: how long [s].
         efforts: by driver, joint or coordinate, constant, or a function (t, State) -> such a
             mapping [N·m about it, N along it]. Drivers are free unless they have a law in `drives`.
-        times: (N,) rising times of the rows, default 0 to duration in 1000 steps [s].
+        times: (N,) rising times of the samples, default 0 to duration in 1000 steps [s].
         accuracy: integrator, its tolerance or step, and closure; default "engineering".
         drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
         slip_speed: speed at which dry friction is nearly whole, see `forward_dynamics`: joints
             that friction should hold creep at a part of it.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
-            and a last row there.
+            and a last sample there.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
             of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
-            last row; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of
+            last sample; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of
             prescribed drivers, and those given) that pass their limits are events too, of kind
             "velocity limit" and "effort limit", unless limits are ignored.
         progress: show a bar on stderr after a second, if that is a terminal.

@@ -234,7 +234,7 @@ class Drive:
                 self._keep(cursor)
 
     def reach(self, name: str, rows: int) -> Reach:
-        """Return how far a driver can be moved, by as many rows either way.
+        """Return how far a driver can be moved, in as many samples either way.
 
         One without limits goes a turn, or half a characteristic length, either way of where the
         mechanism was placed.
@@ -247,7 +247,7 @@ class Drive:
         return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
 
     def _way(self, name: str, end: float, rows: int) -> tuple[float, Stop | None, Array]:
-        """Return how far a driver comes on the way to a value, what stops it, and the rows."""
+        """Return how far a driver comes on the way to a value, what stops it, and the samples."""
         start = float(self._regular.q[self._coordinates[name].q])
         motion = self._followed(name, np.linspace(start, end, rows))
         if motion is None:
