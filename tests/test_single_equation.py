@@ -47,6 +47,34 @@ def test_the_ends_of_the_branch_are_the_same(parallelogram, one_distance):
         assert abs(ends.upper.value - np.pi) < 1e-9
 
 
+@pytest.mark.parametrize("accuracy", ["reference", "draft"])
+@pytest.mark.parametrize("off", [0.0, 0.1])
+def test_however_far_from_a_change_point_the_values_are_none_takes_the_other_branch(accuracy, off):
+    """The kite folds, or its rocker stays: the branches cross at 26 degrees."""
+    kite = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.3)
+    reduced = sp.reduce(kite, "rocker_pin")
+    assert len(reduced.closures) == 1
+    for n in range(5, 61):
+        values = np.linspace(np.pi - 1.0 + off, np.pi + 1.0, n)
+        motion = sp.sweep(reduced, "crank", values, accuracy=sp.Accuracy.named(accuracy))
+        assert [e.kind for e in motion.events] == ["branch point"], n
+        assert motion.events[0].value == pytest.approx(np.pi, abs=1e-9)
+        tip = 0.1 * np.exp(1j * motion.driver)  # which mirrors the rocker's pivot, at 0.3
+        rocker = np.unwrap(2.0 * np.angle((tip - 0.3) / (tip[0] - 0.3)))
+        found = motion.coordinate("rocker_pin").value
+        assert np.abs(found - found[0] - rocker).max() < 1e-6, n
+
+
+@pytest.mark.parametrize("accuracy", ["reference", "draft"])
+def test_however_far_from_a_change_point_the_values_are_it_is_passed(one_distance, accuracy):
+    for n in range(5, 61):
+        values = np.linspace(0.5, 2.0 * np.pi + 1.0, n)
+        motion = sp.sweep(one_distance, "crank", values, accuracy=sp.Accuracy.named(accuracy))
+        assert [e.value for e in motion.events] == pytest.approx([np.pi, 2.0 * np.pi], abs=1e-9), n
+        rocker = motion.coordinate("rocker_pin").value
+        assert np.abs(rocker - rocker[0] - values + values[0]).max() < 1e-6, n
+
+
 def test_the_link_that_a_vanished_row_frees_is_not_taken_as_passive(one_distance):
     flat = sp.assemble(one_distance, {"crank": 0.0}, {"crank_pin": 0.0, "rocker_pin": 0.0})
     with pytest.raises(sp.SingularError, match="lose 1 independent equation"):

@@ -21,8 +21,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # rad or characteristic lengths; the next is twice as long, so that seven lead to the largest.
 FIRST_STEP = 1e-3
 LARGEST_STEP = 0.1  # far below the longest of a path, as it is taken where that may not be
-# Where steps as short as this still fail, the branch is lost: singular places are known no better
-# than the root of round-off, 1.5e-8, and what is left of the way to them is stepped over.
+# Where steps as short as this still fail, the branch is lost: configurations nearer to each other
+# than the root of round-off, 1.5e-8, may tell nothing of a singularity between them.
 SMALLEST_STEP = TOLERANCES.nothing
 # Least cosine between the directions at the two ends of a step: 11 degrees, so that a branch that
 # crosses at a larger angle is never taken for this one.
@@ -31,6 +31,10 @@ MOST_STEPS = 2000  # two hundred radians or characteristic lengths: thirty turns
 # Length of a step in which a change of the determinant's sign is believed: in longer ones it may be
 # another branch's.
 NEAR_BRANCH_POINT = 1e-3
+# Distance to a branch point, relative to the root of what loops are left open by, at which the path
+# ends there. Branches that cross pass each other at that root if loops are open; at ten times it
+# the tangent is off by a hundredth.
+NEAREST_BRANCH_POINT = 10.0
 
 
 class Arrival(NamedTuple):
@@ -87,10 +91,13 @@ class ArcLengthPath:
         """Return the next step, as long as asked for or shorter where the curve bends.
 
         It goes no further than half the way to a singularity: two branch points in one step would
-        not be noticed.
+        not be noticed. Nor nearer than configurations tell a singularity from one beside it: what
+        loops are left open by parts branches that cross, and a curve turns from one into the other.
         """
         curve, point = self.curve, self.point
-        length = min(length, max(0.5 * self.distance, SMALLEST_STEP))
+        if self.distance < NEAREST_BRANCH_POINT * np.sqrt(curve.tolerance):
+            return Step("branch point", point.q, point.t, 0.0)
+        length = min(length, 0.5 * self.distance)
         smallest = min(length, SMALLEST_STEP)
         while length >= smallest:
             q = curve.ahead(point, length)
