@@ -32,7 +32,7 @@ def test_accelerations_are_those_of_forward_dynamics(name):
     mech, state = moving(name, 3)
     efforts = dict.fromkeys(list(mech.drivers)[:1], 0.7)
     system = _independent(Problem(mech, efforts, None, None, 1e-13), state)
-    sample = system.rows(np.zeros(1), system.unknowns(state.v, 0.0)[None])
+    sample = system.samples(np.zeros(1), system.unknowns(state.v, 0.0)[None])
     expected = sp.forward_dynamics(mech, state, efforts).a
     assert np.abs(sample.q[0] - state.q).max() < 1e-12
     assert np.abs(sample.v[0] - state.v).max() < 1e-11 * (1.0 + np.abs(state.v).max())
@@ -75,7 +75,7 @@ def test_trees_accelerate_as_by_the_articulated_body_algorithm(tmp_path, seed):
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     state = sp.State(mech, q, rng.uniform(-2.0, 2.0, model.nv), closure_error=0.0)
     system = _independent(Problem(mech, {"elbow": 0.4}, None, None, 1e-13), state)
-    sample = system.rows(np.zeros(1), system.unknowns(state.v, 0.0)[None])
+    sample = system.samples(np.zeros(1), system.unknowns(state.v, 0.0)[None])
     tau = np.zeros(model.nv)
     tau[mech.coordinate("elbow").v] = 0.4
     expected = pin.aba(model, model.createData(), state.q, state.v, tau)

@@ -122,7 +122,7 @@ def test_a_motion_goes_to_the_limit_itself(tmp_path, gap):
     y = np.concatenate([[angle - state.coordinate("pin").value, 1.0],
                         state.q[state.mechanism.coordinate("ball.x").q :][:0]])
     y = np.concatenate([y, system.unknowns(state.v, 0.0)[2:]])
-    sample = system.rows(np.zeros(1), y[None])
+    sample = system.samples(np.zeros(1), y[None])
     assert sample.q[0, state.mechanism.coordinate("pin").q] == pytest.approx(angle, abs=1e-15)
     inertia = (0.02 + 0.25**2 + 0.5**2 + (0.06 + 0.4**2) * rate**2
                + 2.0 * 0.5 * 0.4 * np.cos(lean - angle) * rate)

@@ -57,7 +57,7 @@ def why_it_ends(
 
 
 def _place(problem: Problem, t: float, state: State) -> Place:
-    """Return a place with the accelerations of least constraint: for any masses."""
+    """Return a place with the accelerations of least constraint, which hold for any masses."""
     evaluation, loops, rows = _rows(problem, state)
     picked = independent_rows(rows)
     motions = IndependentCoordinates(rows[picked], problem.scale, evaluation.closure_error)

@@ -43,17 +43,16 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion creeps
-ROUTINE = (AT_END, MANY, NEW_CHART, AT_FAILURE)  # pauses of steps whose samples are made
+ROUTINE = (AT_END, MANY, NEW_CHART, AT_FAILURE)  # pauses after which all samples are already made
 LITTLE = 1e-3  # of the residual that a step may leave, below which the step may be longer
 SHORTEST = 1e-13  # step, relative to the time, that is not shortened any more
 TRIED = 1000  # steps of a motion without damping, which go on as long as they are
 HOPELESS = 10.0  # steps needed relative to those allowed: beyond, the duration is a mistake
-CREEPING = 60  # such steps in a row that tell a singular configuration just ahead
-
-NOWHERE = 1e-2  # of the longest step, that all steps allowed would lead to if they were as short
+CREEPING = 60  # such steps in a row that show a singular configuration just ahead
+NOWHERE = 1e-2  # of the longest step: farther than all allowed steps would lead if as short
 STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
 
-GivenUp = Set[tuple[type, tuple[int, ...]]]  # kinds of equations, and their independent coordinates
+GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independent coordinates
 Formulate = Callable[[Problem, State, GivenUp], System]
 
 
@@ -61,11 +60,11 @@ class Run:
     """A simulation under way.
 
     Args:
-        problem: what acts.
+        problem: mechanism, forces and prescribed drivers.
         accuracy: integrator, tolerance or step.
-        formulate: makes the equations of motion that fit a state, others than were given up.
+        formulate: makes the equations of motion for a state, of no kind that was given up.
         times: (N,) of the samples.
-        watch: what is looked for.
+        watch: the events to look for.
 
     Attributes:
         t: time reached [s].
@@ -84,7 +83,7 @@ class Run:
         self.y: Array = np.empty(0)
         self.system: System | None = None
         self._evaluations = 0
-        self._projections: list[Projection] = []  # of systems that were given up
+        self._projections: list[Projection] = []  # of the equations of motion used before
         self._largest, self._creeping, self._standing = np.zeros(2), 0, 0
         self._begun_at, self._failed_at = 0.0, -1.0
         self._has_failed = self._warned = self._is_short = False
@@ -92,7 +91,7 @@ class Run:
         self._began = time.perf_counter()
 
     def follow(self, state: State) -> Iterator[float]:
-        """Integrate from coordinates to coordinates until the end; yields the time reached."""
+        """Integrate chart after chart until the end; yields the time reached."""
         self._first = state
         system = self._begin(state)
         self.y = system.unknowns(state.v, 0.0)
@@ -100,7 +99,7 @@ class Run:
         self._balance = Balance(self.problem, self.accuracy, self.start)
         start = self.record.until(0.0)
         self.record.ask(system, start, self.y[None][: len(start)])
-        if not len(self.y):  # nothing is free, nor does anything work: laws alone say where it is
+        if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
             rest = self.record.until(self.end)
             self.record.ask(system, rest, np.empty((len(rest), 0)))
             self.t = self.end
@@ -117,7 +116,7 @@ class Run:
                 system = self._begin_again(system, self._has_failed)
 
     def _integrator(self, system: System, longest: float = np.inf) -> Any:
-        """Return an integrator at the present place, its errors counted in natural units."""
+        """Return an integrator that starts here, its error norm in natural units."""
         self._units = natural_units(system, self.t, self.y, self.end - self.t)
         chosen = self.accuracy.integrator
         return self._made(EXPLICIT if chosen == AUTOMATIC else chosen, system, longest)
@@ -128,7 +127,7 @@ class Run:
             system, self.t, self.y, self.end, self.accuracy, self._units, longest)
 
     def _succeeded(self, system: System, solver: Any) -> Any:
-        """Return the integrator that is to go on: another one where this one is the wrong one."""
+        """Return the integrator to go on with: another one if stiffness has changed."""
         if self.accuracy.integrator != AUTOMATIC:
             return solver
         method, self._easy = successor(solver, self._units.unknowns, self._easy)
@@ -178,9 +177,10 @@ class Run:
             limit_before=address(bounds.before))
 
     def _leap(self, system: System, solver: Any) -> int | None:
-        """Take many steps with their samples in the kernel; why it paused, None if it cannot.
+        """Take many steps and their samples in the kernel; why it paused, None if it cannot.
 
-        Where that is no routine, the last step is still to be looked at, its samples with it.
+        Unless the reason is in ROUTINE, the caller still has to handle the last step: its events
+        and its samples.
         """
         if not isinstance(solver, RungeKutta) or not isinstance(system, Independent):
             return None
@@ -206,10 +206,10 @@ class Run:
         return why
 
     def _refuse_to_lose_energy(self, t: float, now: Energies) -> None:
-        """Refuse a step, or a row, that energy is lost or won by.
+        """Refuse a step, or a sample, whose energy balance is wrong.
 
         Raises:
-            EnergyError: it is.
+            EnergyError: energy was lost or gained.
         """
         if self._balance.keeps(now):
             return
@@ -220,7 +220,7 @@ class Run:
             "time_tolerance or step, or formulation='independent'")
 
     def refuse_samples(self) -> None:
-        """Refuse samples of another energy than at the start, and leave them out.
+        """Refuse samples whose energy balance is wrong; they are dropped.
 
         Raises:
             EnergyError: there are some.
@@ -270,7 +270,7 @@ class Run:
             "integrator out, or take Accuracy(integrator=\"Radau\")")
 
     def _stiffest(self, system: System, solver: Any) -> str:
-        """Return what resists most where the solver stands, in words."""
+        """Return what causes the stiffness at the solver's time, in words."""
         problem = self.problem
         resistance = problem.forces.resistance
         if not resistance:
@@ -282,7 +282,7 @@ class Run:
         return f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
 
     def _is_projected(self, system: Projected, solver: Any) -> bool:
-        """Take the last step back to closed loops; whether it has not opened them too far."""
+        """Project the last step onto closed loops; False if its residual was too large for that."""
         opened = system.settle(solver)
         if opened > 1.0:
             self._is_short = True
@@ -293,10 +293,10 @@ class Run:
         return True
 
     def _shortened(self, system: System, step: float) -> Any:
-        """Return an integrator that begins a step [s] anew, with half of it at most.
+        """Return an integrator that repeats a step [s], at most half as long.
 
         Raises:
-            SingularError: steps however short open the loops.
+            SingularError: even the shortest steps open the loops.
             SpatialPinError: the step is fixed.
         """
         if self.accuracy.integrator in FIXED:
@@ -308,10 +308,10 @@ class Run:
         return self._integrator(system, 0.5 * step)
 
     def _refuse_to_creep(self, system: System, solver: Any) -> None:
-        """Refuse to creep into a singular configuration.
+        """Stop where steps become ever shorter ahead of a singular configuration.
 
         Raises:
-            SingularError: ever shorter steps lead to one, or to no end.
+            SingularError: steps shorten towards one, or are too short to come to the end.
         """
         sizes = np.array([system.pivot, solver.t - solver.t_old])
         self._largest = np.maximum(self._largest, sizes)

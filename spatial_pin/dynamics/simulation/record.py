@@ -1,4 +1,4 @@
-"""What a simulation leaves: its samples, its events, and what it took."""
+"""The record of a simulation: samples, events, and numbers of steps."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ class Record:
         if not times.size:
             return
         self._at[self.filled : self.filled + len(times)] = times
-        for into, row in zip(self.room, system.rows(times, unknowns), strict=True):
-            into[self.filled : self.filled + len(times)] = row
+        for into, part in zip(self.room, system.samples(times, unknowns), strict=True):
+            into[self.filled : self.filled + len(times)] = part
         self.filled += len(times)
 
     def take(self, step: Step, found: Found, before: Array) -> None:
@@ -86,12 +86,12 @@ class Record:
             self.events.append(Event("stopped", found.stop, self.filled, found.text))
 
     def note_coordinates(self, free: list[int]) -> None:
-        """Note independent coordinates, by their velocity entries, from here on."""
+        """Record the independent coordinates used from here on, given their velocity entries."""
         by_v = {c.v: c.name for c in self._problem.mechanism.coordinate_table.values()}
         self._coordinates += [by_v[v] for v in free]
 
     def note_crossing(self, value: float, sample: int) -> None:
-        """Note that branches cross, before a sample, at a value of the present coordinate."""
+        """Record a branch point, before a sample, at a value of the present coordinate."""
         text = (f"branch point at {self._coordinates[-1]} = {value:.9g}: branches cross; followed "
                 "the one that goes straight on")
         self.events.append(Event("branch point", value, sample, text))

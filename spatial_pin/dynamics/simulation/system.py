@@ -1,4 +1,4 @@
-"""What equations of motion answer, and the steps that are taken with them."""
+"""The protocol of equations of motion, and the step of an integrator over them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class System(Protocol):
     coordinates, their rates, and the work done if any is.
 
     Attributes:
-        problem: what acts.
-        free: velocity entries that are independent.
+        problem: mechanism, forces and prescribed drivers.
+        free: velocity entries of the independent coordinates.
     """
 
     problem: Problem
@@ -30,15 +30,15 @@ class System(Protocol):
 
     @property
     def evaluations(self) -> int:
-        """How often it was evaluated."""
+        """Number of evaluations of dy/dt."""
 
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot of the equations at the present place."""
+        """Smallest over largest pivot of the constraint equations at the last evaluation."""
 
     @property
     def is_fresh_the_same(self) -> bool:
-        """Whether the same coordinates, taken anew, would be no better."""
+        """Whether a new chart of the same coordinates would be no better."""
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt."""
@@ -47,9 +47,9 @@ class System(Protocol):
         """Return y at the chart's origin, at joint velocities v (nv,)."""
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
-        """Change to better coordinates, or to a chart that begins at y, which is at a state.
+        """Change to better coordinates, or to a chart whose origin is at y, given the State there.
 
-        Returns the unknowns in them, or None where there are none.
+        Returns the unknowns in them, or None where no such coordinates exist.
         """
 
     def place(self, t: float, y: Array) -> tuple[Array, Array]:
@@ -61,18 +61,18 @@ class System(Protocol):
     def energies(self, t: float, y: Array) -> Energies:
         """Return the energies at y."""
 
-    def rows(self, times: Array, unknowns: Array) -> Samples:
-        """Return everything at times (N,) and unknowns (N, n)."""
+    def samples(self, times: Array, unknowns: Array) -> Samples:
+        """Return the samples at times (N,) and unknowns (N, n)."""
 
     def needs_new_chart(self, t: float, y: Array) -> bool:
-        """Whether other coordinates, or a chart begun anew, would be better."""
+        """Whether other coordinates, or a new chart of these, would be better."""
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
-        """Return where branches cross between unknowns: the coordinate, and the unknown there."""
+        """Return the branch points between two unknowns: the coordinate, and the unknown there."""
 
 
 class Step:
-    """The last step of an integrator, and the way between its ends.
+    """The last step of an integrator, with the interpolant between its ends.
 
     Args:
         system: the equations of motion.
@@ -108,5 +108,5 @@ class Step:
 
     def efforts(self, t: float) -> Array:
         """Return the efforts of prescribed drivers at a time."""
-        efforts: Array = self.system.rows(np.array([t]), self._at(t)[None]).efforts[0]
+        efforts: Array = self.system.samples(np.array([t]), self._at(t)[None]).efforts[0]
         return efforts

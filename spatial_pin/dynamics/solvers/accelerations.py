@@ -1,11 +1,11 @@
-"""Accelerations under forces: one ladder, whose steps are taken until one holds.
+"""Accelerations under forces: one ladder of solvers, tried in order until one is accurate.
 
-1. The KKT system, its independent equations and units chosen at the place (`kernel.kkt`).
-2. Gauss's least constraint in independent coordinates, where round-off of the first may show: near
-   singular configurations of the loops, where masses differ much, or there are none.
-3. A refusal in words, where no digit is left or forces do not determine the motion.
+1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`).
+2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
+   near singular configurations of the loops, and where masses differ much or are zero.
+3. An error that says why, where no digit is left or forces do not determine the motion.
 
-The measure of all is the estimated round-off of the accelerations, relative to their size.
+What decides is the estimated round-off of the accelerations, relative to their size.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Estimated error from which on the second step is taken, twenty times as dear: the KKT system has
-# ten digits then, and the least constraint tells its own error without overestimating it as much.
+# Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
+# has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
 
 
@@ -34,7 +34,7 @@ class Solution(NamedTuple):
 
     Attributes:
         a: (nv,) joint accelerations.
-        closures: (nv,) what closures add to the joint forces.
+        closures: (nv,) joint forces of the closures, J^T multipliers.
         error: estimated round-off of a, relative to its size.
     """
 
@@ -51,7 +51,7 @@ class MotionEquations(Loops):
     """
 
     def solve(self, given: Array) -> Solution:
-        """Return what happens under joint forces f (nv,) at the State of the last `place`.
+        """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
 
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
@@ -72,7 +72,7 @@ class MotionEquations(Loops):
     def by_kkt(
         self, q: Array, v: Array, turns: Array, given: Array, needed: Array, anew: bool = True
     ) -> Array:
-        """Return accelerations (nv,) by the KKT system; overwritten by the next.
+        """Return accelerations (nv,) from the KKT system; the next call overwrites them.
 
         Args:
             q: (nq,) configuration.
@@ -80,22 +80,22 @@ class MotionEquations(Loops):
             turns: (n_angles,) from which the angles of screws count [rad].
             given: (nv,) joint forces.
             needed: (nv,) joint forces that the motion needs without acceleration.
-            anew: whether independent equations are chosen anew.
+            anew: whether to choose independent equations again.
         """
         self.kkt.mass[:] = self.bodies.masses(q)
         return self.kkt.accelerations(q, v, turns, given, needed, anew)
 
     @property
     def _is_sure(self) -> bool:
-        """Whether the KKT system has lost no digits that another way would keep.
+        """Whether the KKT solution is accurate enough to skip the least constraint.
 
-        The other way is dense: of a large tree it is taken only where there is no solution at all.
+        That one is dense: for a large tree it is used only where the KKT system is singular.
         """
         return self.kkt.pivot >= TOLERANCES.rank if self._is_large else self.kkt.error <= DOUBTFUL
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:
-        """What finds accelerations for any masses."""
+        """The solver that is accurate for any ratio of masses."""
         return LeastConstraint(self.mechanism)
 
     def _by_least_constraint(self, given: Array) -> Least:
@@ -107,10 +107,10 @@ class MotionEquations(Loops):
             state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
 
     def _refuse(self, found: Least) -> None:
-        """Refuse accelerations that forces do not determine, or not in these numbers.
+        """Refuse accelerations that forces do not determine, or that round-off hides.
 
         Raises:
-            SingularError: as it says.
+            SingularError: forces act on a motion without inertia, or no digit is left.
         """
         if found.pulled:
             raise self.no_inertia(_by_size(found.still / self.scale))

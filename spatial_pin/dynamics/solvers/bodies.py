@@ -1,4 +1,4 @@
-"""Masses of a tree, and the joint forces that its motion needs, by Pinocchio."""
+"""Mass matrix and inverse dynamics of a tree, from Pinocchio."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Bodies:
 
 
 class BodiesBySubtrees(Bodies):
-    """A large tree: memory and time grow with its size, not with the cube of it."""
+    """A large tree: memory and time grow in proportion to its size, not to its cube."""
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._subtrees = model, subtrees_of(model)

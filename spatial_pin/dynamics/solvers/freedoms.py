@@ -18,9 +18,9 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 def of_one_link(
     equations: Equations, freedoms: Array, actuated: Iterable[Coordinate] | None = None
 ) -> list[tuple[str, Array]]:
-    """Return (joint, (k, nv)) the motions that move one link only, of freedoms (n, nv), scaled.
+    """Return (joint, (k, nv)), the scaled motions among freedoms (n, nv) that move one link only.
 
-    The freedoms leave actuators, the drivers by default, at rest.
+    Actuators, by default the drivers, are at rest in the freedoms.
     """
     scale = equations.scale
     found = passive_freedoms(equations.evaluation, freedoms * scale, actuated)
@@ -57,13 +57,13 @@ def _shifts(equations: Equations, motions: Array) -> Array:
 
 
 def active_among(equations: Equations, freedoms: Array, found: list[tuple[str, Array]]) -> Array:
-    """Return the freedoms (k, nv) that are left without those of one link."""
+    """Return the freedoms (k, nv) orthogonal to those of one link."""
     passive = np.vstack([np.zeros((0, len(equations.scale))), *(motions for _, motions in found)])
     return decompose(passive @ freedoms.T).null_space @ freedoms
 
 
 def round_off(equations: Equations, a: Array) -> float:
-    """Return what round-off leaves of scaled forces at accelerations a (nv,) [N·m]."""
+    """Return the round-off of scaled forces at accelerations a (nv,) [N·m]."""
     state, scale, model = equations.state, equations.scale, equations.model
     weight = sum(i.mass for i in model.inertias) * float(
         np.linalg.norm(model.gravity.linear)) * equations.mechanism.characteristic_length

@@ -1,7 +1,7 @@
 """The loops of a mechanism at one State: their KKT system, freedoms and self-stresses.
 
-Of a large tree everything is sparse: what it costs grows with the number of loops, and the dense
-Jacobian is made only where it is asked for.
+For a large tree all is sparse: cost grows in proportion to the number of loops, and the dense
+Jacobian is formed only on use.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Freedoms of a large tree up to which lost rank is looked for by closing loops nearby: by dense
-# factors, whose cost grows with the third power. Of more, the second-order analysis is asked.
+# Freedoms of a large tree up to which lost rank is found by closing loops nearby, with dense
+# factors whose cost grows with the third power. Beyond, the second-order analysis decides.
 PROBED = 128
-# What an equation left out may lack for a motion of unit size, relative to its terms, if it follows
-# from the others: far above round-off, far below the terms of a loop that loses rank, of order one.
+# Residual of a redundant equation for a motion of unit size, relative to its terms, up to which it
+# follows from the others: far above round-off, far below that of a loop that loses rank, about 1.
 FOLLOWS = 1e-6
 
 
@@ -39,7 +39,7 @@ class Loops:
 
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
-        bodies: masses and what motion needs.
+        bodies: mass matrix and inverse dynamics of the tree.
         kkt: the KKT system.
     """
 
@@ -58,10 +58,10 @@ class Loops:
         self._derived: State | None = None
 
     def place(self, state: State) -> None:
-        """Stand at a State of this mechanism.
+        """Move to a State of this mechanism.
 
-        The State of a rounded file is one of this mechanism without some equations: all of them
-        bear loads, as those of the exact mechanism do.
+        The State of a file with rounded numbers is that of the mechanism without some redundant
+        equations; all equations bear loads, as those of the exact mechanism do.
         """
         self.state, self._spaces = state, None
         is_rounded = state.mechanism.whole is self.mechanism
@@ -75,7 +75,7 @@ class Loops:
 
     @property
     def evaluation(self) -> Evaluation:
-        """The closure equations at the state, of a large tree without their dense Jacobian."""
+        """The closure equations at the state; for a large tree without their dense Jacobian."""
         evaluation = self._evaluation
         if self._placed is not self.state:
             evaluation.turns[:] = self.turns
@@ -98,7 +98,7 @@ class Loops:
 
     @cached_property
     def couplings(self) -> Array:
-        """(n_couplings, nv) efforts at joints of unit multipliers of couplings, always the same."""
+        """(n_couplings, nv) joint forces per unit multiplier of couplings, constant."""
         n = len(self.constraints.couplings)
         if not n:
             return np.zeros((0, self.model.nv))
@@ -109,10 +109,10 @@ class Loops:
 
     @property
     def spaces(self) -> Decomposition | SparseSpaces:
-        """Freedoms, self-stresses and what is between, of the closure equations at the state.
+        """Null space (freedoms), left null space (self-stresses) and row space of the equations.
 
-        Those of a rounded file, whose rank is that of fewer equations, and those of equations that
-        are no sure choice, are found densely.
+        They are dense where the file's numbers are rounded, whose rank is that of fewer equations,
+        and where it is uncertain which equations are independent.
         """
         if self._spaces is None and self._is_large and self._rank is None:
             self._spaces = self._sparse_spaces()
@@ -122,7 +122,7 @@ class Loops:
         return self._spaces
 
     def _sparse_spaces(self) -> SparseSpaces | None:
-        """Return the subspaces if it is sure which equations are independent."""
+        """Return the subspaces, None where it is uncertain which equations are independent."""
         self._stand_without_masses()
         kkt, shape = self.kkt, (self.n_rows, len(self.scale))
         if not kkt.pivot > TOLERANCES.rank:
@@ -137,9 +137,9 @@ class Loops:
 
     @property
     def self_stresses(self) -> Array:
-        """(k, n_rows) multipliers that balance among themselves.
+        """(k, n_rows) multipliers whose generalised force is zero.
 
-        As many as there are; of a large tree some that have a part of each.
+        A basis of them; for a large tree some random combinations of a basis.
         """
         spaces = self.spaces
         return (spaces.self_stresses if isinstance(spaces, SparseSpaces)
@@ -178,10 +178,10 @@ class Loops:
                     f"mechanism {self.mechanism.name!r}: {self.state}: {why}", state=self.state)
 
     def _check_second_order(self, rank: int) -> None:
-        """Refuse a configuration if equations that depend on others do not go on doing so.
+        """Refuse a configuration where redundant equations become independent nearby.
 
-        They do not if for a motion v that the loops allow J a = -gamma(v) has no solution
-        [ConnellyWhiteley1996], tried with a random one.
+        They do if J a = -gamma(v) has no solution for a motion v that the loops allow
+        [ConnellyWhiteley1996]; a random v is tried.
         """
         any_way = np.random.default_rng(3).standard_normal(len(self.scale))
         motion = self._stand_without_masses(force=any_way / self.scale).copy()
@@ -195,7 +195,7 @@ class Loops:
         self._regular = Regular(self.state.q.copy(), rank, 0.0)
 
     def _lacking(self, a: Array, v: Array) -> float:
-        """Return the most that a (nv,) lacks of an equation at v (nv,), relative to its terms."""
+        """Return the largest |J a + gamma(v)| relative to its terms; a and v are (nv,)."""
         rows, columns, values = self.kkt.entries
         gamma = self.evaluation.bias(self.state.q, v)[: self.n_rows]
         terms, fastest = values * (a / self.scale)[columns], np.abs(v / self.scale).max()
@@ -203,7 +203,7 @@ class Loops:
         return float(left.max()) / max(float(np.abs(terms).max()), float(fastest) ** 2)
 
     def _stand_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
-        """Solve the KKT system of scaled velocities themselves: nothing in it but the loops."""
+        """Solve the KKT system with a unit mass matrix of the scaled velocities."""
         rows, columns, at = self.bodies.mass_at
         own = rows == columns
         self.kkt.mass[:] = 0.0

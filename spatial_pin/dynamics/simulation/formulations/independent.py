@@ -203,7 +203,7 @@ class Independent:
         q, v, angles, error = found
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
-    def rows(self, times: Array, unknowns: Array) -> Samples:
+    def samples(self, times: Array, unknowns: Array) -> Samples:
         """Return everything at times (N,) and unknowns (N, n), loops closed.
 
         Raises:
@@ -216,7 +216,7 @@ class Independent:
 
     def energies(self, t: float, y: Array) -> Energies:
         """Return the energies at y."""
-        _, kinetic, total, work = self.rows(np.array([t]), y[None]).numbers[0].tolist()
+        _, kinetic, total, work = self.samples(np.array([t]), y[None]).numbers[0].tolist()
         return Energies(kinetic, total, work)
 
     def needs_new_chart(self, t: float, y: Array) -> bool:

@@ -297,16 +297,16 @@ class Projected:
         state = self.state(t, y)
         return self.problem.energies(state.q, state.v, self.evaluation, self.problem.work(y))
 
-    def rows(self, times: Array, unknowns: Array) -> Samples:
+    def samples(self, times: Array, unknowns: Array) -> Samples:
         """Return everything at times (N,) and unknowns (N, n), loops closed."""
-        rows = [self._row(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
-        return Samples(*map(np.array, zip(*rows, strict=True)))
+        samples = [self._sample(t, y) for t, y in zip(times.tolist(), unknowns, strict=True)]
+        return Samples(*map(np.array, zip(*samples, strict=True)))
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
         """Return nothing: where branches cross the loops lose rank."""
         return []
 
-    def _row(self, t: float, y: Array) -> tuple[Array, ...]:
+    def _sample(self, t: float, y: Array) -> tuple[Array, ...]:
         q, v = self._closed(*self._place(y))
         a, _ = self._accelerate(t, q, v)
         error = self.evaluation.closure_error
