@@ -6,9 +6,10 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from masses import energy_rate, with_masses
+from masses import energy_rate, heavy, with_masses
 from test_closures import JOINTS, tree_with
 from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
+from test_simulation_extremes import uniform
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
@@ -191,3 +192,19 @@ def test_every_joint_of_the_tree(joint, kind, tmp_path):
     want = by_null_space(mech, state)
     error = 1e-11 * max(np.abs(want).max(), G)  # some of these are structures, which rest
     assert sp.forward_dynamics(mech, state).a == pytest.approx(want, abs=error)
+
+
+def test_what_round_off_leaves_of_an_equation_that_vanishes_holds_nothing(tmp_path):
+    """A crank at the top of its circle, its tip on a plane it touches there; a second one hangs.
+
+    The equation's derivative is cos(pi/2) = 6e-17: scaled up to one it would stop the crank.
+    """
+    tree = heavy(known.turning("a", "ground", "crank") + known.point("tip", "crank", (1, 0, 0))
+                 + known.point("top", "ground", (0, 1, 0), (-np.pi / 2, 0, 0))
+                 + known.turning("b", "ground", "other", (3, 0, 0)),
+                 crank=uniform(1.0, 1.0), other=uniform(1.0, 1.0))
+    mech = known.load(tmp_path, "touching", tree,
+                      known.closure("plane", "point_on_plane", "top", "tip"))
+    state = sp.State(mech, np.array([np.pi / 2, 0.3]), np.array([1.0, 0.0]), closure_error=0.0)
+    with pytest.raises(sp.SingularError, match="lose 1 independent equation"):
+        sp.forward_dynamics(mech, state)

@@ -227,6 +227,6 @@ def test_the_command_line_saves_a_folder(tmp_path, capsys):
 
 def test_a_mechanism_without_the_text_of_its_tree_says_so(tmp_path):
     bare = sp.load("four_bar").with_fields(urdf="")
-    for ask in (lambda: bare.save(tmp_path), lambda: sp.reduce(bare, "rocker_pin")):
-        with pytest.raises(sp.SpatialPinError, match="URDF text of its tree is needed"):
-            ask()
+    with pytest.raises(sp.SpatialPinError, match="URDF text of its tree is needed"):
+        bare.save(tmp_path)
+    assert sp.reduce(bare, "rocker_pin").verify().worst < 1e-12  # which needs none

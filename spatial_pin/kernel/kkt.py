@@ -50,8 +50,7 @@ class KKT:
                                        len(mass_at[0]), n_masses, mechanism.characteristic_length,
                                        ctypes.byref(handle)))
         self._handle = handle
-        end = weakref.finalize(self, _end, self._library, handle, kernel)
-        end.atexit = False
+        weakref.finalize(self, self._library.kkt_destroy, handle)
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
         self._q, self._turns = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._given, self._needed, self._a = np.empty((4, nv))
@@ -112,11 +111,6 @@ class KKT:
         """Indices of the independent equations that were chosen, ascending."""
         n = self._library.kkt_chosen(self._handle, address(self._rows))
         return self._rows[:n].copy()
-
-
-def _end(library: ctypes.CDLL, handle: ctypes.c_void_p, kernel: Kernel) -> None:
-    """Free what the kernel, which is there still, does not."""
-    library.kkt_destroy(handle)
 
 
 def _equations_by_closure(kernel: Kernel) -> list[int]:

@@ -101,37 +101,50 @@ static int is_sound(const Kkt *s, Int n_given)
     return 1;
 }
 
-/* Memory for the KKT system of a kernel of a characteristic length; ints: first equation of each of n_groups closures and their
-   number, then rows, columns and places of the n_mass entries of M among the n_given. */
+static int take(Kkt *s, const Int *ints, Int n_given)
+{
+    const Int n_ints = s->n_groups + 1 + 3 * s->n_mass;
+    Int *copy = kernel_memory(s->k, n_ints, sizeof(Int));
+    if (!copy)
+        return NO_MEMORY;
+    memcpy(copy, ints, (size_t)n_ints * sizeof(Int));
+    s->group = copy;
+    s->mass_row = copy + s->n_groups + 1;
+    s->mass_column = s->mass_row + s->n_mass;
+    s->mass_from = s->mass_column + s->n_mass;
+    if (!is_sound(s, n_given))
+        return BAD_ARRAYS;
+    return make_room(s) ? DONE : NO_MEMORY;
+}
+
+/* Frees what the kernel does not own; the kernel may be gone by then. */
+EXPORT void kkt_destroy(Kkt *s)
+{
+    if (s) {
+        lu_free(s->lu);
+        free(s);
+    }
+}
+
+/* Memory for the KKT system of a kernel of a characteristic length. The ints are the first equation
+   of each of n_groups closures and their number, then rows, columns and places of the n_mass entries
+   of M among the n_given. */
 EXPORT int kkt_create(Kernel *k, const Int *ints, Int n_groups, Int n_mass, Int n_given,
                       Real length, Kkt **out)
 {
     *out = NULL;
     if (n_groups < 0 || n_mass < 0)
         return BAD_ARRAYS;
-    const Int n_ints = n_groups + 1 + 3 * n_mass;
-    Kkt *s = kernel_memory(k, 1, sizeof *s);
-    Int *copy = kernel_memory(k, n_ints, sizeof(Int));
-    if (!s || !copy)
+    Kkt *s = calloc(1, sizeof *s);
+    if (!s)
         return NO_MEMORY;
-    memcpy(copy, ints, (size_t)n_ints * sizeof(Int));
-    s->k = k, s->length = length, s->n_groups = n_groups, s->n_mass = n_mass, s->group = copy;
-    s->mass_row = copy + n_groups + 1;
-    s->mass_column = s->mass_row + n_mass;
-    s->mass_from = s->mass_column + n_mass;
-    if (!is_sound(s, n_given))
-        return BAD_ARRAYS;
-    if (!make_room(s))
-        return NO_MEMORY;
-    *out = s;
-    return DONE;
-}
-
-/* Frees what grows; the rest is the kernel's, which has to be there still. */
-EXPORT void kkt_destroy(Kkt *s)
-{
-    if (s)
-        lu_free(s->lu);
+    s->k = k, s->length = length, s->n_groups = n_groups, s->n_mass = n_mass;
+    const int code = take(s, ints, n_given);
+    if (code != DONE)
+        kkt_destroy(s);
+    else
+        *out = s;
+    return code;
 }
 
 /* ---------------------------------------------------------------- choice of equations */
@@ -169,24 +182,33 @@ static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
     return DONE;
 }
 
+/* Length of an equation below which it says nothing: what round-off leaves of one that vanishes is
+   not to be scaled up. */
+static Real nothing_said(const Kkt *s)
+{
+    Real longest = 0.0;
+    for (Int i = 0; i < s->k->n_closure; i++)
+        longest = fmax(longest, length_of(s->k, i));
+    return fmax(TOLERANCE_RANK * longest, TOLERANCE_ZERO);
+}
+
 static int choose_all(Kkt *s)
 {
-    s->n_chosen = s->k->n_closure;
-    for (Int i = 0; i < s->n_chosen; i++)
-        s->chosen[i] = i;
+    const Real least = nothing_said(s);
+    s->n_chosen = 0;
+    for (Int i = 0; i < s->k->n_closure; i++)
+        if (length_of(s->k, i) > least)
+            s->chosen[s->n_chosen++] = i;
     return DONE;
 }
 
 static int choose_in_closures(Kkt *s)
 {
-    const Kernel *k = s->k;
-    Real longest = 0.0;
+    const Real least = nothing_said(s);
     int code = DONE;
-    for (Int i = 0; i < k->n_closure; i++)
-        longest = fmax(longest, length_of(k, i));
     s->n_chosen = 0;
     for (Int g = 0; g < s->n_groups && code == DONE; g++)
-        code = choose_in_closure(s, s->group[g], s->group[g + 1], TOLERANCE_RANK * longest);
+        code = choose_in_closure(s, s->group[g], s->group[g + 1], least);
     return code;
 }
 
@@ -327,7 +349,7 @@ static int factor_anew(Kkt *s, const Real *mass)
     return factor(s, mass);
 }
 
-/* Choose independent equations and factor: all if they are, then those of each closure by itself,
+/* Choose independent equations and factor: all if they are that, then those of each closure by itself,
    then, in doubt, those of all together. */
 static int choose_and_factor(Kkt *s, const Real *mass)
 {
