@@ -27,7 +27,8 @@ from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
 from spatial_pin.motion.motion import Motion
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
@@ -131,6 +132,10 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
                 moved[:3] /= size
                 rows = moved @ (motions * solver.scale).T
             chains.append(chain_of(table, s, rows, size))
+            own = rank(rows if table.rotations is not None else rows[:3],
+                       TOLERANCES.half_precision)
+            if table.points is not None and chains[-1].n > own:
+                raise _too_much(state, [table], chains[-1].n, own)
     return len(motions) - len(held.coordinates), chains
 
 
@@ -138,8 +143,9 @@ def _too_much(state: State, tables: list[Table], asked: int, freedom: int) -> Re
     names = ", ".join(repr(t.name) for t in tables)
     return ReachError(
         f"mechanism {state.mechanism.name!r}: {names}: {asked} numbers are asked for along the "
-        f"path, but it has {freedom} freedom{'s' * (freedom != 1)}; ask for fewer: a position "
-        "instead of a placement, or a coordinate", state=state,
+        f"path, but there {'are' if freedom != 1 else 'is'} {freedom} "
+        f"freedom{'s' * (freedom != 1)} at its start; ask for fewer (a position instead of a "
+        "placement, or a coordinate), or start beside a singular configuration", state=state,
         distances={t.name: 0.0 for t in tables}, stops=("more is asked for than is free",),
         limits=())
 
