@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
 
@@ -135,7 +136,44 @@ def test_a_branch_point_ends_the_motion_with_what_it_is():
         sp.follow(mechanism, {"arm": arm}, arm)
     assert caught.value.motion.time[-1] < np.pi / 2
     stopped = sp.follow(mechanism, {"arm": arm}, arm, on_crossing="stop")
-    assert stopped.events[-1].value == pytest.approx(np.pi / 2, abs=1e-3)
+    assert stopped.events[-1].value == pytest.approx(np.pi / 2, abs=1e-9)
+
+
+@pytest.mark.parametrize("samples", [5, 20, 200])
+def test_a_branch_point_is_where_a_sweep_passes_it(samples):
+    """Where both branches bend sharply the curve is not followed to it; what it is is told."""
+    mechanism = sp.load("delta")
+    shoulder = sp.assemble(mechanism).coordinate("shoulder_1").value + np.linspace(0, 4, samples)
+    swept = sp.sweep(mechanism, "shoulder_1", shoulder, on_limit="stop")
+    crossing = next(e.value for e in swept.events if e.kind == "branch point")
+    stopped = sp.follow(mechanism, {"shoulder_1": shoulder}, shoulder, on_crossing="stop")
+    assert stopped.events[-1].kind == "branch point"
+    assert stopped.events[-1].value == pytest.approx(crossing, abs=1e-9)
+
+
+def test_components_of_a_floating_joint_end_where_a_sweep_of_one_ends():
+    mechanism = sp.load("delta")
+    state = sp.assemble(mechanism)
+    home = {name: state.coordinate(name).value for name in ("pose.x", "pose.y", "pose.z")}
+    out = home["pose.x"] + 3.0 * TIMES / TIMES[-1]
+    with pytest.raises(sp.LimitError) as caught:
+        sp.follow(mechanism, {**home, "pose.x": out}, out)
+    with pytest.raises(sp.LimitError) as swept:
+        sp.sweep(mechanism, "pose.x", out, hold={k: home[k] for k in ("pose.y", "pose.z")})
+    assert caught.value.limit == pytest.approx(swept.value.limit, abs=1e-9)
+
+
+def test_a_rotation_vector_ends_at_half_a_turn_and_that_is_said():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    mechanism = sp.Mechanism.from_model(model)
+    turn = np.linspace(0.0, 7.0, 15)
+    with pytest.raises(sp.LimitError, match="no longer than half a turn") as caught:
+        sp.follow(mechanism, {"ball.x": turn}, turn)
+    assert caught.value.limit == pytest.approx(np.pi, abs=1e-9)
+    stopped = sp.follow(mechanism, {"ball.x": turn}, turn, on_limit="stop")
+    assert (len(stopped), stopped.events[-1].kind) == (7, "limit")
 
 
 def test_a_single_sample_is_the_assembled_state():

@@ -22,6 +22,7 @@ LARGEST_STEP = 0.1  # the same: where the path is smooth the kernel takes over a
 SMALLEST_STEP = 1e-9  # where shorter ones fail too, the curve ends
 STRAIGHT = 0.98  # least cosine between the directions at both ends of a step
 CURVE_STEPS = 500  # fifty radians of the longest: what is longer is not one hard stretch
+CLEAR_OF_CROSSING = 1e-3  # of a branch point: less loses digits to round-off, more to interpolation
 CLEAR = 0.2  # arc length behind a hard stretch, from which the kernel goes on
 
 
@@ -117,13 +118,13 @@ class DrivenCurve:
             if there is None or there.t @ point.t < STRAIGHT:
                 length *= 0.5
                 if length < SMALLEST_STEP:
-                    return Arrival("lost", point.q, point.s)
+                    return self._crossing_or(point, "lost")
                 continue
             if there.sign != point.sign:
                 if length > FIRST_WAY:
                     length *= 0.5
                     continue
-                return Arrival("branch point", point.q, point.s)
+                return self._crossing_or(point, "branch point")
             if there.t[-1] <= 0.0:
                 limit = self._where(point, length, lambda p: float(p.t[-1]))
                 return Arrival("limit", limit.q, limit.s)
@@ -135,6 +136,41 @@ class DrivenCurve:
                 return Arrival("reached", there.q, there.s)
             point, length = there, min(2.0 * length, LARGEST_STEP)
         return Arrival("lost", point.q, point.s)
+
+    def _crossing_or(self, point: Point, kind: str) -> Arrival:
+        """Return the branch point beside a point, or that the curve ends there as of a kind."""
+        s = self._crossing(point)
+        if s is None:
+            return Arrival(kind, point.q, point.s)
+        return Arrival("branch point", point.q, s)
+
+    def _crossing(self, point: Point) -> float | None:
+        """Return the parameter of a branch point beside a point; None if there is none.
+
+        There the least singular value of the equations with the tangent, with the determinant's
+        sign, passes zero. Two points on either side, all clear of it, tell where.
+        """
+        back = self.ahead(point._replace(t=-point.t), CLEAR_OF_CROSSING)
+        first = back and self.ahead(back, CLEAR_OF_CROSSING)
+        here = back and self.point(back.q, back.s, point.t)
+        there = here and self.ahead(here, 2.0 * CLEAR_OF_CROSSING)
+        last = there and self.ahead(there, CLEAR_OF_CROSSING)
+        if first is None or here is None or there is None or last is None:
+            return None
+        if there.sign == here.sign or there.t @ here.t < STRAIGHT:
+            return None
+        sides = [here.sign * self._least(p) for p in (first, here)] + [
+            there.sign * self._least(p) for p in (there, last)]
+        if not np.all(np.diff(sides) * here.sign < 0.0):
+            return None
+        from scipy.interpolate import BarycentricInterpolator  # on use, as in `_where`
+
+        return float(BarycentricInterpolator(sides, [first.s, here.s, there.s, last.s])(0.0))
+
+    def _least(self, point: Point) -> float:
+        """Return the least singular value of the equations with the tangent."""
+        matrix = np.vstack([self._equations(point.q, point.s)[1], point.t])
+        return float(decompose(matrix).s[-1])
 
     def _where(self, point: Point, length: float, zero: Any) -> Point:
         """Return the point, within a length ahead, where a function of points is zero."""

@@ -128,13 +128,16 @@ class Solver:
         slope = self.residual(q, self.exact)[1] @ self.motions(q, self.moves, []).T
         return decompose(slope, TOLERANCES.half_precision).rank
 
-    def motions(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array:
+    def motions(
+        self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool = True
+    ) -> Array:
         """Return orthonormal rows (k, nv) of motions that keep loops closed and targets met.
 
-        Idle rotations are among them: a target may ask for one.
+        Idle rotations are among them, unless they are not wanted: a target may ask for one.
         """
         _, rows = self.residual(q, kept)
-        basis = decompose(np.vstack([self._closures(), rows])[:, free]).null_space
+        closures = self._closures() if idle else self.evaluation.jacobian
+        basis = decompose(np.vstack([closures, rows])[:, free]).null_space
         found = np.zeros((len(basis), len(free)))
         found[:, free] = basis
         return found

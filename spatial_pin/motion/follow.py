@@ -14,6 +14,7 @@ from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.cursor import UNBOUND
 from spatial_pin.continuation.parametrised import DrivenCurve
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
@@ -175,7 +176,7 @@ def finished(
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, followed.done, times is None, who))
-        ends = on_limit if stop.kind == "limit" else on_crossing
+        ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, names, times is None, who)
     return motion
@@ -219,13 +220,31 @@ class _Trip:
                 return None
             here, sample = path.here
             self._at = here, sample.q[0], sample.angles[0]
+            if any(c.q < 0 for c in self.start.driven):  # which no curve leads by
+                return self._end(here, sample.q[0], sample.t[0])
         return self._pass_on()
+
+    def _end(self, s: float, q: Array, t: Array) -> Arrival:
+        """Return what the kernel's path, whose smallest step it is, has come to."""
+        mechanism, driven = self.start.mechanism, self.start.driven
+        scale = mechanism.velocity_scale
+        asked = self.law.derivative()(s) / [scale[c.v] for c in driven[: self.law.c.shape[-1]]]
+        joints = {c.joint for c in driven if c.q < 0 and c.unit == "rad"}
+        turned = [c for c in mechanism.coordinate_table.values()
+                  if c.joint in joints and c.unit == "rad"]
+        for joint in joints:
+            length = np.linalg.norm(
+                [coordinate_value(mechanism, c, q) for c in turned if c.joint == joint])
+            if length > np.pi - TOLERANCES.half_precision:
+                return Arrival("half turn", q, s)
+        is_fast = np.abs(t / scale).max() > UNBOUND * np.abs(asked).max()
+        return Arrival("limit" if is_fast else "lost", q, s)
 
     def _pass_on(self) -> Arrival | None:
         """Go on by arc length from where the kernel's path stands; return where that ends."""
         s, q, angles = self._at
-        if any(c.q < 0 for c in self.start.driven):  # which no curve leads by
-            return Arrival("lost", q, s)
+        if any(c.q < 0 for c in self.start.driven):
+            return Arrival("singular", q, s)
         try:
             system: SquareSystem = self.start.system(q, angles)
         except SingularError:
@@ -342,8 +361,9 @@ def _where(value: float, is_timeless: bool) -> str:
 def _event(stop: Arrival, row: int, is_timeless: bool, who: str) -> Event:
     words = {"limit": f"limit of what the {who} can do together", "singular":
              "singular configuration", "branch point": "branch point", "lost":
-             "end of the followed path"}
-    return Event(stop.kind, stop.value, row,
+             "end of the followed path", "half turn": "end of a rotation vector, half a turn,"}
+    kind = "limit" if stop.kind == "half turn" else stop.kind
+    return Event(kind, stop.value, row,
                  f"{words[stop.kind]} at {_where(stop.value, is_timeless)}")
 
 
@@ -355,6 +375,9 @@ def _error(
     if stop.kind == "limit":
         return LimitError(f"{where}the loops let them go no further that way (limit position)",
                           limit=stop.value, motion=motion)
+    if stop.kind == "half turn":
+        return LimitError(f"{where}a rotation vector is no longer than half a turn; prescribe what "
+                          "turns further by a revolute joint", limit=stop.value, motion=motion)
     if stop.kind == "lost":
         return SingularError(f"{where}the branch was lost there; ask for values nearer to each "
                              "other", motion=motion)
