@@ -226,7 +226,7 @@ def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> lis
 def _joined(
     cursor: Cursor, curve: Curve, near: list[Place], far: list[Place]
 ) -> Passage | None:
-    """Return the passage between two sides; None if nodes do not tell it, or no branch crosses."""
+    """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
     nodes = [*near, *far]
     values = np.array([node.s for node in nodes])
     q, t, c, angles = (_polynomial(values, np.array(x)) for x in zip(

@@ -1,7 +1,7 @@
-"""A point on a branch of closed configurations that goes where its driver is asked to.
+"""A point on a branch of closed configurations that moves to given values of the driver.
 
-The kernel follows regular stretches with the driver as parameter. Where it stops, the curve is
-followed by pseudo-arclength, which passes the hard stretch or finds what ends the branch.
+The kernel follows regular stretches with the driver as parameter. Where it stops, pseudo-arclength
+continuation takes over, which passes the hard stretch or finds what ends the branch.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Stopped(Exception):
 
     Attributes:
         arrival: where it ended.
-        row: row of the sweep that was asked for.
+        row: number of the sample that could not be reached.
     """
 
     def __init__(self, arrival: Arrival) -> None:
@@ -99,7 +99,7 @@ class Cursor:
 
     @property
     def here(self) -> Place:
-        """Where it stands."""
+        """The current place."""
         if self._here is None:
             assert self._path is not None
             s, sample = self._path.here
@@ -107,17 +107,17 @@ class Cursor:
         return self._here
 
     def stand(self, place: Place) -> None:
-        """Go to a place of the branch."""
+        """Move to a known place of the branch."""
         self._here, self._path = place, None
 
     def hold(self, q: Array, value: float) -> None:
-        """Write the driver's value and those of what is held into a configuration (nq,)."""
+        """Write the values of the driver and of held coordinates into a configuration (nq,)."""
         q[self.at] = value
         for index, fixed in self._held:
             q[index] = fixed
 
     def system(self) -> SquareSystem:
-        """Return the square system where the point stands.
+        """Return the square system at the current place.
 
         Raises:
             SingularError: the driver does not determine the motion there.
@@ -130,7 +130,7 @@ class Cursor:
         Args:
             q: (nq,) the configuration.
             angles: (n_angles,) of screw closures.
-            system: its equations are chosen anew only if they are dependent there.
+            system: its equations are chosen again only if they are dependent there.
 
         Raises:
             SingularError: the driver does not determine the motion there.
@@ -150,7 +150,7 @@ class Cursor:
         return Place(s, q, t, c, error, evaluation.angles.copy())
 
     def _moving_path(self) -> Path | None:
-        """Return the kernel's path, about to leave this place; None where it may not start here."""
+        """Return the kernel's path from the current place; None where it cannot start here."""
         if self._path is None:
             self._path = self.start.path(self.here.q, self.here.angles)
         if self._path is not None:
@@ -183,14 +183,14 @@ class Cursor:
             self._go_by_arc_length(goal, begin)
 
     def _go(self, value: float) -> bool:
-        """Go to a driver value as far as the kernel goes; say whether that is all the way."""
+        """Move towards a driver value as far as the kernel can; True if it was reached."""
         path = self._moving_path()
         return path is not None and path.go(value)
 
     def _end(self) -> Arrival:
-        """Return where the branch ends, to the smallest step, where arc length is of no use.
+        """Return where the branch ends if pseudo-arclength cannot be used, to the smallest step.
 
-        A driver has come to its limit where joints move without bound relative to it.
+        A driver is at its limit if joint rates per unit of its own grow without bound.
         """
         here, scale = self.here, self.start.mechanism.velocity_scale
         pace = float(np.abs(here.t / scale).max()) * scale[self.start.driven[0].v]
@@ -202,9 +202,9 @@ class Cursor:
         return abs(value - place.s) * pace
 
     def _go_by_arc_length(self, value: float, clear: Place) -> None:
-        """Go on by pseudo-arclength, which finds the limit or passes the hard stretch.
+        """Continue by pseudo-arclength, which finds the limit or passes the hard stretch.
 
-        From a place before, if that is not far and clear of what the kernel has come near to.
+        It starts at the place `clear`, if near: that is farther from the singularity ahead.
         """
         if self.way(clear, self.here.s) < TOLERANCES.longest_step:
             self.stand(clear)
@@ -233,7 +233,7 @@ class Cursor:
 def cursor_along(
     state: State, driver: str, accuracy: Accuracy, hold: Hold = BASE
 ) -> Iterator[Cursor]:
-    """Lend a point at a state that moves along the branch of one driver, the others held.
+    """Acquire a cursor at a state, along the branch of one driver, the others held.
 
     Raises:
         SingularError: the driver does not determine the motion there.

@@ -1,8 +1,8 @@
-"""Where the path of several drivers ends that go by one parameter.
+"""Where a path of several drivers that depend on one parameter ends.
 
-The kernel follows the path with the parameter as such. Where that ends, configuration and parameter
-together are a curve that goes on: it is followed by pseudo-arclength to where the parameter turns
-back, or the loops lose rank, or over a hard stretch.
+The kernel follows the path over the parameter. Where it stops, the curve of configuration and
+parameter together is followed by pseudo-arclength, to where the parameter turns back, or the loops
+lose rank, or over a hard stretch.
 """
 
 from __future__ import annotations

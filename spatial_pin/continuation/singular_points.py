@@ -1,9 +1,10 @@
-"""Where the equations of a curve lose rank: told from places before, nothing can be solved there.
+"""Where the equations of a curve lose rank, extrapolated from places before it.
 
-The matrix of equations and tangent is a smooth function of the place and can be continued to
-there. It is singular where branches cross. Loops of a chain that go flat together lose one rank
-each at one place: there the determinant has a zero of that order, which round-off scatters, but the
-place is an eigenvalue of the matrix function, which keeps its digits [Ruhe1973].
+Nothing can be solved there, but the matrix of equations and tangent is a smooth function of the arc
+length and can be extrapolated. It is singular where branches cross. Loops of a chain that go flat
+together lose one rank each at one place: there the determinant has a zero of that order, which
+round-off scatters, but the place is an eigenvalue of the matrix function, which keeps its digits
+[Ruhe1973].
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 LARGEST_STEP, SMALLEST_STEP = 0.1, TOLERANCES.nothing  # as of `pseudo_arclength`
-VIEW = 8e-3, 2e-2  # least and most distance from a branch point that its place is told from
+VIEW = 8e-3, 2e-2  # least and most distance from which a branch point is located
 # Length over which the fall of a singular value is judged: round-off leaves twelve digits of its
-# change, and what the estimate is wrong by is about the square, 1e-8.
+# change, and the error of the estimate is about the square, 1e-8.
 PROBE = 1e-4
 STEPS_TO_VIEW = 64  # to such a distance, each half of what is left or a largest step: 6 rad
-PLACES = 0.16 * np.arange(6)  # parts of the way to a branch point that its place is told from
+PLACES = 0.16 * np.arange(6)  # nodes, as fractions of that distance, from which it is extrapolated
 # Part of the way over which singular places are one: a zero of order four is known to the fourth
 # root of round-off, 1e-4.
 TOGETHER = 1e-4
@@ -61,8 +62,8 @@ class _Interpolated:
     def singular(self, place: float, reach: float) -> list[float]:
         """Return the singular places about a place, as far as `reach`.
 
-        By successive linear problems: every step leaves an error of the square of its length. Where
-        the matrix only touches singularity it goes half the way, until round-off has the say.
+        Found by successive linear eigenproblems, which converge quadratically; linearly, by halves,
+        where the matrix only touches singularity, until round-off dominates.
         """
         away = self.steps(place)
         steps = np.sort_complex(away[np.abs(away) <= reach])
@@ -83,7 +84,7 @@ class _Interpolated:
 def zeros(x: Array, matrices: Array) -> list[float]:
     """Return the places where the polynomial through matrices (k, n, n) at x (k,) is singular.
 
-    Rising, and several that are as good as one as one.
+    They rise; those nearer to each other than round-off can separate are returned as one.
     """
     middle, half = 0.5 * (x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
     places = (x - middle) / half
@@ -140,12 +141,11 @@ def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
 
 
 def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
-    """Return what is met where the equations lose rank ahead of a point, and the driver value.
+    """Return the kind of the point ahead where the equations lose rank, and its driver value.
 
-    There nothing can be solved: the place is that where the matrix of equations and tangent, a
-    smooth function of the arc length, is singular if continued from places before it; so are driver
-    value and how fast it still changes. A driver that comes to rest there has reached its limit;
-    else branches cross.
+    The matrix of equations and tangent, a smooth function of the arc length, is extrapolated to
+    where it is singular; so are the driver's value and its slope. If the slope vanishes there, the
+    driver is at its limit; else branches cross.
     """
     at = curve.driver.q
     viewed = _viewed(curve, point)

@@ -53,11 +53,11 @@ class Start:
         cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, kernel: Kernel,
         evaluation: Evaluation,
     ) -> Start:
-        """Return the beginning along which the first of some names is driven, the others held.
+        """Return the start of a branch with the first of some names driven, the others held.
 
         Args:
             state: closed.
-            names: what is prescribed, the driver first.
+            names: prescribed coordinates, the driver first.
             hold: what stands still, see `sweep`.
             accuracy: of the motion.
             kernel: of the state's mechanism.

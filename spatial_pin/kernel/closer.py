@@ -20,12 +20,12 @@ EQUATIONS = {1: 2, 3: 3}  # of directions that say so
 
 
 class Closed(NamedTuple):
-    """Where closing has led.
+    """The result of closing loops.
 
     Attributes:
         q: the configuration (nq,).
         error: its closure error.
-        may_be_mirrored: False where all axes that closures make parallel point the same way.
+        may_be_mirrored: False if the axes that closures make parallel point the same way.
     """
 
     q: Array
@@ -41,7 +41,7 @@ class Closer:
         pinned: names of components of balls and floating joints.
 
     Attributes:
-        kernel: whose memory holds what it works with.
+        kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
         knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
             those of which only some equations are kept.
@@ -71,7 +71,7 @@ class Closer:
         self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
         pinned: Iterable[float], cut: float,
     ) -> Closed:
-        """Close q (nq,) as well as it can be.
+        """Close the loops from q (nq,), to the least residual that is reached.
 
         Args:
             q: where to start.
@@ -123,13 +123,13 @@ class Closer:
 
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:
-    """Lend what closes the loops of a mechanism with coordinates pinned, as if newly made."""
+    """Acquire a closer of a mechanism with some coordinates pinned, in its initial state."""
     names = tuple(pinned)
     return acquired(mechanism, ("closer", names), lambda: Closer(mechanism, names))
 
 
 def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
-    """Yield the first equation of directions, and how many axes they make agree, of closures."""
+    """Yield, per closure, its first equation of directions and how many axes these align."""
     at = 0
     for closure in mechanism.closures:
         if closure.type == COUPLING:

@@ -17,13 +17,13 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class Numbers(NamedTuple):
-    """What m samples are made of.
+    """The numbers (dimensions) of m samples.
 
     Attributes:
         base: (n,) the numbers of a kernel, then (3,) of each point in the axes of the kernel's
             joint that carries it.
-        places: (k,) which of them differ from sample to sample.
-        varied: (m, k) what they are.
+        places: (k,) indices of those that differ from sample to sample.
+        varied: (m, k) their values.
     """
 
     base: Array
@@ -32,7 +32,7 @@ class Numbers(NamedTuple):
 
 
 class ClosedSamples(NamedTuple):
-    """Where m samples have come to, and how.
+    """m closed samples, and how they were closed.
 
     Attributes:
         q: (m, nq) configurations; angles: (m, n_angles) of screw closures [rad].
@@ -40,11 +40,12 @@ class ClosedSamples(NamedTuple):
         points: (m, n_points, 5, 3) position, velocity, acceleration, angular velocity and angular
             acceleration of what the points are fixed in, world axes.
         error: (m,) closure errors.
-        farthest, way: (m,) how far the joint that has moved farthest has gone, and all together
-            [rad, characteristic lengths].
+        farthest, way: (m,) displacement from the start, of the joint that moved farthest and the
+            norm of all [rad, characteristic lengths].
         sign, magnitude: (m,) of the determinant of the square system; natural logarithm.
-        bend: (m,) Newton's step from the end back to the start, less the way.
-        opened: (m,) equations left out would open by that part of the fastest joint's rate.
+        bend: (m,) norm of Newton's step from the end back to the start, less `way`.
+        opened: (m,) rate at which redundant equations would be violated, relative to the fastest
+            joint's rate.
     """
 
     q: Array
@@ -73,7 +74,7 @@ class _Samples(ctypes.Structure):
 class DimensionCloser:
     """Closes samples of a mechanism that differ in their dimensions; one caller at a time.
 
-    Its kernel has the numbers of the last sample, and is nobody else's.
+    Its kernel is not shared: it holds the numbers of the last sample.
 
     Args:
         mechanism: the mechanism.
@@ -89,12 +90,12 @@ class DimensionCloser:
         self, chosen: NDArray[np.intp], driven: Sequence[int], fill: Array,
         free: NDArray[np.bool_],
     ) -> None:
-        """Take a square system: chosen closure equations, idle rotations, driven and filled rows.
+        """Set the square system: independent equations, idle rotations, drivers, least-motion rows.
 
         Args:
-            chosen: the equations.
+            chosen: independent closure equations.
             driven: places in the velocity vector.
-            fill: (k, nv) rows that passive freedoms answer with the least motion.
+            fill: (k, nv) rows that give passive freedoms the least motion.
             free: (nv,) velocities that may move to close the loops.
         """
         rows, at = np.array(chosen, np.int64), np.array(driven, np.int64)
@@ -108,14 +109,14 @@ class DimensionCloser:
         self, q: Array, angles: Array, made_of: Numbers, joints: Sequence[int],
         rates: Array | None, tolerance: float, iterations: int,
     ) -> ClosedSamples:
-        """Close samples, each from its own start, and give them the rates of what is driven.
+        """Close samples, each from its own start, and solve their rates.
 
         Args:
             q: (m, nq) starts.
             angles: (m, n_angles) from which those of screws count [rad].
-            made_of: the samples.
-            joints: of the model, that carry the points.
-            rates: (2, n_driven) speeds and accelerations of what is driven; None: all stand still.
+            made_of: their numbers.
+            joints: Pinocchio's indices of the joints that carry the points.
+            rates: (2, n_driven) speeds and accelerations of the drivers; None: all stand still.
             tolerance: as for `Closer.close`.
             iterations: damped steps at most.
         """

@@ -65,14 +65,14 @@ class Samples(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What only Python knows.
+    """Python functions that the equations of motion call.
 
     Attributes:
-        efforts: joint forces (nv,) of (t, q, v, angles), where they are a function.
+        efforts: joint forces (nv,) of (t, q, v, angles), where the user gave a function.
         spring: force of (number, length, rate), where springs have laws.
-        drives: (n, 3) values, rates and accelerations of the prescribed coordinates at t.
-        least: accelerations (n,) of the free coordinates by scale, of (t, q, v, a, angles), where
-            masses differ much; None where they differ too much.
+        drives: (n, 3) values, rates and accelerations of the prescribed coordinates, of t.
+        least: scaled accelerations (n,) of the free coordinates, of (t, q, v, a, angles), where
+            masses differ much; it returns None where they differ too much.
     """
 
     efforts: Callable[[float, Array, Array, Array], Array] | None
@@ -86,9 +86,9 @@ class Dynamics:
 
     Args:
         mechanism: the mechanism.
-        arrays: what it is made of, idle rotations left out, with its masses.
-        ints, reals: what acts, as `read_arrays` in creating.c reads it.
-        asked: what it asks for.
+        arrays: the packed mechanism with its masses, without idle rotations.
+        ints, reals: forces and prescribed drivers, as `read_arrays` in creating.c reads them.
+        asked: Python functions that it calls.
 
     Attributes:
         handle: of the C structure.
@@ -163,11 +163,11 @@ class Dynamics:
             self.handle, *map(address, (q, angles, spins, held, chosen)), len(chosen))
 
     def renew(self, t: float, y: Array) -> tuple[list[int], Array, bool] | None:
-        """Choose the coordinates that are best at y, and begin a chart of them there.
+        """Choose the best independent coordinates at y, and begin a chart of them there.
 
         Returns:
-            Their velocity entries, the unknowns (n,) in them, and whether nothing would be better
-            than what there was. None where no chart begins; then there is none.
+            Their velocity entries, the unknowns (n,) in them, and whether nothing has changed
+            (the same coordinates, none of which turns in space). None where no chart can begin.
         """
         y, free, same = np.array(y), np.empty(self.n_free, np.int64), np.empty(1, np.int64)
         code = self.asking.settle(self._library.dynamics_renew(
@@ -205,27 +205,27 @@ class Dynamics:
         return None if code else found
 
     def crossed(self, first: float, last: float) -> list[float]:
-        """Return where branches cross on the way from one chart coordinate to another."""
+        """Return the branch points between two values of the chart coordinate."""
         out = np.empty(MOST_CROSSINGS)
         n = self._library.dynamics_crossed(self.handle, first, last, address(out), len(out))
         found: list[float] = out[:n].tolist()
         return found
 
     def keep(self) -> float:
-        """Take the present place for one to begin anew from where the way from another is lost.
+        """Keep the last configuration as one to restart from where closing from another fails.
 
         Returns:
-            How many times faster than the coordinates another moves, infinite where others must be
-            taken.
+            The largest speed of another coordinate relative to the independent ones; infinite where
+            others must be chosen.
         """
         return float(self._library.dynamics_keep(self.handle))
 
     @property
     def evaluations(self) -> int:
-        """How often dy/dt was evaluated."""
+        """Number of evaluations of dy/dt."""
         return int(self._library.dynamics_evaluations(self.handle))
 
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot of the equations at the present place."""
+        """Smallest over largest pivot of the constraint equations at the last evaluation."""
         return float(self._library.dynamics_pivot(self.handle))

@@ -27,7 +27,7 @@ class KKT:
         mechanism: the mechanism.
         mass_at: rows, columns and places among `n_masses` given numbers of the entries of its mass
             matrix that can be other than zero.
-        n_masses: how many numbers are given.
+        n_masses: how many numbers the mass matrix has.
 
     Attributes:
         mass: (n_masses,) the mass matrix, to be filled in.
@@ -74,7 +74,7 @@ class KKT:
             turns: (n_angles,) from which the angles of screws count [rad].
             given: (nv,) joint forces f.
             needed: (nv,) joint forces b that the motion needs without acceleration.
-            anew: whether independent equations, and units, are chosen anew.
+            anew: whether to choose independent equations, and the scaling, again.
         """
         self._q[:], self._v[:], self._turns[:] = q, v, turns
         self._given[:], self._needed[:] = given, needed

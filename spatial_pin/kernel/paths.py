@@ -1,4 +1,4 @@
-"""Paths of closed configurations that the kernel follows, through many values or one at a time."""
+"""Continuation in the kernel: paths of closed configurations, through many values or to one."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ IDLE_PART = 1e-3  # the same by the tolerance, where that is larger
 
 
 class Samples(NamedTuple):
-    """Where a path goes at some driver values, m of them.
+    """The path at m driver values.
 
     Attributes:
         q: (m, nq) configurations.
-        t, c: (m, nv) first and second derivative of the path by the driver.
+        t, c: (m, nv) first and second derivative with respect to the driver.
         error: (m,) largest closure residual.
         angles: (m, n_angles) of screw closures, counting turns [rad].
     """
@@ -65,15 +65,15 @@ class _Rows(ctypes.Structure):
 
 
 class Path:
-    """A path along which one coordinate of a mechanism changes, or several by one parameter.
+    """A path over the value of one coordinate, or over a parameter that several depend on.
 
-    It is a cursor too: it goes to one value after the other, back and forth.
+    It keeps a current point, which can move to any value, forwards or backwards.
 
     Args:
         kernel: of the mechanism; this path alone uses it as long as it is followed.
         chosen: independent closure equations.
         driven: what is prescribed, the driver first; see `prescribed_places`.
-        fill: (k, nv) rows that passive freedoms answer with the least motion.
+        fill: (k, nv) rows that give passive freedoms the least motion.
         accuracy: tolerance and order of the predictor.
     """
 
@@ -106,12 +106,12 @@ class Path:
         weakref.finalize(self, self._library.path_destroy, handle)
 
     def start(self, q: Array, angles: Array, choose: bool = False) -> bool:
-        """Stand at a closed configuration; False if it is singular, or may be.
+        """Move to a closed configuration; False if it is singular, or may be.
 
         Args:
             q: (nq,) the configuration.
             angles: (n_angles,) of screw closures.
-            choose: which equations are independent, as many as were given.
+            choose: whether to choose independent equations again, as many as were given.
         """
         q, angles = numbers(q, (self.kernel.nq,)), numbers(angles, (self.kernel.n_angles,))
         return not self._library.path_start(self._handle, address(q), address(angles), choose)
@@ -125,12 +125,12 @@ class Path:
         return reached
 
     def go(self, value: float) -> bool:
-        """Go to a value of the parameter, or the last safe point before it; say whether there."""
+        """Move to a value of the parameter; False if it stopped at a safe point before it."""
         return not self._library.path_go(self._handle, value)
 
     @property
     def here(self) -> tuple[float, Samples]:
-        """Where the path stands, between two samples too: the parameter, and one sample there."""
+        """The current point, which may lie between samples: the parameter, and one sample."""
         kernel = self.kernel
         sample = Samples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
         row = _Rows(*map(address, sample))
@@ -138,14 +138,14 @@ class Path:
         return s, sample
 
     def prescribe(self, begin: float, breaks: Array, coefficients: Array) -> None:
-        """Let what is driven have values that are piecewise polynomials of the parameter.
+        """Prescribe the driven coordinates as piecewise polynomials of the parameter.
 
-        A path that is started later starts at a value of the parameter. Outside of the breaks the
-        first and the last piece go on. At a break rates are those behind it.
+        `start` then begins at the parameter `begin`. Outside of the breaks the first and the last
+        polynomial are extrapolated. At a break rates are those after it.
 
         Args:
             begin: the parameter where the path starts.
-            breaks: (m + 1,) where pieces begin and end, rising.
+            breaks: (m + 1,) ends of the intervals, rising.
             coefficients: (m, k, degree + 1) of powers of the parameter less the break before it,
                 rising, of all that is driven; zero of what stands still without having a value.
         """
@@ -158,7 +158,7 @@ class Path:
 def prescribed_places(
     kernel: Kernel, driven: Iterable[Coordinate], still: Iterable[int] = ()
 ) -> list[int]:
-    """Return how the kernel numbers what is prescribed.
+    """Return the kernel's indices of the prescribed coordinates.
 
     Args:
         kernel: of the mechanism.

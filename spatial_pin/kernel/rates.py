@@ -61,7 +61,7 @@ class Rates:
         self._frame = [address(x) for x in (self._local, self._columns, self._jacobian)]
 
     def solve(self, q: Array, turns: Array) -> Solved | None:
-        """Return the rates at q (nq,) for what stands in `speeds` and `accelerations`.
+        """Return the rates at q (nq,) for the drivers' rates in `speeds` and `accelerations`.
 
         None where equations are not clearly independent of each other and of what is driven, where
         there are not as many as freedoms, or where numbers overflow.
@@ -94,7 +94,7 @@ class Rates:
 
 
 def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> Rates:
-    """Return what solves for rates in a kernel, made once."""
+    """Return the solver for rates in a kernel, made once."""
     key = driven, n_moving
     if key not in kernel.kept:
         kernel.kept[key] = Rates(kernel, driven, n_moving)
