@@ -58,3 +58,16 @@ def test_rates_near_a_crossing_where_nothing_moves_fast_are_as_good_as_is_said()
         assert np.abs(state.v - exact.v[0]).max() <= state.rate_error * np.abs(exact.v).max()
         assert np.abs(state.a - exact.a[0]).max() <= state.rate_error * bend
     assert 1e-9 < state.rate_error < 1e-5
+
+
+def test_rates_of_a_traced_curve_near_its_branch_points_are_as_good_as_is_said():
+    """They are solved there, not continued: a Sarrus linkage's angles are linear in its first."""
+    motion = sp.trace(sp.load("sarrus"), "arm", step=0.05, most_rows=400)
+    assert [e.kind for e in motion.events[:-1]] == ["branch point"] * 4
+    rows = range(0, len(motion) - 1)
+    told = np.array([motion.state(k).rate_error for k in rows])
+    exact = np.array([1.0, -2.0, 1.0, 1.0, -2.0]) / np.sqrt(11.0)
+    off = np.abs(motion.v[rows] - exact).max(axis=1) / np.abs(exact).max()
+    bend = np.abs(motion.a[rows]).max(axis=1) / np.abs(exact).max() ** 2  # exact: 0
+    assert np.all(np.maximum(off, bend) <= 10.0 * np.maximum(told, 1e-15))
+    assert 1e-9 < told.max() < 1e-5 and np.median(told) < 1e-13

@@ -187,7 +187,12 @@ class Motion:
                      in_time=self.per == "s")
 
     def _is_continued(self, row: int) -> bool:
-        """Whether a sample may lie where the branch was continued across a branch point."""
+        """Whether a sample may lie where the branch was continued across a branch point.
+
+        Of a traced curve none does: its tangents are solved up to the branch point, and behind it.
+        """
+        if self.per == "length":
+            return False
         size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
         return any(e.kind == "branch point" and e.row < len(self)
                    and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)
