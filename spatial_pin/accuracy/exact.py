@@ -1,8 +1,8 @@
-"""Exact rows of a sweep: positions, velocities and accelerations refined in extended precision.
+"""Exact samples of a sweep: positions, velocities and accelerations refined in extended precision.
 
 Newton corrections with a matrix in double precision and residuals in extended precision
 (`spatial_pin.accuracy.extended`) are iterated until they no longer shrink
-[GolubVanLoan2013, 3.5.3]. The last ones tell how good the rows are.
+[GolubVanLoan2013, 3.5.3]. The last ones show how accurate the samples are.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Exact(NamedTuple):
 
     Attributes:
         q, v, a: (N, nq), (N, nv), (N, nv).
-        good: (N,) whether the row is determined, and was found.
+        good: (N,) whether the sample is determined, and was found.
         left: (3,) last corrections of positions [-], and of velocities and accelerations by the
             largest.
         passive: (N, k, nv) passive freedoms, scaled, of unit length.
@@ -57,11 +57,11 @@ class Exact(NamedTuple):
 
 
 class _Systems(NamedTuple):
-    """The square linear systems of N rows, as `SquareSystem` makes them.
+    """The square linear systems of N samples, as `SquareSystem` makes them.
 
     Attributes:
         q: (N, nq) closed in double precision.
-        inverses: (N, nv, nv); zero where the row is not good.
+        inverses: (N, nv, nv); zero where the sample is not good.
         rows: (N, r) closure rows they hold.
         null: (N, k, nv) unresolved passive freedoms, their last rows.
         good: (N,) whether they are regular.
@@ -75,7 +75,7 @@ class _Systems(NamedTuple):
 
 
 class ExactRows:
-    """The rows at given driver values, rates of the first driver given, the others at rest.
+    """The samples at given driver values, rates of the first driver given, the others at rest.
 
     Args:
         mechanism: the mechanism.
@@ -96,7 +96,7 @@ class ExactRows:
         self.moved = [*(c.v for c in driven), *still_entries(mechanism, driven)]
 
     def near(self, q: Array, turns: Array) -> Exact:
-        """Return the exact rows nearest to rows q (N, nq), passive freedoms left as they are.
+        """Return the exact samples nearest to q (N, nq), passive freedoms left as they are.
 
         Args:
             q: configurations about closed.
@@ -146,7 +146,7 @@ class ExactRows:
         return np.concatenate([spins / np.where(length > 0, length, 1), systems.null], axis=1)
 
     def _systems(self, q: Array, turns: Array) -> _Systems:
-        """Close rows in double precision, and take their systems."""
+        """Close samples in double precision, and take their systems."""
         n, nv = len(q), self.mechanism.model.nv
         evaluation = Evaluation(constraints_of(self.mechanism))
         closed = np.array(q, dtype=float)
@@ -169,7 +169,7 @@ class ExactRows:
         return _Systems(closed, inverses, rows, null, good)
 
     def _system(self, evaluation: Evaluation, q: Array, k: int) -> SquareSystem | None:
-        """Close row k of q, and return its system; None where there is none."""
+        """Close sample k of q, and return its system; None where there is none."""
         free = np.ones(self.mechanism.model.nv, dtype=bool)
         free[self.moved] = False
         q[k], error = close(evaluation, q[k], free, TOLERANCES.round_off)

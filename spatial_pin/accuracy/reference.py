@@ -1,6 +1,6 @@
 """What the settings of a trade-off are measured against, and how good that is itself.
 
-Sweeps are solved again row by row in extended precision (`spatial_pin.accuracy.exact`).
+Sweeps are solved again sample by sample in extended precision (`spatial_pin.accuracy.exact`).
 Simulations are compared with a tight integration, which is compared with others that differ in
 coordinates, method or step; their largest difference tells how good it is.
 """
@@ -29,10 +29,10 @@ OTHER_BRANCH = 0.05
 
 
 class Errors(NamedTuple):
-    """Largest errors of a motion, over its rows and joints.
+    """Largest errors of a motion, over its samples and joints.
 
     Attributes:
-        closure: of the closure rows [-].
+        closure: of the constraint equations [-].
         position: [rad, characteristic lengths].
         velocity: [rad/s, characteristic lengths/s].
         acceleration: [rad/s², characteristic lengths/s²].
@@ -53,7 +53,7 @@ class Astray(Exception):
 
 
 class SweepReference:
-    """The exact rows of a sweep.
+    """The exact samples of a sweep.
 
     Attributes:
         error: of the reference itself, like `Errors.total`.
@@ -94,7 +94,7 @@ class SweepReference:
         return "; ".join(parts)
 
     def _fine(self, task: SweepTask) -> tuple[Motion, float]:
-        """Return the task's rows at the tightest setting, and how good their passive spins are.
+        """Return the task's samples at the tightest setting, and how good their passive spins are.
 
         Loops are refined later; spins depend on the way, which is taken again in half the steps.
         """
@@ -107,7 +107,7 @@ class SweepReference:
         return finer, max(change, TOLERANCES.closed)
 
     def _steps(self, first: Array, second: Array) -> Array:
-        """Return the scaled steps (N, nv) between rows."""
+        """Return the scaled steps (N, nv) between samples."""
         steps: Array = self.extended.difference(first.astype(Long), second.astype(Long))
         return steps / self.scale
 
@@ -158,7 +158,7 @@ def _every_other(motion: Motion) -> Motion:
 
 
 def _checked(motion: Motion, n: int) -> tuple[Array, Array, Array, Array]:
-    """Return q, v, a and screw angles of a motion of n finite rows.
+    """Return q, v, a and screw angles of a motion of n finite samples.
 
     Raises:
         Astray: it has not.

@@ -54,7 +54,7 @@ class SweepTask:
         return sweep(self.mechanism, accuracy=accuracy, **self.arguments)
 
     def row_rates(self, name: str) -> Array:
-        """Return "speed" or "acceleration" of the driver at every row (N,)."""
+        """Return "speed" or "acceleration" of the driver at every sample (N,)."""
         given = self.arguments.get(name, self.RATES[name])
         return np.array(np.broadcast_to(given, len(self.arguments["values"])), dtype=float)
 
@@ -167,7 +167,7 @@ def _sweep_task(mechanism: Mechanism, given: dict[str, Any]) -> SweepTask:
     n = len(motion)
     if not n:
         raise SpatialPinError(f"mechanism {mechanism.name!r}: no value of the task is reached")
-    for name in ("speed", "acceleration"):  # one number, or one a row
+    for name in ("speed", "acceleration"):  # one number, or one a sample
         if np.ndim(given.get(name, 0.0)):
             given[name] = np.asarray(given[name], dtype=float)[:n]
     start = motion.state(0)

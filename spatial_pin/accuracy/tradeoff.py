@@ -49,7 +49,7 @@ class Measured:
     Attributes:
         accuracy: the setting.
         seconds: of every run, in the order they were made.
-        steps: rows of the motion; a step is a row.
+        steps: samples of the motion; a step is a sample.
         errors: largest errors against the reference; None where it failed.
         energy_drift: of a simulation, see `Simulation`; None of a sweep.
         solver_steps: of the integrator; None of a sweep.
@@ -196,7 +196,7 @@ def tradeoff(
 
     Every setting does the whole task, by turns with the others and in changing order, so that
     noise hits all alike and shows as a spread. Its motion is compared with a reference that does
-    not depend on settings: sweeps with rows refined in extended precision, simulations with a
+    not depend on settings: sweeps with samples refined in extended precision, simulations with a
     tight integration that is itself compared with others. Sweeps of all settings begin at the same
     state; only values that can be reached are swept. Passive freedoms, which move no other body,
     are judged apart (`Errors.spin`).

@@ -4,7 +4,7 @@ A plane loop in the numbers of a CAD program has hinges that are parallel to fiv
 As these say, its links could hardly move: equations that follow from the others in the exact
 mechanism stay open by the rounding, and their derivatives have singular values as small. Such
 equations are left out: the mechanism then has the freedoms and the motions that were meant, to the
-digits of the file, and what is left open is told as a `Gap`.
+digits of the file, and what is left open is reported as a `Gap`.
 
 They are told from a loop that is wrong, or that only shakes, on the way: closed as well as they
 can be, all stay closed to the gap allowed wherever the mechanism goes, and depend on as few. Which

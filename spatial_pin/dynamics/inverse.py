@@ -130,7 +130,7 @@ def inverse_dynamics(
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
     With more actuators than freedoms the efforts of least (weighted) squares are taken, and
-    `unique` tells which reactions depend on that, `unique_efforts` which efforts. Idle
+    `unique` says which reactions depend on that, `unique_efforts` which efforts. Idle
     rotations of a link in a loop are driven by nobody: their accelerations are those that inertia
     and resistance give them, whatever `state` says. All else that moves must be actuated, or be
     without load: a link at an end hinge would fall, were it let go. At rest this is statics.

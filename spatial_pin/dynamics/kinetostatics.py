@@ -33,7 +33,7 @@ External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
 
 class Kinetostatics(NamedTuple):
-    """Forces over a motion of N rows; at rest where that is no motion in time.
+    """Forces over a motion of N samples; at rest where that is no motion in time.
 
     Attributes:
         motion: the motion.
@@ -42,7 +42,7 @@ class Kinetostatics(NamedTuple):
         power: (N,) of each of them [W]; 0 at rest.
         reactions: (N, 6) by pair, force then moment, as `Dynamics.reactions` [N, N·m].
         on_ground: (N, 6) force and moment at the world's origin on the fixed link: shaking wrench.
-        multipliers: (N, n_rows) of the closure rows, the shortest.
+        multipliers: (N, n_rows) of the constraint equations, the shortest.
         determined: (N,) by pair, whether its reaction is unique, in all its components.
         unique: (N, 6) by pair, which components of its reaction are unique, world axes.
         beyond_limits: efforts, and velocities of a motion in time, beyond the URDF's limits, each
@@ -93,7 +93,7 @@ class Kinetostatics(NamedTuple):
 
 
 class _Rows:
-    """What is kept of every row until reactions are worked out for all of them together."""
+    """What is kept of every sample until reactions are worked out for all of them together."""
 
     def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
         model, rows = equations.model, equations.n_rows
@@ -109,7 +109,7 @@ class _Rows:
     def fill(
         self, k: int, equations: Equations, bearing: Equations, actuation: Actuation
     ) -> None:
-        """Solve row k at the equations' state; the bearing ones have all rows of its file."""
+        """Solve sample k at the equations' state; the bearing ones have all rows of its file."""
         x, a, closures = balance(equations, actuation)
         self.efforts[k], self.a[k] = x, a
         self.transmitted[k] = bearing.transmitted(a)
@@ -139,7 +139,7 @@ def kinetostatics(
     """Solve the efforts that a motion needs and the reactions it causes, sample by sample.
 
     The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost. Of a
-    sweep without a speed they are statics: the mechanism is held at rest in every row.
+    sweep without a speed they are statics: the mechanism is held at rest in every sample.
 
     Args:
         mechanism: the mechanism.
@@ -154,7 +154,7 @@ def kinetostatics(
 
     Raises:
         SpatialPinError: a freedom is not actuated, or the motion is of another mechanism.
-        SingularError: the loops lose rank in a row.
+        SingularError: the loops lose rank at a sample.
     """
     motion_needed(motion)
     if mechanism not in (motion.mechanism, motion.mechanism.whole):

@@ -21,7 +21,7 @@ from spatial_pin.settings import Accuracy
 KIND = "joint limit"  # of events
 NOISE = 1e-11  # rate of a joint that stands still relative to that of the fastest
 DOUBT = 4.0  # margin to a limit, in swings of the joint between samples, that polynomials want
-ELSEWHERE = 1e-6  # difference of joints that tells another way [rad, characteristic lengths]
+ELSEWHERE = 1e-6  # difference of joints that shows another branch [rad, characteristic lengths]
 
 _Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
 _Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends

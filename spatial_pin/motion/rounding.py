@@ -9,7 +9,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.motion.motion import Motion
 
 # Samples of a motion that are looked at: so many over a turn miss the peak of a sine by 5e-6 of it,
-# far more than is told of it.
+# far more than is reported.
 MOST_SAMPLES = 1000
 
 

@@ -74,7 +74,7 @@ def sweep(
             for the joints that springs act about, "NAME.rotation" and "NAME.translation" for parts
             of a floating joint; None: nothing.
             Drivers not named stand still where the guess has them; those that the loops do not let
-            stand are told by "released" events.
+            stand are reported by "released" events.
         on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
             with an event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes

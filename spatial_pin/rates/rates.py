@@ -50,7 +50,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     that the loops would move most are let go, as they have to move the least. Beside a coordinate
     that is no driver all drivers stand or none does, for nobody says which. Of a free base that is
     driven by some components the others are prescribed too. What is held comes last; what of it
-    is an entry of the velocity is told by `holding.divided`.
+    is an entry of the velocity is given by `holding.divided`.
     """
     names = list(names)
     usual, still = prescribed_first(state.mechanism, names, hold)
@@ -316,7 +316,7 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
 
 
 def round_off(system: SquareSystem, q: Array, v: Array, solved: bool = True) -> float:
-    """Return the estimated error of joint rates relative to their size, as the kernel tells it.
+    """Return the estimated error of joint rates relative to their size, from the kernel.
 
     See `lost` in `kernel/closing/rates.c`.
 

@@ -41,7 +41,7 @@ def solved(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold,
     drivers: Callable[[], list[Coordinate]],
 ) -> Solved | None:
-    """Return the rates of a closed state; None where the kernel does not tell.
+    """Return the rates of a closed state; None where the kernel finds none.
 
     Args:
         state: the state.
@@ -76,7 +76,7 @@ def point_jacobian(
     state: State, frame: int, names: tuple[str, ...] | None, hold: Hold,
     moving: Callable[[], list[Coordinate]],
 ) -> Array | None:
-    """Return the closed-loop Jacobian (6, n) of a frame; None where the kernel does not tell.
+    """Return the closed-loop Jacobian (6, n) of a frame; None where the kernel finds none.
 
     Args:
         state: the state.

@@ -1,4 +1,4 @@
-"""Why a simulation cannot go on: one cause, with the number that tells it and a remedy."""
+"""Why a simulation cannot go on: one cause, with the number that shows it and a remedy."""
 
 from __future__ import annotations
 

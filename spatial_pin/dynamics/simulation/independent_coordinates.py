@@ -93,7 +93,7 @@ class Freedoms:
         return weighty_rows(freedoms.T, len(freedoms)).tolist()
 
     def plain(self, state: State, apart: Array) -> list[int]:
-        """Return the velocity entries of joints that can tell one freedom, the fastest first.
+        """Return the joints' velocity entries that can be a freedom's coordinate, fastest first.
 
         Args:
             state: where.

@@ -9,7 +9,7 @@ last step that returns unknowns (n,) or (n, N). `units` say what counts as one o
 1. "DOP853" and "RK45" (explicit, adaptive), "RK4" (the classical method) and "Gauss" (two stages,
    implicit, symmetric) with a fixed step are the kernel's.
 2. SciPy's "Radau" and "BDF" (stiff), "LSODA" (either).
-3. "automatic" begins as DOP853; `successor` tells when Radau is to go on, and when DOP853 again.
+3. "automatic" begins as DOP853; `successor` decides when Radau goes on, and when DOP853 again.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def natural_units(system: System, t: float, y: Array, left: float) -> Units:
         left: how long it goes on [s].
 
     Raises:
-        SpatialPinError: it changes faster than numbers can tell.
+        SpatialPinError: it changes faster than floating-point times resolve.
     """
     problem, n = system.problem, len(system.free)
     mechanism = problem.mechanism

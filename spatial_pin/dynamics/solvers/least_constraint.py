@@ -10,7 +10,7 @@ rows, the heaviest first, no mass matrix is ever formed: in that a light body's 
 beside a heavy one's [GolubVanLoan2013, 6.2.5]. Every row keeps its own relative accuracy
 [CoxHigham1998], so it is bounded row by row how far entries may be off: a motion has no inertia if
 no row of it is larger than that, however small its inertia is, and what the same bounds leave
-uncertain of the accelerations is told with them.
+uncertain of the accelerations is returned with them.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ def photograph(page: Path, fragment: str, path: Path, size: tuple[int, int]) -> 
 
 
 def _moment(shown: Film, source: Motion | State, row: int) -> float:
-    """Return when a row is shown [s]; of a long motion the nearest one that is shown at all."""
+    """Return when a sample is shown [s]; of a long motion the nearest one that is shown at all."""
     n = len(np.atleast_2d(source.q))
     if not -n <= row < n:
         raise SpatialPinError(f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1")
@@ -141,12 +141,12 @@ def screenshot(
     title: str | None = None,
     look: Look | None = None,
 ) -> Path:
-    """Write a picture of a state, or of one row of a motion; needs Chromium or Chrome.
+    """Write a picture of a state, or of one sample of a motion; needs Chromium or Chrome.
 
     Args:
         motion_or_state: what to show.
         path: PNG file to write.
-        row: row of the motion, negative from its end.
+        row: number of the sample, negative from its end.
         size: width and height [pixels].
         title: heading; the mechanism's title if not given.
         look: what is shown besides the bodies.

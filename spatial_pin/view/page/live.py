@@ -208,7 +208,7 @@ class Desk:
 
 
 def _words(motion: Motion, name: str) -> str:
-    """Return an output of a motion of one row."""
+    """Return an output of a motion of one sample."""
     value, label, unit = motion.output(name)
     if unit not in ("rad", "m"):
         raise SpatialPinError(f"output {name!r}: a page that is moved by hand knows no rates")

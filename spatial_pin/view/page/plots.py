@@ -200,7 +200,7 @@ def plot(
     Args:
         motion: the motion.
         outputs: names of outputs, as `motion.output` takes them, or quantities of one's own with
-            a row for each of the motion's.
+            a row for each sample of the motion.
         path: file to write as well; its suffix says how: .png, .svg, .pdf.
         title: heading, "" for none; the mechanism's title if not given.
 

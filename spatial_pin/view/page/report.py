@@ -91,7 +91,7 @@ def report(
 
     Raises:
         UnknownNameError: an output names nothing of the motion.
-        ValueError: the motion has no rows.
+        ValueError: the motion has no samples.
     """
     path = named_path(path)
     subject = _subject(motion_or_state, outputs, title, look)

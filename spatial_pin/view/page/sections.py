@@ -59,7 +59,7 @@ class Subject:
     Attributes:
         shown: the motion or state.
         motion: the motion; None for a state.
-        state: the state, or a row of the motion that is no special position.
+        state: the state, or a sample of the motion that is no special position.
         outputs: names of what is drawn, as `Motion.output` takes them.
         title: heading.
         look: what is drawn besides the links; None for the usual.

@@ -31,7 +31,7 @@ class Reading(NamedTuple):
 
     Attributes:
         name: what it is.
-        values: its value in every row, shape (N,), in `unit`.
+        values: its value in every sample, shape (N,), in `unit`.
         unit: "°", " mm", " m" or " s", as it follows the number.
         digits: decimals shown.
         says: what stands between name and number.
@@ -44,7 +44,7 @@ class Reading(NamedTuple):
     says: str = " = "
 
     def text(self, row: int) -> str:
-        """Return it in words, as one row has it."""
+        """Return it in words, at one sample."""
         value = f"{self.values[row]:.{self.digits}f}".replace("-", "−")
         return f"{self.name}{self.says}{value}{self.unit}"
 
@@ -65,17 +65,17 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A motion, or a state (one row), ready to be shown.
+    """A motion, or a state (one sample), ready to be shown.
 
     Attributes:
         mechanism: what moves.
         q: configurations, shape (N, nq).
         seconds: when each is shown, shape (N,), rising from 0 [s].
-        readings: numbers shown with each row.
+        readings: numbers shown with each sample.
         closure_error: the largest of the whole motion [-].
         notes: how the film differs from the motion ("shown 20x slower").
         source: the Motion or State.
-        rows: which of its rows are shown, shape (N,).
+        rows: which of its samples are shown, shape (N,).
         marks: limits, singular configurations and branch points that are passed.
     """
 
@@ -91,13 +91,13 @@ class Film:
 
     @cached_property
     def open_rows(self) -> NDArray[np.intp]:
-        """Which of the rows shown have an open closure."""
+        """Which of the samples shown have an open closure."""
         error = np.atleast_1d(self.source.closure_error)[self.rows]
         return np.flatnonzero(error > TOLERANCES.half_precision)
 
     @cached_property
     def loads(self) -> Kinetostatics:
-        """Efforts and reactions of the rows shown.
+        """Efforts and reactions of the samples shown.
 
         Raises:
             SpatialPinError: see `spatial_pin.view.scene.loads`.
@@ -108,7 +108,7 @@ class Film:
 
     @cached_property
     def motion(self) -> Motion:
-        """The rows shown, with their rates."""
+        """The samples shown, with their rates."""
         whole = as_motion(self.source)
         if len(self.rows) == len(whole):
             return whole
@@ -120,7 +120,7 @@ class Film:
 
 
 def as_motion(source: Motion | State) -> Motion:
-    """Return a state as a motion of one row that has no driver; a motion as it is."""
+    """Return a state as a motion of one sample that has no driver; a motion as it is."""
     if np.ndim(source.q) == 2:
         return source  # type: ignore[return-value]
     s, still = source, np.zeros(1)
@@ -168,7 +168,7 @@ def _driver_pace(driver: Array, unit: str) -> tuple[Array, str]:
 
 
 def _pace(motion: Motion) -> tuple[Array, str]:
-    """Return when each row is shown [s], and what is to be said about it."""
+    """Return when each sample is shown [s], and what is to be said about it."""
     n = len(motion.q)
     if n == 1:
         return np.zeros(1), ""
@@ -211,14 +211,14 @@ def driver_readings(state: State) -> tuple[Reading, ...]:
 
 
 def _of_state(state: State) -> Film:
-    """Return the film of one row, with the values of its drivers."""
+    """Return the film of one sample, with the values of its drivers."""
     q, now = np.asarray(state.q, float)[None], np.zeros(1)
     error, rows = float(state.closure_error), np.zeros(1, dtype=np.intp)
     return Film(state.mechanism, q, now, driver_readings(state), error, (), state, rows)
 
 
 def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
-    """Return when the events of a motion are shown: between its rows, as far as the driver is."""
+    """Return when the events of a motion are shown: between samples, as far as the driver is."""
     marks = []
     for event in motion.events:
         after = min(event.row, len(seconds) - 1)
@@ -232,7 +232,7 @@ def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
 
 
 def _thinned(film: Film) -> Film:
-    """Return the film with at most MAX_ROWS rows, first and last kept."""
+    """Return the film with at most MAX_ROWS samples, first and last kept."""
     n = len(film.q)
     if n <= MAX_ROWS:
         return film
@@ -259,7 +259,7 @@ def film(motion_or_state: Motion | State) -> Film:
 
     Raises:
         SpatialPinError: it is neither a Motion nor a State.
-        ValueError: the motion has no rows.
+        ValueError: the motion has no samples.
     """
     if not hasattr(motion_or_state, "q"):
         raise SpatialPinError(not_shown(motion_or_state))

@@ -56,7 +56,7 @@ def _corners(visual: pin.GeometryObject) -> Array:
 
 
 def occupied(visuals: list[pin.GeometryObject], poses: Array) -> Array:
-    """Return the corners of all boxes in all rows, shape (K, 3) [m].
+    """Return the corners of all boxes in all samples, shape (K, 3) [m].
 
     Args:
         visuals: the geometry objects.

@@ -14,7 +14,7 @@ def loads(shown: Motion | State, motion: Motion) -> Kinetostatics:
 
     Args:
         shown: what the motion was taken from.
-        motion: its rows in question.
+        motion: the samples in question.
 
     Raises:
         SpatialPinError: the drivers cannot bring it about, or it is a simulation in which other

@@ -81,7 +81,7 @@ class Tracks:
     Meshcat's own `Animation` keeps every key apart; arrays make the page five times smaller.
 
     Attributes:
-        seconds: when each row is shown, shape (N,) [s].
+        seconds: when each sample is shown, shape (N,) [s].
         tracks: by meshcat path.
     """
 
@@ -218,7 +218,7 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
 
 
 def _joint_tracks(viewer: Any, film: Film, poses: Array) -> dict[str, Track]:
-    """Send the first row's placements; return the tracks of the joints that move."""
+    """Send the first sample's placements; return the tracks of the joints that move."""
     tracks = {}
     for j, path in enumerate(joint_paths(film.mechanism.model)):
         viewer[path].set_transform(pin.XYZQUATToSE3(poses[0, j]).homogeneous)

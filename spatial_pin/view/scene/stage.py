@@ -25,7 +25,7 @@ IDENTITY = np.eye(4)
 
 
 class Track(NamedTuple):
-    """Where something is in every row.
+    """Where something is in every sample.
 
     Attributes:
         poses: x y z [m] and quaternion x y z w in the view, shape (N, 7).
@@ -81,7 +81,7 @@ class Layer:
         items: the solids.
         points: what the picture must hold besides the bodies, shape (K, 3) [m].
         legend: what it means.
-        alarms: what is wrong, row by row; a value of 0 says nothing.
+        alarms: what is wrong, sample by sample; a value of 0 says nothing.
         labels: words in the picture.
     """
 
@@ -101,7 +101,7 @@ class Stage:
         visuals: the geometry of the bodies.
         poses: of the joints in the view, shape (N, n_joints, 7), x y z and quaternion x y z w.
         upright: rotation from the world to the view, shape (3, 3).
-        size: radius of the sphere that holds the bodies in all rows [m].
+        size: radius of the sphere that holds the bodies in all samples [m].
     """
 
     film: Film

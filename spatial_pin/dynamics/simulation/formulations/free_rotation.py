@@ -76,7 +76,7 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
 
 
 def _is_symmetric(problem: Problem, body: Spinning) -> bool:
-    """Whether neither inertia nor forces tell how a body is turned about its line."""
+    """Whether neither inertia nor forces depend on how a body is turned about its line."""
     model, u = problem.model, body.axis
     inertia = model.inertias[body.joint]
     size = problem.mechanism.characteristic_length

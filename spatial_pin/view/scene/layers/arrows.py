@@ -48,7 +48,7 @@ TURNING = ("angular velocity", "angular acceleration", "moment")  # drawn with t
 
 
 class Vectors(NamedTuple):
-    """A vector at a point, in every row of a motion.
+    """A vector at a point, in every sample of a motion.
 
     Attributes:
         name: of the point.
@@ -151,7 +151,7 @@ def _of_quantity(stage: Stage, vectors: list[Vectors]) -> Layer:
 
 
 def _as_shown(stage: Stage, asked: str | Vectors) -> Vectors:
-    """Return vectors with one row for each that is shown."""
+    """Return vectors with one row for each sample shown."""
     film = stage.film
     if isinstance(asked, str):
         name, _, kind = asked.rpartition(".")
@@ -169,7 +169,7 @@ def arrows(stage: Stage, asked: tuple[str | Vectors, ...]) -> list[Layer]:
 
     Raises:
         UnknownNameError: one names no vector of the mechanism.
-        ValueError: one has not as many rows as the motion.
+        ValueError: one has not as many rows as the motion has samples.
     """
     quantities: dict[str, list[Vectors]] = {}
     for one in asked:

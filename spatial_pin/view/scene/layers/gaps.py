@@ -23,7 +23,7 @@ GAP_DIGITS = 3  # that a gap is told with: its size matters, not its value
 
 
 class Gap(NamedTuple):
-    """How far a closure is open, row by row; 0 where it is closed.
+    """How far a closure is open, sample by sample; 0 where it is closed.
 
     Attributes:
         closure: the closure.
@@ -39,7 +39,7 @@ class Gap(NamedTuple):
 
 
 def _residuals(film: Film) -> Array:
-    """Return the closure rows of every row that has an open closure, 0 elsewhere, (N, rows)."""
+    """Return the residuals of every sample that has an open closure, 0 elsewhere, (N, rows)."""
     evaluation = Evaluation(constraints_of(film.mechanism))
     motion = film.motion
     found = np.zeros((len(film.rows), len(evaluation.residual)))
@@ -96,7 +96,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
 
 
 def gaps_of(stage: Stage) -> list[Gap]:
-    """Return the closures that are open in any row."""
+    """Return the closures that are open in any sample."""
     mechanism = stage.film.mechanism
     residuals = _residuals(stage.film)
     labels = np.array([label.closure for label in constraints_of(mechanism).labels])
@@ -110,7 +110,7 @@ def gaps_of(stage: Stage) -> list[Gap]:
 
 
 def _alarms(gap: Gap) -> list[Reading]:
-    """Return what is to be said of a gap, in every row."""
+    """Return what is to be said of a gap, in every sample."""
     said = []
     name = f"closure {gap.closure.name}"
     if np.any(gap.lengths):
@@ -167,7 +167,7 @@ def _angle_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
 
 
 def gaps(stage: Stage) -> Layer:
-    """Return a marker at every closure that is open in any row, and what to say of it.
+    """Return a marker at every closure that is open in any sample, and what to say of it.
 
     Costs nothing where all are closed.
     """
