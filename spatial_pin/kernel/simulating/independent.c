@@ -324,7 +324,7 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
 }
 
 /* Whether other equations than the chosen ones would do better here: those left out tell. */
-static int is_worn(const Dynamics *d)
+static int is_ill_conditioned(const Dynamics *d)
 {
     const Kernel *k = d->k;
     if (k->n_chosen == k->n_closure)
@@ -410,7 +410,7 @@ int independent_step(Dynamics *d, const Real *x)
         return UNSAFE;
     }
     accept(d, x);
-    return is_worn(d) ? choose_anew(d) : DONE;
+    return is_ill_conditioned(d) ? choose_anew(d) : DONE;
 }
 
 /* Newton's method from where it stands to x, moving by no more than allowed; on any branch. */
