@@ -278,6 +278,23 @@ def test_a_single_sample_is_what_reach_finds():
     assert not motion.v.any() and motion.time[0] == 3.0
 
 
+def test_few_samples_and_targets_that_stand():
+    mechanism, start, home = platform()
+    there = figure(home)[0][9]
+    two = sp.reach_path(mechanism, {"platform": [home, there]}, [0.0, 2.0], start)
+    found = two.frame("platform")  # on a straight line, at a constant speed
+    assert np.abs(found.velocity - 0.5 * (there.translation - home.translation)).max() < 1e-13
+    assert np.abs(found.acceleration).max() < 1e-12
+    still = sp.reach_path(mechanism, {"platform": home}, TIMES, start)
+    assert len(still) == 81 and not still.v.any()
+    three = sp.reach_path(mechanism, {"platform": home.translation[None] + np.outer(
+        [0.0, 0.01, 0.02], UP), "hook_1.first": start.coordinate("hook_1.first").value},
+        state=start)
+    assert np.ptp(three.coordinate("hook_1.first").value) < 1e-12
+    assert three.frame("platform").position[:, 2] == pytest.approx(
+        home.translation[2] + np.array([0.0, 0.01, 0.02]), abs=1e-13)
+
+
 # ---------------------------------------------------------------- what it is good for
 
 

@@ -88,7 +88,7 @@ def reach_path(
     """
     needed(mechanism)
     accuracy = accuracy_of(accuracy)
-    tables = tables_of(mechanism, targets)
+    tables = tables_of(mechanism, targets, 1 if times is None else np.size(times))
     n = len(tables[0])
     s = np.arange(n, dtype=float) if times is None else sample_times(times, n)
     held = () if hold is None else tuple(names_of(hold, "hold"))

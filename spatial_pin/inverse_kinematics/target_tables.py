@@ -104,8 +104,13 @@ class Table:
         return phi
 
 
-def tables_of(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Table]:
+def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[Table]:
     """Return tables given by name, of equal lengths; single placements and numbers stand still.
+
+    Args:
+        mechanism: the mechanism.
+        targets: by name, as for `reach_path`.
+        n_times: how many samples there are where all stand still.
 
     Raises:
         UnknownNameError: there is no such frame or coordinate.
@@ -121,7 +126,7 @@ def tables_of(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Table]:
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
         raise ValueError(f"tables of targets differ in length: {said}")
-    n = next(iter(lengths.values()), 1)
+    n = next(iter(lengths.values()), n_times)
     if n == 0:
         raise ValueError("tables of targets have no sample")
     return [t if len(t) == n else _repeated(t, n) for t in found]
