@@ -208,6 +208,10 @@ def test_a_path_out_of_the_workspace_ends_where_bisection_by_reach_does():
     with pytest.raises(sp.LimitError, match=r"platform cannot go on beyond 0\.2.* s") as caught:
         sp.reach_path(mechanism, {"platform": home + np.outer(times, down)}, times, start)
     limit, motion = caught.value.limit, caught.value.motion
+    with pytest.raises(sp.LimitError) as rough:
+        few = np.linspace(0.0, 1.0, 5)
+        sp.reach_path(mechanism, {"platform": home + np.outer(few, down)}, few, start)
+    assert rough.value.limit == pytest.approx(limit, abs=1e-12)
     low, high, state = 0.0, 1.0, start
     for _ in range(28):
         middle = 0.5 * (low + high)
@@ -234,6 +238,19 @@ def test_a_joint_limit_that_is_passed_is_an_event_with_its_time():
     state = sp.reach(mechanism, {"platform": there}, start, limits=False)
     assert state.coordinate("leg_1").value == pytest.approx(upper, abs=1e-9)
     assert all("target" not in e.text for e in motion.events)
+
+
+def test_where_legs_would_not_determine_the_platform_targets_do():
+    """A Gough platform turned by a right angle is singular for its legs: forces change sign."""
+    mechanism, start, home = platform()
+    angles = np.linspace(0.0, 1.7, 61)
+    poses = [pin.SE3(home.rotation @ pin.exp3(a * UP), home.translation) for a in angles]
+    motion = sp.reach_path(mechanism, {"platform": poses}, angles, start)
+    assert not [e for e in motion.events if e.kind != "joint limit"]
+    assert np.abs(motion.frame("platform").rotation - [p.rotation for p in poses]).max() < 1e-12
+    force = sp.kinetostatics(mechanism, motion).efforts["leg_1"]
+    assert angles[np.abs(force).argmax()] == pytest.approx(np.pi / 2, abs=0.03)
+    assert force[0] * force[-1] < 0.0
 
 
 def test_first_targets_out_of_reach_are_told_as_reach_tells_them():

@@ -53,6 +53,10 @@ def reach_path(
     ("not-a-knot" at the ends); orientations have at the samples the rates of the cubic spline of
     their rotation vectors from the first one, which are continued past half a turn.
 
+    What ends the path is that the targets can go no further, or do not determine the motion. A
+    configuration in which the drivers would not determine it, as a Gough platform's that is turned
+    by a right angle, is passed; efforts grow without bound towards it.
+
     Where there are more freedoms than the targets ask for, they do not determine the motion: each
     sample is then reached from the one before with the least motion, within joint limits, and the
     drivers follow cubic splines through the values that they have there. The targets are met at the
