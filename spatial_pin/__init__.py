@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.assemble import assemble
     from spatial_pin.assembly.export_mjcf import export_mjcf
     from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
+    from spatial_pin.dimensions.calibrate import Calibration, calibrate
     from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
     from spatial_pin.dimensions.tolerance import Tolerance, tolerance
     from spatial_pin.dynamics.derivatives.derivatives import Derivatives, dynamics_derivatives
@@ -97,6 +98,7 @@ _ON_USE = {
     "assembly.assemble": "assemble",
     "assembly.export_mjcf": "export_mjcf",
     "assembly.state": "Gap PointRates RelativeMotion State",
+    "dimensions.calibrate": "Calibration calibrate",
     "dimensions.sensitivity": "Sensitivity sensitivity",
     "dimensions.tolerance": "Tolerance tolerance",
     "dynamics.derivatives.derivatives": "Derivatives dynamics_derivatives",
@@ -139,6 +141,7 @@ __all__ = [
     "Accuracy",
     "AssemblyError",
     "AssemblyModes",
+    "Calibration",
     "Clearance",
     "Closure",
     "ClosureTypeError",
@@ -201,6 +204,7 @@ __all__ = [
     "Viewer",
     "assemble",
     "assembly_modes",
+    "calibrate",
     "clearance",
     "closure_jacobian",
     "closures",

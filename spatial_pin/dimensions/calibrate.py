@@ -1,0 +1,407 @@
+"""Dimensions, offsets of encoders and the base, from measurements of a mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State
+from spatial_pin.checks import checked, finite_number, names_of, positive_number
+from spatial_pin.dimensions.homotopy import followed, varied
+from spatial_pin.dimensions.measurements import UNITS, Quantity, base_from, read_measurements
+from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
+from spatial_pin.dimensions.sensitivity import with_spread
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.follow import follow
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+EVALUATIONS = 300  # at most: ten are usual, some dozens with many outliers
+# Part of a residual's square over the margin's that counts, by loss: its derivative.
+WEIGHTS: dict[str, Callable[[Array], Array]] = {
+    "linear": np.ones_like,
+    "soft_l1": lambda z: 1.0 / np.sqrt(1.0 + z),
+    "huber": lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0)),
+    "cauchy": lambda z: 1.0 / (1.0 + z),
+    "arctan": lambda z: 1.0 / (1.0 + z * z),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What measurements tell of a mechanism.
+
+    Attributes:
+        mechanism: at the calibrated dimensions.
+        values: by unknown: a dimension, `DRIVER.offset`, `base.x` ... `base.rz` (the last three a
+            rotation vector) [m or rad].
+        nominal: likewise, where the search began.
+        sigma: standard deviations; infinite of unknowns that the data do not determine, NaN where
+            the residuals are to tell them and no number is left for that. Bounds have no say in
+            them. Those of the base's rotation are of small turns about the measuring axes.
+        covariance: (n, n) in the order of `values`; infinite and NaN likewise.
+        residuals: (m,) model less measurement [m or rad].
+        before: (m,) likewise, where the search began.
+        labels: (m,) of each residual the number of its measurement, from 0, and what it is.
+        units: (m,) of the residuals, "m" or "rad".
+        weights: (m,) what each counts, from 0 to 1: 1 where no robust loss was asked for.
+        undetermined: combinations of unknowns that cannot be told from the data, in words.
+        base: placement of the mechanism's world in the axes of what measures; None if these are
+            the same.
+        states: closed states of the mechanism at the measurements.
+    """
+
+    mechanism: Mechanism
+    values: dict[str, float]
+    nominal: dict[str, float]
+    sigma: dict[str, float]
+    covariance: Array
+    residuals: Array
+    before: Array
+    labels: tuple[tuple[int, str], ...]
+    units: tuple[str, ...]
+    weights: Array
+    undetermined: tuple[str, ...]
+    base: pin.SE3 | None
+    states: tuple[State, ...]
+
+    @property
+    def outliers(self) -> tuple[tuple[int, str], ...]:
+        """Labels of the numbers that count less than half."""
+        return tuple(x for x, w in zip(self.labels, self.weights, strict=True) if w < 0.5)
+
+    def __str__(self) -> str:
+        poses = len(self.states)
+        lines = [f"{self.mechanism.name}: {len(self.values)} unknowns from {len(self.residuals)} "
+                 f"numbers of {poses} measurements"]
+        width = max(map(len, self.values))
+        for name, value in self.values.items():
+            spread = self.sigma[name]
+            found = with_spread(value, spread) if np.isfinite(spread) else f"{value:.6g} ± unknown"
+            lines.append(f"  {name:{width}}  {found}  (was {self.nominal[name]:.6g})")
+        for unit in sorted(set(self.units)):
+            own = np.array([x == unit for x in self.units])
+            lines.append(f"  residuals: {_rms(self.residuals[own]):.3g} {unit} (root mean square), "
+                         f"{_rms(self.before[own]):.3g} {unit} before")
+        if self.outliers:
+            lines.append(f"  {len(self.outliers)} numbers count less than half, as outliers")
+        lines += [f"  undetermined: {words}" for words in self.undetermined]
+        return "\n".join(lines)
+
+
+def _rms(residuals: Array) -> float:
+    return float(np.sqrt(np.mean(residuals**2)))
+
+
+@checked
+def calibrate(
+    mechanism: Mechanism,
+    measurements: Iterable[Any],
+    dimensions: Iterable[str] | Mapping[str, Any] = (),
+    *,
+    offsets: Iterable[str] = (),
+    base: bool | pin.SE3 = False,
+    sigma: Mapping[str, float] | None = None,
+    loss: str = "linear",
+    margin: float = 1.5,
+    guess: Mapping[str, Any] | State | Array | None = None,
+) -> Calibration:
+    """Find dimensions, offsets of encoders and the base, so that measurements are met best.
+
+    The sum of the squares of what model and measurements differ by, in standard deviations, is
+    least. Encoders are taken to be exact but for their offsets. The branch is that of the guess,
+    followed along straight lines of the drivers from one measurement to the next.
+
+    Args:
+        mechanism: at its nominal dimensions.
+        measurements: of each pose a pair: what encoders read, {driver: value [rad or m]}, of every
+            driver; and what was measured, {name: what}: a point (3,) [m] or `pinocchio.SE3` of a
+            link, frame or joint, the value of a coordinate, or `targets.distance`,
+            `targets.orientation`.
+        dimensions: names of those that are looked for; or with bounds {name: (least, most) or
+            None}.
+        offsets: drivers whose encoders are off: their value is what was read plus the offset.
+        base: True: points and placements were measured in axes of their own, in which the
+            mechanism's world is to be found; a placement: where to begin with that.
+        sigma: standard deviations, by kind {"position": m, "rotation": rad, "angle": rad,
+            "length": m} or by name of what was measured. None: all the same, lengths relative to
+            the characteristic length, and the residuals tell how large.
+        loss: "linear", or robust to outliers: "soft_l1", "huber", "cauchy", "arctan", as in
+            `scipy.optimize.least_squares`. These need `sigma`.
+        margin: residual beyond which a robust loss takes a number for an outlier [sigma].
+        guess: which branch: where to assemble the first measurement, as for `assemble`.
+
+    Returns:
+        The Calibration: `print` it for a report.
+
+    Raises:
+        UnknownNameError: there is no such dimension, driver, frame or coordinate.
+        ValueError: there are fewer numbers than unknowns; a driver has no value; bounds, a sigma
+            or the loss cannot be.
+        AssemblyError: the first measurement cannot be assembled.
+        SpatialPinError: another measurement cannot be reached; the drivers do not determine what
+            was measured; a dimension opens the loops; the search does not end.
+    """
+    needed(mechanism)
+    bounds = _bounds(mechanism, dimensions)
+    if loss not in WEIGHTS:
+        raise ValueError(f"loss is {loss!r}; it is one of {', '.join(WEIGHTS)}")
+    if loss != "linear" and sigma is None:
+        raise ValueError(f"loss {loss!r} needs sigma: it is what outliers are told by")
+    margin = positive_number(margin, "margin")
+    drivers, quantities = read_measurements(mechanism, measurements, sigma)
+    unknowns = Unknowns(tuple(bounds), _offsets(mechanism, offsets, drivers), base is not False)
+    _check_enough(unknowns, quantities)
+    start = _start(mechanism, drivers, guess)
+    quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
+                  for some, s in zip(quantities, start, strict=True)]
+    place = base if isinstance(base, pin.SE3) else _base(start, quantities) if base else None
+    predictions = Predictions(Situation(start[0].mechanism, start, place), unknowns, drivers,
+                              quantities)
+    return _Search(predictions, loss, margin).result(bounds, quantities, sigma is None)
+
+
+# ---------------------------------------------------------------- what is asked
+
+
+def _bounds(
+    mechanism: Mechanism, dimensions: Iterable[str] | Mapping[str, Any]
+) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value by dimension."""
+    names = names_of(dimensions, "dimensions")
+    given = dimensions if isinstance(dimensions, Mapping) else {}
+    if len(set(names)) < len(names):
+        raise ValueError("dimensions names one twice")
+    if names and mechanism.path is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
+    found = {}
+    for name in names:
+        if name not in mechanism.dimensions:
+            raise UnknownNameError("dimension", name, mechanism.dimensions,
+                                   f"mechanism {mechanism.name!r}: ")
+        low, high, own = -np.inf, np.inf, mechanism.dimensions[name]
+        if given.get(name) is not None:
+            try:
+                low, high = (finite_number(x, f"a bound of {name!r}") for x in given[name])
+            except TypeError:
+                raise ValueError(f"bounds of {name!r} are (least, most), not {given[name]!r}"
+                                 ) from None
+        if not low < high or not low <= own <= high:
+            raise ValueError(f"bounds of {name!r} are {low:g} to {high:g}; they must hold its "
+                             f"nominal value {own:g}, the least first")
+        found[name] = low, high
+    return found
+
+
+def _offsets(
+    mechanism: Mechanism, offsets: Iterable[str], drivers: list[dict[str, float]]
+) -> tuple[str, ...]:
+    names = names_of(offsets, "offsets")
+    held = [mechanism.driven_coordinate(name).name for name in names]
+    if len(set(held)) < len(held):
+        raise ValueError("offsets names one driver twice")
+    for name, coordinate in zip(names, held, strict=True):
+        if not any(coordinate in read for read in drivers):
+            raise ValueError(f"offsets: no measurement has a value of {name!r}")
+    return tuple(names)
+
+
+def _check_enough(unknowns: Unknowns, quantities: list[list[Quantity]]) -> None:
+    n, m = len(unknowns.names), sum(len(q.labels()) for some in quantities for q in some)
+    if not n:
+        raise ValueError("nothing is looked for: name dimensions or offsets, or set base=True")
+    if m < n:
+        raise ValueError(f"{n} unknowns need as many numbers at least; {m} were measured: measure "
+                         "at more poses, or look for less")
+
+
+def _start(
+    mechanism: Mechanism, drivers: list[dict[str, float]],
+    guess: Mapping[str, Any] | State | Array | None,
+) -> list[State]:
+    """Return the states at the nominal dimensions, on the branch of the guess."""
+    states = [assembled(mechanism, drivers[0], guess)]
+    for i, read in enumerate(drivers[1:], start=2):
+        error = None
+        for near, was in ((states[-1], drivers[i - 2]), (states[0], drivers[0])):
+            try:
+                states.append(_led(mechanism, near, {**read, **was}, {**was, **read}))
+                break
+            except SpatialPinError as found:
+                error = error or found
+        if len(states) < i:
+            raise SpatialPinError(f"measurement {i} cannot be reached at the nominal dimensions: "
+                                  f"{error}") from error
+    return states
+
+
+def _led(
+    mechanism: Mechanism, near: State, begin: Mapping[str, float], end: Mapping[str, float]
+) -> State:
+    """Return where drivers lead along straight lines."""
+    if begin == end:
+        return near
+    motion: Motion = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
+                            guess=near)
+    there = motion.state(-1)
+    return State(there.mechanism, there.q, closure_error=there.closure_error, angles=there.angles)
+
+
+def _base(states: list[State], quantities: list[list[Quantity]]) -> pin.SE3:
+    return base_from([(q.target, state.placement(q.target.name))
+                      for state, some in zip(states, quantities, strict=True) for q in some
+                      if q.kind in ("position", "rotation")])
+
+
+# ---------------------------------------------------------------- the search
+
+
+class _Search:
+    """Finds the unknowns by SciPy's trust region."""
+
+    def __init__(self, predictions: Predictions, loss: str, margin: float) -> None:
+        self._predictions, self._loss, self._margin = predictions, loss, margin
+
+    def result(
+        self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[Quantity]],
+        scattered: bool,
+    ) -> Calibration:
+        """Return what is found.
+
+        Args:
+            bounds: by dimension.
+            quantities: what was measured.
+            scattered: whether the residuals tell how large standard deviations are.
+        """
+        p, names = self._predictions, self._predictions.unknowns.names
+        before = p.errors(np.zeros(len(names)))
+        x = self._solved(bounds)
+        errors, here = p.errors(x), p.at(x)
+        weights = self._weights(errors)
+        spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x))
+        factor = 1.0
+        if scattered:
+            left = len(errors) - spread.rank
+            factor = float(errors @ errors) / left if left else np.nan
+        covariance = spread.covariance(p.sizes) * factor
+        changed = p.dimensions_at(x)
+        labels = tuple((i, label) for i, some in enumerate(quantities)
+                       for q in some for label in q.labels())
+        there = varied(here.mechanism, changed) if changed else here.mechanism
+        states = [followed(there, held, state)
+                  for held, state in zip(p.held(x), here.states, strict=True)]
+        return Calibration(
+            there, self._values(x), self._values(np.zeros(len(x))),
+            dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)), covariance,
+            errors * p.sigmas, before * p.sigmas, labels,
+            tuple(UNITS[q.kind] for some in quantities for q in some for _ in q.labels()), weights,
+            tuple(spread.words(names, p.sizes)), here.base, tuple(states))
+
+    def _solved(self, bounds: Mapping[str, tuple[float, float]]) -> Array:
+        """Return the values x (n,) of the unknowns.
+
+        Combinations that the data do not determine stay where they begin: rows that say so join the
+        others. Where a nominal mechanism is more special than the true one, and leaves more
+        undetermined, it is gone on from there.
+        """
+        p = self._predictions
+        x: Array = np.zeros(len(p.sizes))
+        spread = _Spread(p.jacobian(x))
+        while True:
+            x = self._descended(x, spread.gauge(), bounds)
+            after = _Spread(p.jacobian(x))
+            if after.rank <= spread.rank:
+                return x
+            spread = after
+
+    def _descended(
+        self, start: Array, gauge: Array, bounds: Mapping[str, tuple[float, float]]
+    ) -> Array:
+        """Return where the sum of squares is least, `gauge` (k, n) times x being zero."""
+        from scipy.optimize import least_squares  # takes a quarter of a second
+
+        p = self._predictions
+        n, k = len(p.sizes), len(bounds)
+        ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
+        if k:
+            ends[:, :k] = (np.array([*bounds.values()]).T - p.nominal) / p.sizes[:k]
+        found = least_squares(
+            lambda x: np.concatenate([p.errors(x), gauge @ x]), start,
+            lambda x: np.vstack([p.jacobian(x), gauge]), bounds=ends,
+            loss=self._loss, f_scale=self._margin, ftol=TOLERANCES.last_digit,
+            xtol=TOLERANCES.zero, gtol=None, max_nfev=EVALUATIONS)
+        if found.status <= 0:
+            raise SpatialPinError("calibrate: the search has not ended after "
+                                  f"{EVALUATIONS} steps; look for fewer unknowns, or bound them")
+        x: Array = found.x
+        return x
+
+    def _weights(self, errors: Array) -> Array:
+        return WEIGHTS[self._loss]((errors / self._margin) ** 2)
+
+    def _values(self, x: Array) -> dict[str, float]:
+        p = self._predictions
+        offsets, base = p.offsets_at(x), p.base_at(x)
+        found = [*p.dimensions_at(x).values(), *offsets.values()]
+        if p.unknowns.has_base and base is not None:
+            found += [*base.translation, *pin.log3(base.rotation)]
+        return dict(zip(p.unknowns.names, map(float, found), strict=True))
+
+
+class _Spread:
+    """What a Jacobian tells of the unknowns, its columns scaled to length one.
+
+    Attributes:
+        rank: how many combinations of unknowns it determines.
+    """
+
+    def __init__(self, jacobian: Array) -> None:
+        lengths = np.linalg.norm(jacobian, axis=0)
+        longest = float(lengths.max(initial=0.0)) or 1.0
+        nothing = lengths <= TOLERANCES.nothing * longest  # round-off
+        self._lengths: Array = np.where(nothing, longest, lengths)
+        # differences have ten digits: what depends on each other has singular values of 1e-10
+        self._svd = decompose(np.where(nothing, 0.0, jacobian) / self._lengths,
+                              TOLERANCES.half_precision)
+        self.rank = self._svd.rank
+
+    def gauge(self) -> Array:
+        """Return rows (k, n) that are not zero for what is not determined."""
+        found: Array = self._svd.null_space * self._lengths
+        return found
+
+    def covariance(self, sizes: Array) -> Array:
+        """Return the covariance (n, n) of unknowns of these sizes, as `Calibration` has it."""
+        half = self._svd.vt[: self.rank].T / self._svd.s[: self.rank]
+        half = half * (sizes / self._lengths)[:, None]
+        found: Array = half @ half.T
+        free = np.abs(self._svd.null_space).max(axis=0, initial=0.0) > TOLERANCES.half_precision
+        found[free] = found[:, free] = np.nan
+        found[free, free] = np.inf
+        return found
+
+    def words(self, names: tuple[str, ...], sizes: Array) -> Iterable[str]:
+        """Yield what is not determined, each combination of as few unknowns as can be."""
+        null = self._svd.null_space
+        if not len(null):
+            return
+        chosen = independent_rows(null.T)
+        for row in np.linalg.solve(null[:, chosen], null):
+            moved = row / self._lengths  # relative to sizes
+            moved /= np.abs(moved).max()
+            part = [i for i in range(len(names)) if abs(moved[i]) > TOLERANCES.near_singular]
+            if len(part) == 1:
+                yield f"{names[part[0]]} has no effect on what was measured"
+                continue
+            change = sizes * moved
+            change /= change[part[0]]
+            told = ", ".join(f"{names[i]} {change[i]:+.4g}" for i in part)
+            yield f"changed together, {told} have no effect on what was measured"

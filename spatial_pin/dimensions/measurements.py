@@ -1,0 +1,224 @@
+"""Measurements of a mechanism: poses with what encoders read, and what was measured there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.checks import finite_number, mapping, positive_number, rows_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.targets import (
+    CoordinateValue,
+    Distance,
+    Orientation,
+    Pose,
+    Position,
+    Target,
+    read_targets,
+)
+from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array, decompose
+
+UNITS = {"position": "m", "rotation": "rad", "angle": "rad", "length": "m"}  # by kind
+
+
+class Reading(NamedTuple):
+    """A pose at which something was measured.
+
+    Attributes:
+        drivers: what their encoders read, by driver [rad or m].
+        measured: what was measured, by name of a frame or coordinate.
+    """
+
+    drivers: Mapping[str, float]
+    measured: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """One thing measured at one pose.
+
+    Attributes:
+        target: what it is.
+        kind: "position", "rotation", "angle" or "length".
+        sigma: its standard deviation [m or rad]; without any, what counts as one.
+    """
+
+    target: Target
+    kind: str
+    sigma: float
+
+    def error(self, evaluation: Evaluation, base: pin.SE3 | None) -> tuple[Array, Array]:
+        """Return model less measurement (k,) [m, rad], and its derivative (k, nv) for velocities.
+
+        Args:
+            evaluation: at the pose's configuration.
+            base: of the mechanism in the axes of what measures.
+        """
+        size = _unit_size(self.target, evaluation.mechanism)
+        error, slope = in_world(self.target, base).residual(evaluation)
+        return size * error, size * slope
+
+    def base_slope(self, evaluation: Evaluation, base: pin.SE3) -> Array:
+        """Return the derivative (k, 6) of `error` for moving the base: shifts, then turns.
+
+        Both along the axes of what measures, turns about the base's own origin.
+        """
+        t, back = self.target, base.rotation.T
+        if isinstance(t, Position):
+            return np.hstack([back, -back @ pin.skew(t.point - base.translation)])
+        if isinstance(t, Orientation):
+            there = base.rotation @ evaluation.frame(evaluation.mechanism.frame_id(t.name)).rotation
+            slope = pin.Jlog3(t.rotation.T @ there) @ there.T
+            return np.hstack([np.zeros((3, 3)), slope])
+        return np.zeros((1, 6))
+
+    def labels(self) -> list[str]:
+        """Return the names of its numbers."""
+        if self.kind in ("position", "rotation"):
+            return [f"{self.target.name}.{self.kind}.{x}" for x in "xyz"]
+        other = f"-{self.target.other}" if isinstance(self.target, Distance) else ""
+        return [self.target.name + other]
+
+    def turned_to(self, mechanism: Mechanism, q: Array) -> Quantity:
+        """Return the same with an angle taken to the turn that is nearest to a configuration's."""
+        target = self.target
+        if self.kind != "angle" or not isinstance(target, CoordinateValue):
+            return self
+        here = coordinate_value(mechanism, mechanism.prescribed_coordinate(target.name), q)
+        turn = 2.0 * np.pi
+        value = target.value + turn * round((here - target.value) / turn)
+        return replace(self, target=replace(target, value=value))
+
+
+def in_world(target: Target, base: pin.SE3 | None) -> Target:
+    """Return a target that was measured from elsewhere in the axes of the mechanism's world."""
+    if base is not None and isinstance(target, Position):
+        return replace(target, point=base.actInv(target.point))
+    if base is not None and isinstance(target, Orientation):
+        return replace(target, rotation=base.rotation.T @ target.rotation)
+    return target
+
+
+def _unit_size(target: Target, mechanism: Mechanism) -> float:
+    """Return what one of a target's residual stands for [m or rad]."""
+    if isinstance(target, CoordinateValue):
+        coordinate = mechanism.prescribed_coordinate(target.name)
+        return float(mechanism.velocity_scale[coordinate.v])
+    return 1.0 if isinstance(target, Orientation) else mechanism.characteristic_length
+
+
+def read_measurements(
+    mechanism: Mechanism, measurements: Iterable[Any], sigma: Mapping[str, float] | None
+) -> tuple[list[dict[str, float]], list[list[Quantity]]]:
+    """Return the drivers' values and the quantities of all poses.
+
+    Raises:
+        UnknownNameError: there is no such driver, frame or coordinate.
+        ValueError: a driver has no value, or a number is not finite, or something has no sigma.
+        TypeError: a measurement is of no kind there is.
+    """
+    poses = rows_of(measurements, Reading, "measurement")
+    if not poses:
+        raise ValueError("measurements is empty: give [({driver: value}, {frame: what}), ...]")
+    given = None if sigma is None else {
+        name: positive_number(x, f"sigma of {name!r}")
+        for name, x in mapping(sigma, "sigma").items()}
+    drivers, quantities = [], []
+    for i, (read, measured) in enumerate(poses, start=1):
+        where = f"measurement {i}"
+        drivers.append(_drivers(mechanism, mapping(read, f"the drivers of {where}"), where))
+        if not mapping(measured, f"what was measured in {where}"):
+            raise ValueError(f"{where}: nothing was measured there")
+        targets = [part for t in read_targets(mechanism, measured) for part in _parts(t, where)]
+        quantities.append([_quantity(mechanism, t, given) for t in targets])
+    known = {*UNITS, *(name for some in quantities for x in some for name in _names(x))}
+    for name in given or {}:
+        if name not in known:
+            raise ValueError(f"sigma has {name!r}, which was not measured: it may have "
+                             f"{', '.join(sorted(known))}")
+    return drivers, quantities
+
+
+def _drivers(mechanism: Mechanism, read: Mapping[str, Any], where: str) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, value in read.items():
+        coordinate = mechanism.driven_coordinate(name).name
+        if coordinate in found:
+            raise ValueError(f"{where}: {coordinate!r} is given two values")
+        found[coordinate] = finite_number(value, f"{where}: driver {name!r}")
+    for name, driver in mechanism.drivers.items():
+        if mechanism.coordinate(driver.joint).name not in found:
+            raise ValueError(f"{where}: driver {name!r} has no value; give what its encoder read")
+    return found
+
+
+def _parts(target: Target, where: str) -> list[Target]:
+    """Return a target as those that have one kind of number."""
+    if target.weight is not None:
+        raise ValueError(f"{where}: {target.name!r} has a weight; say how well it was measured in "
+                         "sigma")
+    if isinstance(target, Pose):
+        at = target.placement
+        return [Position(target.name, point=at.translation),
+                Orientation(target.name, rotation=at.rotation)]
+    if isinstance(target, Position | Orientation | CoordinateValue | Distance):
+        return [target]
+    raise TypeError(f"{where}: {target.name!r} is a {type(target).__name__}, which calibration "
+                    "does not take: measure points, placements, coordinates or distances")
+
+
+def _quantity(
+    mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
+) -> Quantity:
+    kind = ("position" if isinstance(target, Position) else
+            "rotation" if isinstance(target, Orientation) else "length")
+    if isinstance(target, CoordinateValue):
+        unit = mechanism.prescribed_coordinate(target.name).unit
+        kind = "angle" if unit == "rad" else "length"
+    found = Quantity(target, kind, 1.0)
+    if sigma is None:
+        size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
+        return replace(found, sigma=size)
+    for name in (*_names(found), kind):
+        if name in sigma:
+            return replace(found, sigma=sigma[name])
+    raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
+
+
+def _names(quantity: Quantity) -> tuple[str, str]:
+    """Return the names that a quantity's own standard deviation may stand under."""
+    return f"{quantity.target.name}.{quantity.kind}", quantity.target.name
+
+
+def base_from(pairs: Sequence[tuple[Target, pin.SE3]]) -> pin.SE3:
+    """Return about where the base is, from what was measured and where the frames should be.
+
+    Its rotation is a measured one, else the best of the points [GolubVanLoan2013, 6.4.1]; its
+    translation that of the points' means.
+
+    Raises:
+        SpatialPinError: nothing that was measured tells of it.
+    """
+    points = [(t.point, at.translation) for t, at in pairs if isinstance(t, Position)]
+    turns = [t.rotation @ at.rotation.T for t, at in pairs if isinstance(t, Orientation)]
+    if not points and not turns:
+        raise SpatialPinError("base: neither a point nor a placement was measured, so that nothing "
+                              "tells where the base is")
+    if not points:
+        return pin.SE3(turns[0], np.zeros(3))
+    seen, own = (np.array(x) for x in zip(*points, strict=True))
+    if turns:
+        rotation = turns[0]
+    else:
+        svd = decompose((own - own.mean(axis=0)).T @ (seen - seen.mean(axis=0)))
+        v = svd.vt.T
+        mirror = np.diag([1.0, 1.0, np.linalg.det(v @ svd.u.T)])
+        rotation = v @ mirror @ svd.u.T
+    return pin.SE3(rotation, seen.mean(axis=0) - rotation @ own.mean(axis=0))
