@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from spatial_pin.reduction.differences import Verification
     from spatial_pin.reduction.reduce import Reduced, reduce
     from spatial_pin.reduction.report import Omission
+    from spatial_pin.workspace_map.workspace import Borders, Workspace, workspace
 
 __version__ = "0.1.0"
 
@@ -88,6 +89,7 @@ _offer({  # imported when they are first asked for
     "Reduced.verify": "reduction.verification:verification",
     "Tradeoff.plot": "accuracy.tradeoff_view:plot",
     "Tradeoff.table": "accuracy.tradeoff_view:table",
+    "Workspace.plot": "workspace_map.picture:plot",
 })
 
 # imported when they are first asked for: loading a mechanism needs less than half of the modules
@@ -134,6 +136,7 @@ _ON_USE = {
     "reduction.report": "Omission",
     "view": "Look Viewer export_html live movie plot report screenshot show",
     "view.scene.layers.arrows": "Vectors",
+    "workspace_map.workspace": "Borders Workspace workspace",
 }
 _MODULES = {name: module for module, names in _ON_USE.items() for name in names.split()}
 
@@ -141,6 +144,7 @@ __all__ = [
     "Accuracy",
     "AssemblyError",
     "AssemblyModes",
+    "Borders",
     "Calibration",
     "Clearance",
     "Closure",
@@ -202,6 +206,7 @@ __all__ = [
     "Vectors",
     "Verification",
     "Viewer",
+    "Workspace",
     "assemble",
     "assembly_modes",
     "calibrate",
@@ -244,6 +249,7 @@ __all__ = [
     "trace",
     "tradeoff",
     "transmission",
+    "workspace",
 ]
 
 

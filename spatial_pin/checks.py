@@ -108,6 +108,7 @@ MADE_BY = {
     "Vectors": "spatial_pin.Vectors(...) makes one",
     "Look": "sp.Look(...) makes one",
     "Clearance": "sp.clearance(motion) makes one",
+    "Workspace": "sp.workspace(mechanism, frame, {driver: (least, largest)}) makes one",
     "Accuracy": "give it as spatial_pin.Accuracy, for example Accuracy.named('engineering')",
 }
 

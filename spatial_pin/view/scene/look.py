@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.proximity.clearance import Clearance
     from spatial_pin.view.scene.layers.arrows import Vectors
+    from spatial_pin.workspace_map.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,9 @@ class Look:
         ghosts: other configurations of the same mechanism, drawn half transparent.
         clearance: what `spatial_pin.clearance` found over the motion that is shown: links are red
             where they touch, and a line joins the nearest points of those that come nearest.
-        beside: whether these stand side by side with the first, as solid as it is, instead.
+        beside: whether ghosts stand side by side with the first, as solid as it is, instead.
+        workspace: what `spatial_pin.workspace` found: points that the frame gets to, coloured by
+            dexterity, and where the branch ends.
     """
 
     pairs: bool | None = None
@@ -43,12 +46,14 @@ class Look:
     ghosts: tuple[State, ...] = ()
     clearance: Clearance | None = None
     beside: bool = False
+    workspace: Workspace | None = None
 
     def __post_init__(self) -> None:
         for name in ("axes", "centres", "beside"):
             check_kind(f"Look: {name}", "bool", getattr(self, name))
         check_kind("Look: pairs", "bool | None", self.pairs)
         check_kind("Look: clearance", "Clearance | None", self.clearance)
+        check_kind("Look: workspace", "Workspace | None", self.workspace)
         object.__setattr__(self, "traces", tuple(names_of(self.traces, "Look: traces")))
         for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
             object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))

@@ -26,6 +26,7 @@ from spatial_pin.view.scene.layers.glyphs import glyphs
 from spatial_pin.view.scene.layers.skeleton import skeleton
 from spatial_pin.view.scene.layers.springs import springs
 from spatial_pin.view.scene.layers.traces import traces
+from spatial_pin.view.scene.layers.workspaces import workspaces
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
 from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, joined
@@ -238,6 +239,8 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> Layer:
         layers.append(centres(stage))
     if look.clearance is not None:
         layers.append(clearances(stage, look.clearance))
+    if look.workspace is not None:
+        layers.append(workspaces(stage, look.workspace))
     layers += [traces(stage, look.traces), *arrows(stage, look.arrows)]
     if look.ghosts:
         one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)

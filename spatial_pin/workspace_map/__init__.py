@@ -1,0 +1,1 @@
+"""Where a frame can get to as drivers go over a grid."""

@@ -1,0 +1,159 @@
+"""How well drivers move a frame over a grid, and where they lose a direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.numerics.linalg import Array, row_space, singular_values
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.workspace_map.filling import Border, Filling, Index, signs
+from spatial_pin.workspace_map.lines import (
+    Asked,
+    Run,
+    begun,
+    motion_along,
+    natural_jacobians,
+)
+
+SINGULAR = "determinant is zero"
+LOCATED = 1e-9  # of a cell of the grid: where a determinant vanishes along it
+TASKS = {"position": slice(0, 3), "pose": slice(0, 6)}
+
+
+class Task(NamedTuple):
+    """What a frame is asked to do.
+
+    Attributes:
+        name: "position" or "pose".
+        directions: (r, 3) or (r, 6) orthonormal, in which the frame moves at all.
+        n_drivers: how many move it.
+    """
+
+    name: str
+    directions: Array
+    n_drivers: int
+
+    @property
+    def is_square(self) -> bool:
+        """Whether there is a determinant: as many drivers as directions."""
+        return len(self.directions) == self.n_drivers
+
+    def matrices(self, jacobians: Array) -> Array:
+        """Return (..., r, c) Jacobians along the directions."""
+        found: Array = self.directions @ jacobians[..., TASKS[self.name], :]
+        return found
+
+
+def task_of(jacobians: Array, wanted: str | None) -> Task:
+    """Return the task: the wanted one, or the one with a direction for each driver.
+
+    Args:
+        jacobians: (m, 6, c) in natural units.
+        wanted: "position" or "pose"; None: position, but if only poses have as many directions as
+            there are drivers.
+    """
+    n = jacobians.shape[-1]
+    known = jacobians[~np.isnan(jacobians).any(axis=(1, 2))]
+
+    def task(name: str) -> Task:
+        part = known[:, TASKS[name]]
+        columns = np.moveaxis(part, 1, 2).reshape(-1, part.shape[1])
+        return Task(name, row_space(columns, TOLERANCES.half_precision), n)
+
+    if wanted is not None:
+        return task(wanted)
+    position = task("position")
+    if position.is_square:
+        return position
+    pose = task("pose")
+    return pose if pose.is_square else position
+
+
+def measures(task: Task, jacobians: Array) -> tuple[Array, Array]:
+    """Return the dexterity (m,), least to largest singular value, and the least one (m,).
+
+    Args:
+        task: what the frame is asked to do.
+        jacobians: (m, 6, c) in natural units, NaN where none is known.
+    """
+    ratio, least = np.full((2, len(jacobians)), np.nan)
+    known = ~np.isnan(jacobians).any(axis=(1, 2))
+    if known.any() and len(task.directions):
+        s = singular_values(task.matrices(jacobians[known]))
+        least[known] = s[:, -1]
+        ratio[known] = s[:, -1] / np.maximum(s[:, 0], TOLERANCES.nothing)
+    return ratio, least
+
+
+class Cell(NamedTuple):
+    """An edge of the grid along which a determinant changes its sign."""
+
+    run: Run
+    sign: int
+
+
+def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
+    """Return the edges of the grid along which the determinant changes its sign."""
+    if not task.is_square or "jacobians" not in filling.data:
+        return []
+    jacobians = filling.data["jacobians"]
+    determinants = np.full(filling.shape, np.nan)
+    known = ~np.isnan(jacobians).any(axis=(-2, -1))
+    determinants[known] = np.linalg.det(task.matrices(jacobians[known]))
+    sign = signs(determinants)
+    cells = []
+    for axis in range(sign.ndim):
+        first, last = (np.take(sign, range(k, sign.shape[axis] - 1 + k), axis=axis)
+                       for k in (0, 1))
+        for index in np.argwhere(first * last < 0).tolist():
+            place: Index = tuple(index)
+            to = filling.ticks[axis][[place[axis] + 1]]
+            cells.append(Cell(filling.run(axis, place, to), int(sign[place])))
+    return cells
+
+
+def located(task: Task, asked: Asked, cells: Sequence[Cell]) -> list[Border | None]:
+    """Return where the determinant vanishes along edges; None where the branch ends before."""
+    return [_vanishing(task, asked._replace(limits=False), cell) for cell in cells]
+
+
+def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
+    from scipy.optimize import brentq  # on use: it takes a tenth of a second to import
+
+    run, to = cell.run, float(cell.run.values[0])
+    begin = float(run.at[run.axis])
+
+    def determinant(value: float) -> float:
+        motion, n, _ = motion_along(asked, run, np.array([value]))
+        if motion is None or n < 2:
+            return np.nan
+        found = task.matrices(natural_jacobians(asked, [motion.state(1)]))
+        return cell.sign * float(np.linalg.det(found[0]))
+
+    ends = np.array([begin + LOCATED * (to - begin), to])
+    first, last = map(determinant, ends)
+    if np.isnan(first) or not last <= LOCATED * abs(first):
+        return None
+    value = ends[int(first > 0.0)]  # a point of the grid may be the place itself
+    if first > 0.0 > last:
+        value = brentq(determinant, *ends, xtol=LOCATED * abs(to - begin), rtol=1e-15)
+    motion, n, _ = motion_along(asked, run, np.array([value]))
+    if motion is None or n < 2:
+        return None
+    place = begun(run, float(value), motion, 1)
+    return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR)
+
+
+def work_of(task: Task) -> partial[list[Border | None]]:
+    """Return `located` for one task, as workers are sent it."""
+    return partial(located, task)
+
+
+def grid_of(ticks: Sequence[Array]) -> Array:
+    """Return the points (N, k) of a grid, the last coordinate fastest."""
+    return np.array(list(product(*ticks))).reshape(-1, len(ticks))

@@ -1,0 +1,156 @@
+"""Filling a grid of drivers from one point of it, line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.workspace_map.lines import Asked, Followed, Run, followed
+
+TOGETHER = 16  # runs that are sent to a worker at a time: the mechanism goes with them
+NOT_CONNECTED = "no way along the grid"
+NOT_LOOKED_AT = "not looked at"
+Index = tuple[int, ...]
+
+
+class Border(NamedTuple):
+    """Where the branch ends on a line of the grid, or a determinant vanishes.
+
+    Attributes:
+        drivers: (k,) values of the grid's coordinates.
+        point: (3,) of the frame.
+        why: what it is.
+    """
+
+    drivers: Array
+    point: Array
+    why: str
+
+
+class Filling:
+    """A grid, as far as it is reached.
+
+    Attributes:
+        ticks: values by coordinate.
+        reached: (n_1, ..., n_k) whether.
+        why: by index, why a point beyond an end is not reached.
+        borders: where the branch ends.
+        q, angles, errors, points, rotations, jacobians: at the grid's points, as `Followed` has
+            them; NaN where it is not reached.
+    """
+
+    def __init__(self, asked: Asked, ticks: Sequence[Array]) -> None:
+        self.asked, self.ticks = asked, ticks
+        self.shape = tuple(map(len, ticks))
+        self.reached = np.zeros(self.shape, dtype=bool)
+        self.why: dict[Index, str] = {}
+        self.borders: list[Border] = []
+        self.data: dict[str, Array] = {}
+        self._ended: set[tuple[int, int, Index]] = set()
+
+    def place(self, index: Index, found: Followed, row: int) -> None:
+        """Take a configuration for a point of the grid."""
+        for name in Followed._fields[:-1]:
+            values = getattr(found, name)
+            if name not in self.data:
+                self.data[name] = np.full((*self.shape, *values.shape[1:]), np.nan)
+            self.data[name][index] = values[row]
+        self.reached[index] = True
+        self.why.pop(index, None)
+
+    def at(self, index: Index) -> Array:
+        """Return the values (k,) of the grid's coordinates at a point."""
+        return np.array([ticks[i] for ticks, i in zip(self.ticks, index, strict=True)])
+
+    def run(self, axis: int, index: Index, values: Array) -> Run:
+        """Return the run from a point of the grid to some values of one of its coordinates."""
+        q, angles, error = (self.data[x][index] for x in ("q", "angles", "errors"))
+        return Run(axis, self.at(index), values, q, angles, float(error))
+
+    def fill(self, executor: Executor | None, tell: Callable[[float], Any]) -> None:
+        """Go on along all coordinates in turn until nothing more is reached.
+
+        Args:
+            executor: where lines are followed; None: here. What is found does not depend on it.
+            tell: is called with how many points were reached since.
+        """
+        idle, axis = 0, 0
+        while idle < len(self.shape):
+            ways = list(self._ways(axis))
+            runs = [self.run(axis, way[0], self.ticks[axis][[i[axis] for i in way[1:]]])
+                    for way in ways]
+            for way, found in zip(ways, spread(followed, self.asked, runs, executor),
+                                  strict=False):
+                tell(self._take(axis, way, found))
+            idle = 0 if ways else idle + 1
+            axis = (axis + 1) % len(self.shape)
+
+    def _ways(self, axis: int) -> Iterator[list[Index]]:
+        """Yield lists of neighbours along a coordinate: a reached one, then those that are not."""
+        n = self.shape[axis]
+        lines = np.moveaxis(self.reached, axis, -1)
+        for rest in np.ndindex(*lines.shape[:-1]):
+            line = lines[rest]
+            if line.all() or not line.any():
+                continue
+            for i in np.flatnonzero(line).tolist():
+                for step in (1, -1):
+                    j = i + step
+                    while 0 <= j < n and not line[j]:
+                        j += step
+                    way = [(*rest[:axis], x, *rest[axis:]) for x in range(i, j, step)]
+                    if len(way) > 1 and (axis, step, way[0]) not in self._ended:
+                        yield way
+
+    def _take(self, axis: int, way: list[Index], found: Followed) -> int:
+        """Enter what was found along a way; return how many points are new."""
+        m, new = len(found.q), 0
+        step = way[1][axis] - way[0][axis]
+        for row, index in enumerate(way[1:m + 1]):
+            if not self.reached[index]:  # by the way that comes from the other side
+                self.place(index, found, row)
+                new += 1
+        if found.end is not None:
+            self._ended |= {(axis, step, way[0]), (axis, step, way[m])}
+            drivers = self.at(way[m])
+            drivers[axis] = found.end.value
+            self.borders.append(Border(drivers, found.end.point, found.end.why))
+            for index in way[m + 1 :]:
+                if not self.reached[index]:
+                    self.why.setdefault(index, found.end.why)
+        return new
+
+    def words(self, index: Index, is_whole: bool) -> str:
+        """Return why a point is not reached; empty where it is."""
+        if self.reached[index]:
+            return ""
+        return self.why.get(index, NOT_CONNECTED if is_whole else NOT_LOOKED_AT)
+
+
+def spread(
+    work: Callable[[Asked, Sequence[Any]], list[Any]], asked: Asked, jobs: Sequence[Any],
+    executor: Executor | None,
+) -> Iterator[Any]:
+    """Yield what some work makes of jobs, in their order, wherever it is done."""
+    parts = [jobs[k : k + TOGETHER] for k in range(0, len(jobs), TOGETHER)]
+    if executor is None:
+        for part in parts:
+            yield from work(asked, part)
+        return
+    futures = [executor.submit(work, asked, part) for part in parts]
+    try:
+        for future in futures:
+            yield from future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def signs(values: Array) -> NDArray[np.int8]:
+    """Return 1 where values are from zero up, -1 below, 0 where they are not known."""
+    return np.where(np.isnan(values), 0, np.where(values < 0.0, -1, 1)).astype(np.int8)
