@@ -86,6 +86,22 @@ def test_balls_begin_and_cease_to_touch_where_the_closed_form_says(tmp_path, ste
         motion.driver[found.events[0].row])
 
 
+@pytest.mark.parametrize(("samples", "turns"), [(2, 1), (4, 1.5), (5, 9), (3, 20)])
+@pytest.mark.parametrize("from_rest", [False, True])
+def test_no_touch_is_missed_between_samples_whole_turns_apart(tmp_path, samples, turns, from_rest):
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0))
+    times = np.linspace(0.0, 1.0, samples)
+    angle = -1.0 + 2 * np.pi * turns * (times**2 if from_rest else times)
+    rates = {"turn": 4 * np.pi * turns * times} if from_rest else None
+    found = sp.clearance(sp.follow(mechanism, {"turn": angle}, times, rates=rates), PAIR)
+    far, middle = np.hypot(1.0, 0.5), np.arctan2(0.5, 1.0)
+    half = np.arccos((1.0 + far**2 - 0.15**2) / (2.0 * far))
+    passed = (middle + np.array([-half, half]) + 2 * np.pi * np.arange(int(turns + 0.7))[:, None]
+              + 1.0) / (2 * np.pi * turns)
+    passed = (np.sqrt(passed) if from_rest else passed).ravel()
+    assert [e.value for e in found.events] == pytest.approx(passed[passed < 1.0], abs=1e-11)
+
+
 def test_a_tolerance_moves_where_links_count_as_touching(tmp_path):
     mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0))
     motion = sp.sweep(mechanism, "turn", np.linspace(-1.0, 2.0, 91))

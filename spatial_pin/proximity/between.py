@@ -29,6 +29,7 @@ class Between:
                        if motion.driver is not None else None)
         table = motion.mechanism.coordinate_table.values()
         self._is_linear = np.array([c.q >= 0 for c in table], dtype=bool)
+        self._turns = np.array([c.unit == "rad" for c in table], dtype=bool)
 
     def at(self, row: int, part: float) -> Array:
         """Return the configuration (nq,) a part, 0 to 1, of the way from a sample to the next."""
@@ -44,6 +45,15 @@ class Between:
         step = np.where(self._is_linear, quintic, cubic)
         found: Array = pin.integrate(self.model, q0, step)
         return found
+
+    def turned(self, row: int) -> float:
+        """Return the angle [rad] that all joints together turn, on the way to the next sample.
+
+        It is that at the mean speed, or the speed at either sample, if that is larger.
+        """
+        way = pin.difference(self.model, *self.motion.q[row : row + 2])
+        most = np.abs([way, *self._rates(row)[0]]).max(axis=0)
+        return float(most[self._turns].sum())
 
     def closed(self, row: int, part: float) -> Array:
         """Return the configuration (nq,) with its loops closed at the driver's value."""
