@@ -37,7 +37,7 @@ class Reached(NamedTuple):
         q: (nq,) configuration, its loops closed.
         exact: (k,) residuals of what was to be exact.
         limits: joint limits that hold it back.
-        is_on_its_way: whether it came nearer to the last, and ran out of steps.
+        is_on_its_way: whether it went on by long steps until these ran out.
     """
 
     q: Array
@@ -171,7 +171,8 @@ class Solver:
         """Make the sum of squared residuals of targets least, others being kept.
 
         Returns:
-            The configuration, the limits that hold it, and whether the steps were too few.
+            The configuration, the limits that hold it, and whether it went on by long steps until
+            these ran out.
         """
         damping, size = 0.0, _length(self.residual(q, wanted)[0])
         for _ in range(STEPS_AT_MOST):
@@ -195,7 +196,7 @@ class Solver:
                 damping = max(LEAST_DAMPING, 4.0 * damping)
                 if damping > MOST_DAMPING or moved < NO_LONGER:
                     return q, held, False
-        return q, held, True
+        return q, held, moved > 0.5 * TOLERANCES.damped_step
 
     def _step(
         self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
