@@ -273,6 +273,8 @@ def test_a_report_a_table_and_pictures_are_made_of_it(bars, found, tmp_path):
     assert any("dexterity" in entry.text for entry in layer.legend)
     with pytest.raises(TypeError, match=r"sp\.workspace\(mechanism, frame"):
         sp.Look(workspace=3)
+    with pytest.raises(sp.SpatialPinError, match="that of another one, 'five_bar'"):
+        scene(film(sp.assemble(sp.load("four_bar"))), sp.Look(workspace=found))
 
 
 @pytest.mark.parametrize(("change", "error", "words"), [

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.quiet_meshcat import mg
 from spatial_pin.view.scene.shapes import Solid
@@ -24,7 +25,15 @@ FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4],
 
 
 def workspaces(stage: Stage, found: Workspace) -> Layer:
-    """Return the points of a workspace in colours, and where the branch ends."""
+    """Return the points of a workspace in colours, and where the branch ends.
+
+    Raises:
+        SpatialPinError: it is that of another mechanism.
+    """
+    shown_one, own = stage.film.mechanism.name, found.mechanism.name
+    if shown_one != own:
+        raise SpatialPinError(f"mechanism {shown_one!r}: the workspace is that of another one, "
+                              f"{own!r}; ask sp.workspace of this one")
     items, legend = [], []
     shown: list[Array] = [np.zeros((0, 3))]
     for name, points, colour, text in _groups(found):
