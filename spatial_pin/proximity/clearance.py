@@ -153,9 +153,9 @@ def clearance(
     them (but a distance, which is a rod), by a coupling, or by a link without a shape.
 
     Least distances are searched between the samples too, until what links can travel from sample
-    to sample leaves no nearer place by more than 1e-4 characteristic lengths. Places where links
-    begin and cease to touch are located to round-off on configurations with closed loops, where a
-    driver was swept; elsewhere (simulations) on the interpolated motion.
+    to sample leaves no nearer place by more than 1/200 of the characteristic length. Places where
+    links begin and cease to touch are located to round-off on configurations with closed loops,
+    where a driver was swept; elsewhere (simulations) on the interpolated motion.
 
     Args:
         motion: of `sweep`, `trace`, `simulate` and the like; a State is one of one sample.
