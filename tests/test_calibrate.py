@@ -129,6 +129,19 @@ def test_the_base_is_found_by_points_alone():
     assert first == pytest.approx(np.linalg.norm(tops[0] - tops[2]), abs=1e-10)
 
 
+def test_what_base_and_offsets_share_is_named_whatever_the_noise():
+    """A turn of the first joint of an arm is a turn of its base."""
+    drawn = sp.load("rssr")
+    table, rng = [], np.random.default_rng(2)
+    for x in np.linspace(0.0, 5.0, 8):
+        at = sp.assemble(drawn, {"crank": x + 0.1})
+        table.append(({"crank": x}, {"crank": BASE * at.placement("crank")}))
+        table[-1][1]["crank"].translation += 1e-3 * rng.normal(size=3)
+    found = sp.calibrate(drawn, table, offsets=["crank"], base=True)
+    assert len(found.undetermined) == 1 and "crank.offset" in found.undetermined[0]
+    assert np.isfinite(found.sigma["base.x"])
+
+
 # ---------------------------------------------------------------- RSSR, closed form
 
 
@@ -266,6 +279,7 @@ POINT = {"coupler": [0.0, 0.0, 0.0]}
     (turned(6), {"dimensions": ["a"], "sigma": {"angle": 1.0, "x": 1.0}}, ValueError, "has 'x'"),
     (turned(6), {"dimensions": ["a"], "sigma": {"angle": 0.0}}, ValueError, "positive"),
     (turned(6), {"dimensions": ["a"], "base": True}, ValueError, "7 unknowns"),
+    (turned(8), {"dimensions": ["a"], "base": 3}, TypeError, "base must be True"),
     (turned(8), {"dimensions": ["a"], "base": True}, sp.SpatialPinError, "tells where the base"),
     ([({"crank": 0.0}, {"coupler": targets.orientation(np.eye(3))})], {"dimensions": ["a"]},
      sp.SpatialPinError, "can move where the drivers given stand"),

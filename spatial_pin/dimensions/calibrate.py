@@ -48,7 +48,8 @@ class Calibration:
             the residuals are to tell them and no number is left for that. Bounds have no say in
             them. Those of the base's rotation are of small turns about the measuring axes.
         covariance: (n, n) in the order of `values`; infinite and NaN likewise.
-        residuals: (m,) model less measurement [m or rad].
+        residuals: (m,) model less measurement [m or rad], in the measuring axes; of a rotation in
+            those of the frame.
         before: (m,) likewise, where the search began.
         labels: (m,) of each residual the number of its measurement, from 0, and what it is.
         units: (m,) of the residuals, "m" or "rad".
@@ -156,6 +157,9 @@ def calibrate(
         raise ValueError(f"loss is {loss!r}; it is one of {', '.join(WEIGHTS)}")
     if loss != "linear" and sigma is None:
         raise ValueError(f"loss {loss!r} needs sigma: it is what outliers are told by")
+    if not isinstance(base, bool | pin.SE3):
+        raise TypeError("base must be True, False, or a pinocchio.SE3 to begin with, not "
+                        f"{type(base).__name__}")
     margin = positive_number(margin, "margin")
     drivers, quantities = read_measurements(mechanism, measurements, sigma)
     unknowns = Unknowns(tuple(bounds), _offsets(mechanism, offsets, drivers), base is not False)

@@ -63,6 +63,9 @@ class Quantity:
         """
         size = _unit_size(self.target, evaluation.mechanism)
         error, slope = in_world(self.target, base).residual(evaluation)
+        if base is not None and isinstance(self.target, Position):
+            # in the axes of what measures, where moving all together changes nothing
+            error, slope = base.rotation @ error, base.rotation @ slope
         return size * error, size * slope
 
     def base_slope(self, evaluation: Evaluation, base: pin.SE3) -> Array:
@@ -70,9 +73,10 @@ class Quantity:
 
         Both along the axes of what measures, turns about the base's own origin.
         """
-        t, back = self.target, base.rotation.T
+        t = self.target
         if isinstance(t, Position):
-            return np.hstack([back, -back @ pin.skew(t.point - base.translation)])
+            at = evaluation.frame(evaluation.mechanism.frame_id(t.name)).translation
+            return np.hstack([np.eye(3), -pin.skew(base.rotation @ at)])
         if isinstance(t, Orientation):
             there = base.rotation @ evaluation.frame(evaluation.mechanism.frame_id(t.name)).rotation
             slope = pin.Jlog3(t.rotation.T @ there) @ there.T
