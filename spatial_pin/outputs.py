@@ -6,12 +6,13 @@ A full disk, an error or a kill on the way loses nothing.
 from __future__ import annotations
 
 import contextlib
+import csv
 import errno
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -114,6 +115,19 @@ def _naming(path: Path, beside: Path) -> Iterator[None]:
         if error.filename is None or os.fspath(error.filename) == str(beside):
             error.filename, error.filename2 = str(path), None
         raise
+
+
+def write_columns(path: Path, table: Mapping[str, Any]) -> Path:
+    """Write named columns of equal length as .csv, with all digits; returns the path.
+
+    Raises:
+        OSError: it cannot be written; what was there before stays.
+    """
+    with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(table)
+        writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
+    return path
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> Path:

@@ -353,6 +353,8 @@ def test_other_bad_input_is_refused_in_words(tmp_path):
         sp.clearance(state, tolerance=np.nan)
     with pytest.raises(TypeError, match="Motion"):
         sp.clearance("four_bar")
+    with pytest.raises(ValueError, match="pairs is empty"):
+        sp.clearance(state, [])
     with pytest.raises(sp.SpatialPinError, match="were not looked at: they are joined"):
         sp.clearance(state).between("ground", "crank")
     bare = arm(tmp_path, "", ball(0.1))

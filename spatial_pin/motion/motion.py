@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import zipfile
 import zlib
@@ -21,7 +20,7 @@ from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import is_special, named_path, replacing, write_bytes
+from spatial_pin.outputs import is_special, named_path, write_bytes, write_columns
 
 
 class Event(NamedTuple):
@@ -267,12 +266,7 @@ class Motion:
         Raises:
             OSError: it cannot be written; what was there before stays.
         """
-        table, path = self.columns(), named_path(path)
-        with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(table)
-            writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
-        return path
+        return write_columns(named_path(path), self.columns())
 
     @checked
     def save(self, path: str | Path) -> Path:

@@ -178,7 +178,10 @@ def clearance(
     if not len(motion):
         raise ValueError("the motion has no samples: there is nothing to look at")
     touching = finite_number(tolerance, "tolerance")
-    search = Search(Distances(motion.mechanism, None if pairs is None else list(pairs)),
+    asked = None if pairs is None else list(pairs)
+    if asked == []:
+        raise ValueError("pairs is empty: name two links each, or leave it out for all")
+    search = Search(Distances(motion.mechanism, asked),
                     Between(motion), touching)
     names = search.distances.pairs
     with progress_bar(len(motion) + len(names), "clearance", progress) as bar:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
@@ -25,7 +24,7 @@ from spatial_pin.methods import method
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import named_path, replacing
+from spatial_pin.outputs import named_path, write_columns
 from spatial_pin.progress import progress_bar
 from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.workspace_map.dexterity import (
@@ -152,12 +151,7 @@ class Workspace:
         Raises:
             OSError: it cannot be written; what was there before stays.
         """
-        table, path = self.columns(), named_path(path)
-        with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(table)
-            writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
-        return path
+        return write_columns(named_path(path), self.columns())
 
     @checked
     def plot(

@@ -38,7 +38,7 @@ def clearances(stage: Stage, found: Clearance) -> Layer:
     for pair in (*touching, *nearest):
         items += _line(stage, pair, TOUCHING if pair.contacts else LINE)
     legend = [Entry(TOUCHING, "links that touch")] * bool(touching)
-    legend += [Entry(LINE, f"least distance, {_names(p)}: {length_words(p.distance)}")
+    legend += [Entry(LINE, f"least over the motion, {_names(p)}: {length_words(p.distance)}")
                for p in nearest]
     alarms = tuple(_alarm(pair, found.tolerance, film.rows) for pair in touching)
     return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), alarms)
