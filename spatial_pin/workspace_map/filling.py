@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.workspace_map.lines import Asked, Followed, Run, followed
 
-TOGETHER = 16  # runs that are sent to a worker at a time: the mechanism goes with them
+LINES_TOGETHER = 16  # runs that are sent to a worker at a time: the mechanism goes with them
 NOT_CONNECTED = "no way along the grid"
 NOT_LOOKED_AT = "not looked at"
 Index = tuple[int, ...]
@@ -137,7 +137,7 @@ def spread(
     executor: Executor | None,
 ) -> Iterator[Any]:
     """Yield what some work makes of jobs, in their order, wherever it is done."""
-    parts = [jobs[k : k + TOGETHER] for k in range(0, len(jobs), TOGETHER)]
+    parts = [jobs[k : k + LINES_TOGETHER] for k in range(0, len(jobs), LINES_TOGETHER)]
     if executor is None:
         for part in parts:
             yield from work(asked, part)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLANES = {"xy": 2, "xz": 1, "yz": 0}  # with the coordinate normal to it
-THIN = 0.05  # thickness of a cross-section relative to how far points are spread
+THIN_SLICE = 0.05  # thickness of a cross-section relative to how far points are spread
 BOUNDARY, SINGULAR = "#d55e00", "#cc2277"
 INK = "#2b3138"
 
@@ -75,7 +75,7 @@ class _Slab:
         Raises:
             ValueError: a number is not finite, or the thickness not above zero.
         """
-        given = (THIN * float(np.ptp(points, axis=0).max()) if thickness is None
+        given = (THIN_SLICE * float(np.ptp(points, axis=0).max()) if thickness is None
                  else positive_number(thickness, "thickness"))
         return cls(normal, None if at is None else finite_number(at, "at"), 0.5 * given)
 

@@ -41,9 +41,11 @@ from spatial_pin.workspace_map.lines import Asked, Followed, natural_jacobians
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST = 200_000  # points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
+# points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
+MOST_POINTS = 200_000
 USUAL, FINEST = 10_000, 41  # points of a grid where none are asked for, and of one coordinate
-TRIED = 64  # points of the grid that are tried first, the nearest ones to the assembled state
+# points of the grid that are tried first, the nearest ones to the assembled state
+STARTS_TRIED = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,9 +295,9 @@ def _ticks(
         raise ValueError("ranges is empty: give (least, largest) for every driver that moves")
     counts = _counts([name for name, *_ in spans.values()], points)
     total = int(np.prod([float(n) for n in counts]))
-    if total > MOST:
+    if total > MOST_POINTS:
         raise ValueError(f"the grid has {' x '.join(map(str, counts))} = {total} points; "
-                         f"{MOST} at most: give fewer `points`")
+                         f"{MOST_POINTS} at most: give fewer `points`")
     return (tuple(name for name, *_ in spans.values()),
             [np.linspace(low, high, n)
              for (_, low, high), n in zip(spans.values(), counts, strict=True)])
@@ -344,7 +346,7 @@ def _begin(filling: Filling, start: State) -> None:
     grid = grid_of(filling.ticks)
     far = np.linalg.norm((grid - here) / steps, axis=1)
     error: object = "joint limits are passed"
-    for row in np.argsort(far, kind="stable")[:TRIED].tolist():
+    for row in np.argsort(far, kind="stable")[:STARTS_TRIED].tolist():
         ways = {name: np.array([a, b]) for name, a, b in zip(
             asked.names, here.tolist(), grid[row].tolist(), strict=True)}
         try:

@@ -14,7 +14,7 @@ from spatial_pin.view.scene.stage import Colour, Entry, Item, Layer, Stage
 from spatial_pin.workspace_map.workspace import Workspace
 
 BALL = 0.008  # radius relative to the size of the scene
-MOST = 6000  # points that are drawn, so that a page stays small
+MOST_BALLS = 6000  # points that are drawn, so that a page stays small
 COLOURS: tuple[Colour, ...] = (  # from singular to even
     (0.27, 0.00, 0.33, 1.0), (0.23, 0.32, 0.55, 1.0), (0.13, 0.57, 0.55, 1.0),
     (0.37, 0.79, 0.38, 1.0), (0.99, 0.91, 0.15, 1.0))
@@ -47,7 +47,7 @@ def workspaces(stage: Stage, found: Workspace) -> Layer:
 def _groups(found: Workspace) -> Iterator[tuple[str, Array, Colour, str]]:
     """Yield name, points, colour and words of what is drawn alike."""
     rows = np.flatnonzero(found.reached & ~np.isnan(found.dexterity))
-    rows = rows[:: -(-len(rows) // MOST) or 1]
+    rows = rows[:: -(-len(rows) // MOST_BALLS) or 1]
     values = found.dexterity[rows]
     top = float(values.max(initial=0.0)) or 1.0
     level = np.minimum((values / top * len(COLOURS)).astype(int), len(COLOURS) - 1)
@@ -58,7 +58,7 @@ def _groups(found: Workspace) -> Iterator[tuple[str, Array, Colour, str]]:
                    f"{found.frame}: dexterity {low:.2g} to {high:.2g}")
     ends = found.boundary.points
     ends = ends[~np.isnan(ends).any(axis=1)]
-    ends = ends[:: -(-len(ends) // MOST) or 1]
+    ends = ends[:: -(-len(ends) // MOST_BALLS) or 1]
     if len(ends):
         yield "workspace ends", ends, END, f"{found.frame}: the branch ends"
 
