@@ -269,6 +269,20 @@ def test_a_simulation_is_looked_at_over_its_time(tmp_path):
     assert "time = " in found.events[0].text
 
 
+def test_a_motion_of_several_drivers_is_looked_at_over_time_and_over_samples_alike(tmp_path):
+    more = '<link name="other"/><joint name="apart" type="continuous"><parent link="post"/>' \
+           '<child link="other"/></joint>'
+    mechanism = arm(tmp_path, ball(0.1, 1.0, 0.5), ball(0.05, 1.0), more)
+    values = {"turn": np.linspace(-1.0, 2.0, 11), "apart": 0.1 * np.arange(11.0) ** 2}
+    contact, = sp.clearance(sp.follow(mechanism, values), PAIR).least.contacts
+    far, middle = np.hypot(1.0, 0.5), np.arctan2(0.5, 1.0)
+    half = np.arccos((1.0 + far**2 - 0.15**2) / (2.0 * far))
+    assert contact == pytest.approx(((middle - half + 1) / 0.3, (middle + half + 1) / 0.3),
+                                    abs=1e-9)
+    timed = sp.clearance(sp.follow(mechanism, values, np.arange(11.0)), PAIR).least
+    assert timed.contacts[0] == pytest.approx(contact, abs=1e-12)
+
+
 def test_a_traced_curve_is_looked_at_over_its_driver():
     motion = sp.trace(sp.load("four_bar"), "crank", step=0.05)
     least = sp.clearance(motion).between("crank", "rocker")

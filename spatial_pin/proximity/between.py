@@ -96,8 +96,8 @@ class Between:
             scale = motion.mechanism.velocity_scale
             h = float(np.linalg.norm(pin.difference(self.model, *motion.q[row : row + 2]) / scale))
         elif motion.driver is None or self._steps_in_time(row):
-            time = np.zeros(2) if motion.time is None else motion.time[row : row + 2]
-            h = float(time[1] - time[0])
+            # without times rates are those per sample
+            h = 1.0 if motion.time is None else float(motion.time[row + 1] - motion.time[row])
         else:
             assert self.driver is not None
             h = float(motion.driver[row + 1] - motion.driver[row])
