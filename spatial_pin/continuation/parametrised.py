@@ -75,13 +75,14 @@ class DrivenCurve:
 
     def point(self, q: Array, s: float, along: Array | None) -> Point | None:
         """Return the point at a configuration, its tangent nearest to `along`; None if singular."""
-        svd = decompose(self._equations(q, s)[1], TOLERANCES.singular)
+        derivative = self._equations(q, s)[1]
+        svd = decompose(derivative, TOLERANCES.singular)
         if svd.rank < len(self.scale):
             return None
         t = svd.null_space[0]
         if along is not None and t @ along < 0.0:
             t = -t
-        return Point(q, s, t, determinant_sign_of(np.vstack([self._equations(q, s)[1], t])))
+        return Point(q, s, t, determinant_sign_of(np.vstack([derivative, t])))
 
     def ahead(self, point: Point, length: float) -> Point | None:
         """Return the point a length ahead; None if there is none near the tangent."""

@@ -249,10 +249,10 @@ class _Trip:
             system: SquareSystem = self.start.system(q, angles)
         except SingularError:
             return Arrival("singular", q, s)
-        size = float(np.linalg.norm(system.driver_rates() @ np.append(
-            self.law.derivative()(s), np.zeros(len(system.driven) - self.law.c.shape[-1])) /
-            system.scale))
-        full = _Standing(self.law, [c.q for c in self.start.driven], self.start.state.q)
+        standing = [c.q for c in self.start.driven[self.law.c.shape[-1] :]]
+        full = _Standing(self.law, self.start.state.q[standing])
+        pace = system.driver_rates() @ full.derivative()(s) / system.scale
+        size = float(np.linalg.norm(pace))
         arrival = DrivenCurve(system, full, 1.0 / max(size, TOLERANCES.nothing)).towards(
             q, s, float(self.s[self.done]))
         if arrival.kind != "reached":
@@ -266,19 +266,17 @@ class _Trip:
 
 
 class _Standing:
-    """A law of some coordinates, with others that stand at their values behind them."""
+    """A law of some coordinates, with others that stand at their values (k,) behind them."""
 
-    def __init__(self, law: Any, places: list[int], q: Array) -> None:
-        self._law, self._rest = law, q[places[law.c.shape[-1] :]]
+    def __init__(self, law: Any, rest: Array) -> None:
+        self._law, self._rest = law, rest
 
     def __call__(self, s: float) -> Array:
         return np.append(self._law(s), self._rest)
 
     def derivative(self) -> _Standing:
         """Return the law of the rates."""
-        rates = object.__new__(_Standing)
-        rates._law, rates._rest = self._law.derivative(), 0.0 * self._rest
-        return rates
+        return _Standing(self._law.derivative(), np.zeros_like(self._rest))
 
 
 def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], Array]:
