@@ -350,3 +350,20 @@ def test_bad_words_are_refused(capfd, word, code, told):
         found = end.code
     assert found == code
     assert told in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["four_bar", "rssr", "bennett", "sarrus", "slider_crank"])
+def test_loops_are_closed_whether_a_target_is_reached_or_not(name):
+    mechanism = sp.load(name)
+    start = sp.assemble(mechanism)
+    for c in mechanism.coordinate_table.values():
+        if c.q < 0:
+            continue
+        for way in (0.3, 2.0, -2.5):
+            target = start.coordinate(c.name).value + way * mechanism.velocity_scale[c.v]
+            try:
+                state = sp.reach(mechanism, {c.name: target}, start, starts=2)
+                assert state.coordinate(c.name).value == pytest.approx(target, abs=1e-11)
+            except sp.ReachError as error:
+                state = error.state
+            assert state.closure_error < 1e-11, (c.name, way)

@@ -74,14 +74,14 @@ def reach(
     kept = joint_limits(mechanism) if limits else []
     with evaluation_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, asked, kept, held.entries, EXACT)
-        best = None
+        best = solver.reached(start.q, {})
         for q in _starts(start, solver, starts):
             found = solver.solve(q)
-            if best is None or found.distance < best.distance:
+            evaluation.update(found.q)
+            if solver.is_closed() and (q is start.q or found.distance < best.distance):
                 best = found
             if best.distance <= EXACT:
                 break
-        assert best is not None
         evaluation.update(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())

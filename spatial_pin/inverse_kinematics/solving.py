@@ -90,11 +90,11 @@ class Solver:
             q, held, is_on_its_way = self._descend(q, held, [], self.exact)
         polished = self._kept(q, self._free(held), self.exact)
         if polished is None:
-            return self._reached(q, held)._replace(is_on_its_way=is_on_its_way)
+            return self.reached(q, held)._replace(is_on_its_way=is_on_its_way)
         q = polished
         if self.weighted:
             q, held, _ = self._descend(q, held, self.exact, self.weighted)
-        return self._reached(self._least_motion(q, start, held), held)
+        return self.reached(self._least_motion(q, start, held), held)
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
         """Return weighted residuals (k,) and derivatives (k, nv) for scaled velocities."""
@@ -154,7 +154,7 @@ class Solver:
             residual, rows = self.residual(q, kept)
             size = _length(residual)
             if size <= TOLERANCES.last_digit or (size <= self.tolerance and size > 0.5 * last):
-                return q
+                return q if self.is_closed() else None
             if size > min(TOLERANCES.unexplained, last):
                 return None
             last = size
@@ -162,7 +162,12 @@ class Solver:
             step[free] = decompose(np.vstack([self._closures(), rows])[:, free]).minimum_norm(
                 np.concatenate([-self.evaluation.residual, -residual]))
             q = self._closed(pin.integrate(self.evaluation.model, q, self.scale * step), free)
-        return q if last <= self.tolerance else None
+        return q if last <= self.tolerance and self.is_closed() else None
+
+    def is_closed(self) -> bool:
+        """Whether loops are closed where the equations stand, no axis the other way round."""
+        evaluation = self.evaluation
+        return evaluation.closure_error <= TOLERANCES.closed and not evaluation.mirrored()
 
     def _descend(
         self, q: Array, held: dict[int, JointLimit], kept: Sequence[Target],
@@ -283,7 +288,8 @@ class Solver:
                 part *= 0.5
         return q
 
-    def _reached(self, q: Array, held: dict[int, JointLimit]) -> Reached:
+    def reached(self, q: Array, held: dict[int, JointLimit]) -> Reached:
+        """Return how far targets are met at a configuration, with what holds it there."""
         return Reached(q, self.residual(q, self.exact)[0], tuple(held.values()))
 
 
