@@ -15,6 +15,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.numerics.hermite import quintic
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -160,7 +161,7 @@ def _sense(motion: Motion) -> Array:
 def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
     """Return where a limit is passed between samples k and k + 1, if it is."""
     h, rates, seconds = _step(motion, k)
-    q, v = _hermite(motion.q[k : k + 2, limit.q], rates[:, limit.v], seconds[:, limit.v], h)
+    q, v = _quintic(motion.q[k : k + 2, limit.q], rates[:, limit.v], seconds[:, limit.v], h)
     sample, moving = np.zeros(motion.q.shape[1]), np.zeros(motion.v.shape[1])
 
     def at(x: float) -> tuple[Array, Array]:
@@ -184,7 +185,7 @@ def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
     if c.q < 0:
         return _at_driver(motion, limit, k, float(np.interp(x, (0.0, 1.0),
                                                             motion.driver[k : k + 2])), 6)
-    driver, _ = _hermite(motion.q[k : k + 2, c.q], rates[:, c.v], seconds[:, c.v], h)
+    driver, _ = _quintic(motion.q[k : k + 2, c.q], rates[:, c.v], seconds[:, c.v], h)
     return _at_driver(motion, limit, k, float(driver(x)), 6)
 
 
@@ -266,7 +267,7 @@ def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
     return h, size * t, size * c
 
 
-def _hermite(
+def _quintic(
     q: Array, v: Array, a: Array, h: float
 ) -> tuple[Callable[[float], float], Callable[[float], float]]:
     """Return value and slope of the quintic through two samples, as functions of the fraction.
@@ -274,12 +275,6 @@ def _hermite(
     Values q, rates v and accelerations a, each (2,), hold at the ends of a step of length h; 0
     makes a straight line.
     """
-    if h == 0.0:
-        line = np.polynomial.Polynomial([q[0], q[1] - q[0]])
-        return line, line.deriv()
-    first, second = h * v[0], 0.5 * h * h * a[0]
-    d, e, f = q[1] - q[0] - first - second, h * (v[1] - v[0]) - 2.0 * second, h * h * (a[1] - a[0])
-    quintic = np.polynomial.Polynomial([
-        q[0], first, second, 10.0 * d - 4.0 * e + 0.5 * f, 7.0 * e - 15.0 * d - f,
-        6.0 * d - 3.0 * e + 0.5 * f])
-    return quintic, quintic.deriv()
+    found = np.polynomial.Polynomial(
+        quintic(q, h * v, h * h * a) if h else [q[0], q[1] - q[0]])
+    return found, found.deriv()

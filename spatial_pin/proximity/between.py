@@ -8,6 +8,7 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.hermite import quintic
 from spatial_pin.numerics.linalg import Array
 
 
@@ -30,19 +31,18 @@ class Between:
         table = motion.mechanism.coordinate_table.values()
         self._is_linear = np.array([c.q >= 0 for c in table], dtype=bool)
         self._turns = np.array([c.unit == "rad" for c in table], dtype=bool)
+        self._powers, self._at_first = np.arange(6), np.zeros(self.model.nv)
 
     def at(self, row: int, part: float) -> Array:
         """Return the configuration (nq,) a part, 0 to 1, of the way from a sample to the next."""
         q0, q1 = self.motion.q[row], self.motion.q[row + 1]
-        (slope0, slope1), (bend0, bend1) = self._rates(row)
+        (slope0, slope1), bends = self._rates(row)
         way = pin.difference(self.model, q0, q1)
         slope1 = pin.dDifference(self.model, q0, q1, pin.ARG1) @ slope1
         u, v = part, 1.0 - part
         cubic = u * u * ((3.0 - 2.0 * u) * way - v * slope1) + u * v * v * slope0
-        quintic = (u**3 * (10.0 - 15.0 * u + 6.0 * u * u) * way
-                   + u * v**3 * (1.0 + 3.0 * u) * slope0 - u**3 * v * (4.0 - 3.0 * u) * slope1
-                   + 0.5 * u * u * v**3 * bend0 + 0.5 * u**3 * v * v * bend1)
-        step = np.where(self._is_linear, quintic, cubic)
+        fifth = part**self._powers @ quintic((self._at_first, way), (slope0, slope1), bends)
+        step = np.where(self._is_linear, fifth, cubic)
         found: Array = pin.integrate(self.model, q0, step)
         return found
 
