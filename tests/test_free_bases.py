@@ -282,6 +282,17 @@ def test_a_base_that_nobody_holds_is_not_determined(tmp_path: Path) -> None:
         sp.solve_rates(mechanism, sp.assemble(mechanism), {"j2": 1.0}, hold=None)
 
 
+def test_the_refusal_of_a_base_that_nobody_holds_says_what_holds_it(tmp_path: Path) -> None:
+    """The remedy is one that works: the base by its word, not coordinate by coordinate."""
+    mechanism = loaded(tmp_path, tree(0), free_flyer=True)
+    for hold in (None, ["j1"]):
+        with pytest.raises(sp.SingularError) as refused:
+            sp.sweep(mechanism, "j2", [0.0, 0.1], hold=hold)
+        assert "nothing holds the free base" in str(refused.value)
+        assert "hold=['base'])" in str(refused.value)
+    assert len(sp.sweep(mechanism, "j2", [0.0, 0.1], hold=["base"])) == 2
+
+
 def test_a_base_is_held_whatever_was_asked_before() -> None:
     one, other = (sp.load("rssr", free_flyer=True) for _ in range(2))
     states = [sp.assemble(m, {"crank": 0.3}) for m in (one, other)]

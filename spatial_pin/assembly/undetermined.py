@@ -125,8 +125,12 @@ def _check_free(evaluation: Evaluation, null_space: Array) -> None:
 def _ways_to_prescribe(mechanism: Mechanism, names: Sequence[str], moving: Container[str]) -> str:
     """Return how coordinates are prescribed, for messages; `moving` are all that are not."""
     rates = ", ".join(f"{name!r}: 0.0" for name in names)
-    base = [BASE] if free_bases(mechanism) else []
-    said = (f"solve_rates(..., {{{rates}}}), sweep(..., hold={[*base, *names]}) or "
+    bases = free_bases(mechanism)
+    base = [BASE] if bases else []
+    rest = [name for name in names if mechanism.coordinate_table[name].joint not in bases]
+    said = (f"solve_rates(..., {{{rates}}}), sweep(..., hold={[*base, *rest]}) or "
             f"jacobian(..., drivers=[...]); each may have a [drivers.name] in the file too")
+    if len(rest) < len(names):
+        said += f"; nothing holds the free base, which hold={base} does, as hold does by default"
     springs = [spring.joint for spring in mechanism.springs if spring.joint in moving]
     return said + f"; hold={[*base, SPRINGS]} stops the joints with springs" * bool(springs)
