@@ -24,7 +24,7 @@ LAYERS = {
          "kernel.sources", "kernel.library", "numerics", "operators", "mechanism", "formats",
          "constraints", "kernel", "assembly", "rates", "mobility", "continuation", "motion",
          "proximity", "workspace_map", "inverse_kinematics", "dimensions", "dynamics",
-         "reduction", "accuracy", "view", "cli", "__main__"],
+         "reduction", "accuracy", "synthesis", "view", "cli", "__main__"],
     "formats": ["xacro", "meshes", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],
     "formats.dialects": ["beside"],

@@ -1,0 +1,305 @@
+"""Defects of a synthesised mechanism: circuit, branch, order, transmission [ChaseMirth1993]."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.checks import checked
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.dead_centres import grounded_outputs
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.transmission import transmission_angle
+from spatial_pin.synthesis.circuits import Circuit, Place
+
+LEAST_ANGLE = float(np.radians(40.0))  # of transmission, which textbooks ask of a linkage
+ALL = "circuit, branch, order and transmission"
+MOST_NAMED = 4  # driver values of borders in a sentence
+
+
+class Defect(NamedTuple):
+    """Why a mechanism that meets its samples may not do so in motion.
+
+    Attributes:
+        kind: "circuit": the loops would have to be opened between samples; "branch": the driver
+            cannot lead from one to another; "order": it meets them in another order than asked;
+            "transmission": a poor transmission angle; "not judged": something was not looked at.
+        samples: numbers of the samples it is about, from 0.
+        text: the same as a sentence.
+    """
+
+    kind: str
+    samples: tuple[int, ...]
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.text}"
+
+
+class _Stretch(NamedTuple):
+    """What of a branch is used.
+
+    Attributes:
+        circuit: where it is.
+        branch: its number there.
+        samples: those on it, in the order that is asked for.
+        values: of the driver at these, as counted along the branch.
+    """
+
+    circuit: Circuit
+    branch: int
+    samples: tuple[int, ...]
+    values: Array
+
+
+@checked
+def defects(
+    mechanism: Mechanism,
+    states: Sequence[State],
+    driver: str | None = None,
+    *,
+    output: str | None = None,
+    at: str | None = None,
+    least_angle: float = LEAST_ANGLE,
+    ordered: bool = True,
+    cyclic: bool = False,
+) -> tuple[Defect, ...]:
+    """Return the defects of a mechanism that is to meet some configurations in motion.
+
+    The curves of configurations that the states lie on are followed as a whole (`trace`), with
+    other drivers standing still; two states are on one circuit where one curve leads to both, on
+    one branch where the driver meets neither a limit nor a branch point between them.
+
+    Args:
+        mechanism: the mechanism.
+        states: closed states in the order in which they are to be met.
+        driver: driver or coordinate that moves it; the only driver if not given.
+        output: coordinate whose transmission angle counts; default the only one-freedom joint on
+            the fixed link besides the driver's.
+        at: the pair that moves the output's link, where there are several, as for `transmission`.
+        least_angle: transmission angle that is good enough [rad].
+        ordered: whether the driver is free in when it meets the states, and its order counts.
+        cyclic: whether they are met again and again, so that a driver that turns fully is used all
+            the way round.
+
+    Returns:
+        The defects, none if there is none. What could not be looked at, as with several drivers
+        that move, is one of kind "not judged".
+
+    Raises:
+        UnknownNameError: there is no such driver or output.
+    """
+    states = [of_mechanism(mechanism, state) for state in states]
+    if not states:
+        return ()
+    mechanism = states[0].mechanism
+    everything = tuple(range(len(states)))
+    for name in (driver, output):
+        if name is not None:
+            mechanism.driven_coordinate(name)
+    if driver is None and len(mechanism.drivers) == 1:
+        driver = next(iter(mechanism.drivers))
+    why = _unjudged(mechanism, states, driver)
+    if driver is None or why:
+        return (Defect("not judged", everything, f"{ALL}: {why}"),)
+    try:
+        circuits = _circuits(mechanism, states, driver)
+    except SpatialPinError as error:
+        return (Defect("not judged", everything, f"{ALL}: {error}"),)
+    found = [*_circuit_defects(circuits)]
+    stretches = list[_Stretch]()
+    for circuit, places in circuits:
+        own = _stretches(circuit, places)
+        found += _branch_defects(own)
+        stretches += own
+    if ordered:
+        found += [defect for own in stretches for defect in _order_defects(own)]
+    return (*found, *_transmission(stretches, states, output, at, least_angle, cyclic))
+
+
+def _unjudged(mechanism: Mechanism, states: Sequence[State], driver: str | None) -> str:
+    """Return why nothing can be judged, in words; empty if it can."""
+    if driver is None:
+        n = len(mechanism.drivers)
+        return f"{n} drivers move, say which one" if n else "no driver moves it"
+    own = mechanism.driven_coordinate(driver)
+    for name, other in mechanism.drivers.items():
+        coordinate = mechanism.driven_coordinate(other.joint)
+        values = [state.coordinate(coordinate.name).value for state in states]
+        if coordinate != own and np.ptp(values) > TOLERANCES.half_precision * float(
+                mechanism.velocity_scale[coordinate.v]):
+            return f"driver {name!r} moves besides {driver!r}"
+    return ""
+
+
+# ---------------------------------------------------------------- circuits and branches
+
+
+def _circuits(
+    mechanism: Mechanism, states: Sequence[State], driver: str
+) -> list[tuple[Circuit, dict[int, Place]]]:
+    """Return the circuits that states lie on, and where.
+
+    Raises:
+        SpatialPinError: one cannot be followed.
+    """
+    found: list[tuple[Circuit, dict[int, Place]]] = []
+    left = list(range(len(states)))
+    while left:
+        circuit = Circuit(mechanism, driver, states[left[0]])
+        places = {i: place for i in left if (place := circuit.place(states[i])) is not None}
+        if left[0] not in places:
+            raise SpatialPinError(f"the curve through sample {left[0]} cannot be followed")
+        found.append((circuit, places))
+        left = [i for i in left if i not in places]
+    return found
+
+
+def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, Place]]]) -> Iterator[Defect]:
+    """Yield what it means that states lie on several curves."""
+    if len(found) < 2:
+        return
+    samples = tuple(sorted(i for _, places in found for i in places))
+    apart = "; ".join(f"{_named(tuple(places))} on {'one' if not k else 'another'}"
+                      for k, (_, places) in enumerate(found))
+    circuits = [circuit for circuit, _ in found]
+    if not all(circuit.is_closed for circuit in circuits):
+        yield Defect("not judged", samples, f"circuit: {apart} curve of configurations, which "
+                     "could not be followed until they close")
+    elif all(any(a.may_meet(b) for b in circuits if b is not a) for a in circuits):
+        yield Defect("branch", samples, f"{apart} curve of configurations; these meet at branch "
+                     f"points only, where {circuits[0].driver} does not decide on the way")
+    else:
+        yield Defect("circuit", samples, f"{apart} circuit: the loops would have to be opened "
+                     "between them")
+
+
+def _stretches(circuit: Circuit, places: dict[int, Place]) -> list[_Stretch]:
+    """Return the fewest branches of a circuit that hold all places, those with most first."""
+    left, found = dict(places), list[_Stretch]()
+    while left:
+        branches = sorted({b for place in left.values() for b in place.branches})
+        best = max(branches, key=lambda b: sum(b in place.branches for place in left.values()))
+        own = [i for i, place in left.items() if best in place.branches]
+        values = np.array([left.pop(i).value for i in own])
+        found.append(_Stretch(circuit, best, tuple(own), values))
+    return found
+
+
+def _branch_defects(stretches: Sequence[_Stretch]) -> Iterator[Defect]:
+    """Yield what it means that places of one circuit lie on several branches."""
+    if len(stretches) < 2:
+        return
+    circuit = stretches[0].circuit
+    borders = circuit.values_at_borders()
+    named = ", ".join(f"{value:.6g}" for value in borders[:MOST_NAMED])
+    more = ", ..." * (len(borders) > MOST_NAMED)
+    apart = "; ".join(f"{_named(s.samples)} on {'one' if not k else 'another'}"
+                      for k, s in enumerate(stretches))
+    yield Defect("branch", tuple(sorted(i for s in stretches for i in s.samples)),
+                 f"{apart} branch: {circuit.driver} would have to pass its limits or branch points "
+                 f"(at {named}{more} {circuit.motion.driver_unit})")
+
+
+def _named(samples: tuple[int, ...]) -> str:
+    return f"sample{'s' * (len(samples) > 1)} {', '.join(map(str, samples))}"
+
+
+# ---------------------------------------------------------------- order
+
+
+def _order_defects(stretch: _Stretch) -> Iterator[Defect]:
+    """Yield a defect if the driver meets samples in another order than asked."""
+    _, offsets, kept = _direction(stretch)
+    if kept.all():
+        return
+    out = tuple(i for i, keep in zip(stretch.samples, kept, strict=True) if not keep)
+    met = [stretch.samples[k] for k in np.argsort(offsets, kind="stable").tolist()]
+    yield Defect("order", out, f"{stretch.circuit.driver} meets the samples in the order "
+                 f"{', '.join(map(str, met))}")
+
+
+def _direction(stretch: _Stretch) -> tuple[float, Array, Array]:
+    """Return the driver's best sense, how far on it meets samples, and which are in order.
+
+    Where the driver turns fully, it begins at the first sample, and goes on for less than a turn.
+    """
+    ways = []
+    for sense in (1.0, -1.0):
+        offsets = sense * (stretch.values - stretch.values[0])
+        if stretch.circuit.turns_fully:
+            turn = abs(stretch.circuit.turn)
+            offsets %= turn
+            offsets[turn - offsets < TOLERANCES.half_precision] = 0.0
+        kept = _longest_rise(offsets)
+        ways.append((int(kept.sum()), -float(np.ptp(offsets)), sense, offsets, kept))
+    best = max(ways, key=lambda way: way[:3])
+    return best[2], best[3], best[4]
+
+
+def _longest_rise(values: Array) -> Array:
+    """Return which of some values (k,) make their longest sequence that does not fall."""
+    length, before = np.ones(len(values), dtype=int), np.full(len(values), -1)
+    for k in range(1, len(values)):
+        lower = np.flatnonzero(values[:k] <= values[k] + TOLERANCES.half_precision)
+        if lower.size:
+            before[k] = lower[np.argmax(length[lower])]
+            length[k] = length[before[k]] + 1
+    kept, k = np.zeros(len(values), dtype=bool), int(np.argmax(length))
+    while k >= 0:
+        kept[k] = True
+        k = int(before[k])
+    return kept
+
+
+# ---------------------------------------------------------------- transmission
+
+
+def _transmission(
+    stretches: Sequence[_Stretch], states: Sequence[State], output: str | None, at: str | None,
+    least: float, cyclic: bool,
+) -> Iterator[Defect]:
+    """Yield where the transmission angle is poor over the range of motion used."""
+    motion, driver = stretches[0].circuit.motion, stretches[0].circuit.driver
+    mechanism, everything = motion.mechanism, tuple(range(len(states)))
+    outputs = grounded_outputs(motion) if output is None else [output]
+    if len(outputs) != 1:
+        yield Defect("not judged", everything, f"transmission: {len(outputs)} joints on the fixed "
+                     "link may be the output, say which one")
+        return
+
+    def angle(state: State) -> float:
+        return transmission_angle(mechanism, state, outputs[0], driver, at)[0]
+
+    try:
+        own = [angle(state) for state in states]
+        swept = [(angle(s.circuit.motion.state(row)), float(s.circuit.motion.swept[row]))
+                 for s in stretches for row in _used_rows(s, cyclic)]
+    except SpatialPinError as error:
+        yield Defect("not judged", everything, f"transmission: {error}")
+        return
+    values = [state.coordinate(driver).value for state in states]
+    worst, value = min([*zip(own, values, strict=True), *swept])
+    if worst < least:
+        poor = tuple(i for i, x in enumerate(own) if x < least)
+        yield Defect("transmission", poor, f"the transmission angle of {outputs[0]} falls to "
+                     f"{np.degrees(worst):.3g}° at {driver} = {value:.6g} {motion.driver_unit}; "
+                     f"{np.degrees(least):.3g}° are asked for")
+
+
+def _used_rows(stretch: _Stretch, cyclic: bool) -> list[int]:
+    """Return samples of the curve between the first and the last place of a branch."""
+    rows, values = stretch.circuit.rows_of(stretch.branch)
+    if not stretch.circuit.turns_fully:
+        low, high = stretch.values.min(), stretch.values.max()
+        return rows[(low <= values) & (values <= high)].tolist()
+    if cyclic:
+        return rows.tolist()
+    sense, offsets, _ = _direction(stretch)
+    on = (sense * (values - stretch.values[0])) % abs(stretch.circuit.turn)
+    return rows[on <= offsets.max()].tolist()
