@@ -113,6 +113,8 @@ def velocities_beyond(motion: Motion) -> list[BeyondLimit]:
 
 
 def velocity_limit_events(motion: Motion) -> list[Event]:
-    """Return an event for every velocity limit that a sweep is beyond, at its first sample."""
-    return [Event(VELOCITY, float(motion.swept[b.samples[0]]), int(b.samples[0]), b.text(motion))
-            for b in velocities_beyond(motion)]
+    """Return an event for every velocity limit that a motion is beyond, at its first sample."""
+    at = motion.time if motion.driver is None else motion.driver
+    return [] if at is None else [
+        Event(VELOCITY, float(at[b.samples[0]]), int(b.samples[0]), b.text(motion))
+        for b in velocities_beyond(motion)]
