@@ -129,6 +129,17 @@ def test_a_joint_limit_that_is_passed_is_an_event_with_its_time():
         assert event.value == pytest.approx((upper - home["leg_1"]) / 0.1, abs=1e-9)
 
 
+def test_a_velocity_limit_that_is_passed_is_an_event_with_its_time():
+    mechanism = sp.load("excavator")
+    limit = mechanism.model.upperVelocityLimit[mechanism.coordinate("boom").v]
+    times = np.linspace(0.0, 2.0, 201)
+    motion = sp.follow(mechanism, {"boom": 2.7 + 0.3 * np.sin(2.0 * times), "arm": 2.9}, times)
+    event = next(e for e in motion.events if e.kind == "velocity limit")
+    rate = np.abs(motion.coordinate("boom").rate)
+    first = int(np.flatnonzero(rate > limit)[0])
+    assert (event.value, event.row) == (times[first], first) and "boom_slide" in event.text
+
+
 def test_a_branch_point_ends_the_motion_with_what_it_is():
     mechanism = sp.load("sarrus")
     arm = np.linspace(1.0, 2.0, 21)

@@ -350,6 +350,7 @@ LIBRARY = {
     "crank_collar": SPATIAL,
     "double_cardan": TWICE,
     "elliptic_trammel": PLANE,
+    "excavator": Count(-8, 4, 4, 8, 4, 4, 0, True),
     "four_bar": PLANE,
     "geared_five_bar": Count(-2, 1, 1, 3, 1, 1, 0, True),
     "hooke_joint": PLANE,

@@ -53,6 +53,7 @@ BARS = (
         [key("four_bar", 360, "numba steps with rates", "pylinkage")], 1.5),
     Bar("sweep Gough platform, 360 values", key("stewart", 360, "sweep"), 2.5e-3),
     Bar("sweep Gough platform, 3600 values", key("stewart", 3600, "sweep"), 2e-2),
+    Bar("excavator, 1000 samples of three cylinders", key("excavator", 1000, "follow"), 0.1),
     Bar("assemble RSSR from the file", key("assembly", 0, "assemble"), 5e-5),
     Bar("assemble RSSR from the file, crank at 40°",
         key("assembly", 0, "assemble, 40° from the guess of the file"), 5e-5),

@@ -80,6 +80,9 @@ TASKS: dict[str, Task] = {
     "stewart": Task("Gough platform, one leg moved through {} values, a value", "µs",
                     ("closure", "x", "x'", "x''"),
                     "platform's centre [m, m/s, m/s²] against Newton on the six leg lengths"),
+    "excavator": Task("excavator, three cylinders along a dig of {} samples, a sample", "µs",
+                      ("closure", "length"), "closure relative to its size; the cylinders' and the "
+                      "connecting link's lengths [m] from the angles"),
     "four_bar": Task("plane four-bar, one turn in {} values, a value", "µs", RSSR[1:4],
                      "rocker [rad, rad/s, rad/s²] against the closed form"),
     "reduced": Task("RSSR, the rocker alone asked for, {} values, a value", "µs", RSSR[1:4],

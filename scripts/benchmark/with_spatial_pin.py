@@ -9,9 +9,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import spatial_pin as sp
-from benchmark import four_bar, rspc, rssr, stewart
+from benchmark import excavator, four_bar, rspc, rssr, stewart
 from benchmark.case import Absent, Case
 from benchmark.rssr import Array, Problem
 
@@ -156,6 +157,26 @@ def judge_stewart(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float |
     return {"closure": float(np.linalg.norm(gaps, axis=-1).max()), **errors}
 
 
+# Several drivers
+
+
+def setup_excavator(samples: int) -> SimpleNamespace:
+    times = np.linspace(excavator.SECONDS[0], excavator.SECONDS[-1], samples)
+    tables = {name: CubicSpline(excavator.SECONDS, x, bc_type="clamped")(times)
+              for name, x in excavator.DIG.items()}
+    return SimpleNamespace(mechanism=sp.load("excavator"), times=times, tables=tables)
+
+
+def run_excavator(tool: SimpleNamespace) -> sp.Motion:
+    return sp.follow(tool.mechanism, tool.tables, tool.times)
+
+
+def judge_excavator(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
+    angles = np.array([motion.coordinate(name).value for name in excavator.ANGLES])
+    errors = excavator.judge(angles, np.array(list(tool.tables.values())))
+    return {"closure": float(motion.closure_error.max()), **errors}
+
+
 # A fresh process
 
 
@@ -183,6 +204,8 @@ CASES = (
     *(Case("four_bar", NAME, "sweep",
            partial(setup_other, "four_bar", "crank", four_bar.angles(n), four_bar.SPEED),
            run_other, judge_four_bar, n, n) for n in four_bar.STEPS),
+    Case("excavator", NAME, "follow", partial(setup_excavator, 1000), run_excavator,
+         judge_excavator, 1000, 1000),
     Case("rates", NAME, "solve_rates", one_state, run_rates, judge_rates),
     Case("jacobian", NAME, "jacobian", one_state, run_jacobian, judge_jacobian),
     Case("mobility", NAME, "mobility: ranks, finite freedom, loops' orders, rows to spare",
