@@ -221,6 +221,11 @@ class Dynamics:
         return float(self._library.dynamics_keep(self.handle))
 
     @property
+    def heaviest(self) -> float:
+        """The largest inertia of a joint, scaled, the others held, where it stands."""
+        return float(self._library.dynamics_heaviest(self.handle))
+
+    @property
     def evaluations(self) -> int:
         """Number of evaluations of dy/dt."""
         return int(self._library.dynamics_evaluations(self.handle))

@@ -102,8 +102,10 @@ def _declare_dynamics(found: ctypes.CDLL) -> None:
     found.dynamics_crossed.argtypes = [POINTER, REAL, REAL, POINTER, INT]
     found.dynamics_crossed.restype = INT
     found.dynamics_keep.argtypes = found.dynamics_pivot.argtypes = [POINTER]
+    found.dynamics_heaviest.argtypes = [POINTER]
     found.dynamics_evaluations.argtypes, found.dynamics_evaluations.restype = [POINTER], INT
     found.dynamics_keep.restype = found.dynamics_pivot.restype = REAL
+    found.dynamics_heaviest.restype = REAL
     found.integrator_create.argtypes = [INT, INT, POINTER, POINTER, REAL, POINTER, REAL, REAL,
                                         REAL, REAL, POINTER, POINTER]
     found.integrator_step.argtypes = [POINTER]

@@ -87,7 +87,7 @@ def natural_units(system: System, t: float, y: Array, left: float) -> Units:
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
-        units[-1] = problem.heaviest(system.place(t, y)[0]) * rate * rate or 1.0
+        units[-1] = system.heaviest(t, y) * rate * rate or 1.0
     return Units(1.0 / rate, units)
 
 

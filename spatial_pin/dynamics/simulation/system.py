@@ -61,6 +61,9 @@ class System(Protocol):
     def energies(self, t: float, y: Array) -> Energies:
         """Return the energies at y."""
 
+    def heaviest(self, t: float, y: Array) -> float:
+        """Return the largest inertia of a joint at y, scaled, the others held."""
+
     def samples(self, times: Array, unknowns: Array) -> Samples:
         """Return the samples at times (N,) and unknowns (N, n)."""
 

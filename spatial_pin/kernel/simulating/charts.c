@@ -47,6 +47,7 @@ static int hold_all(Dynamics *d, const Int *free_ones)
             return 0;
     }
     d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0;
+    d->is_curve = d->n_held == 1 && d->is_linear;
     const int turns = d->passes && k->kind[d->held_joint[0]] != SLIDE;
     d->period = turns ? 2.0 * PI / k->scale[d->held[0]] : 0.0;
     return 1;
@@ -91,7 +92,10 @@ EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const R
     memcpy(d->q, q, (size_t)d->k->nq * sizeof *q);
     memcpy(d->turns, turns, (size_t)d->k->n_angles * sizeof *turns);
     memcpy(d->sigma, sigma, (size_t)d->n_spins * sizeof *sigma);
-    return begin(d, free_ones, chosen, n_chosen);
+    const int code = begin(d, free_ones, chosen, n_chosen);
+    if (code == DONE)
+        d->heaviest = dynamics_heaviest(d);
+    return code;
 }
 
 /* ---- the best coordinates ---- */

@@ -71,7 +71,7 @@ static int read_arrays(Dynamics *d, Source from)
     d->turn_q = take_ints(&from, d->n_turns);
     d->turn_v = take_ints(&from, d->n_turns);
     d->turn_law = take_ints(&from, d->n_turns);
-    const Real *numbers = take_reals(&from, 2);
+    const Real *tolerance = take_reals(&from, 1);
     d->damping = take_reals(&from, nv);
     d->friction = take_reals(&from, nv);
     d->slip = take_reals(&from, nv);
@@ -83,7 +83,7 @@ static int read_arrays(Dynamics *d, Source from)
     d->turn_spring = take_reals(&from, 3 * d->n_turns);
     if (from.failed || from.ints_left || from.reals_left)
         return 0;
-    d->tolerance = numbers[0], d->heaviest = numbers[1];
+    d->tolerance = *tolerance;
     return 1;
 }
 
@@ -118,7 +118,22 @@ static int make_place(Dynamics *d, Place *place)
     place->passage = -1;
     return (place->q = memory(d, k->nq, sizeof(Real))) &&
            (place->x = memory(d, d->n_held, sizeof(Real))) &&
-           (place->turns = memory(d, k->n_angles, sizeof(Real)));
+           (place->turns = memory(d, k->n_angles, sizeof(Real))) &&
+           (place->bend = memory(d, k->nv, sizeof(Real))) &&
+           (place->bend_rate = memory(d, d->n_held, sizeof(Real)));
+}
+
+static int make_points(Dynamics *d)
+{
+    const Int n = point_numbers(d->k);
+    Real *from = memory(d, 2 * n, sizeof(Real));
+    if (!from)
+        return 0;
+    for (int i = 0; i < 2; i++)
+        point_carve(d->k, &from, d->points + i);
+    d->point = d->points;
+    d->point_before = d->points + 1;
+    return 1;
 }
 
 static int make_passages(Dynamics *d)
@@ -163,7 +178,7 @@ static int make_room(Dynamics *d)
         if (!(*indices[i] = memory(d, n, sizeof(Int))))
             return 0;
     return make_place(d, &d->kept) && make_place(d, &d->aside) &&
-           make_place(d, &d->ended) && make_passages(d);
+           make_place(d, &d->ended) && make_points(d) && make_passages(d);
 }
 
 EXPORT void dynamics_destroy(Dynamics *d)

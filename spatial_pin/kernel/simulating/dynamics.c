@@ -229,6 +229,33 @@ static void reduced_mass(Dynamics *d)
                                           d->columns[a * k->nv + v] * d->columns[b * k->nv + v];
 }
 
+/* Kinetic energy, twice, of a body whose twist about the world origin is (linear, angular). */
+static Real inertia_about(const Kernel *k, Int j, const Real *linear, const Real *angular)
+{
+    Real twist[6], moment[3];
+    copy3(linear, twist);
+    copy3(angular, twist + 3);
+    see_from_centre(k, j, twist);
+    for (int i = 0; i < 3; i++)
+        moment[i] = dot3(k->inertia + 9 * j + 3 * i, twist + 3);
+    return k->mass[j] * dot3(twist, twist) + dot3(moment, twist + 3);
+}
+
+/* The largest inertia of a joint, scaled, the others held: that of all that it carries. */
+EXPORT Real dynamics_heaviest(Dynamics *d)
+{
+    const Kernel *k = d->k;
+    Real *own = d->tau, most = 0.0;
+    memcpy(own, d->armature, (size_t)k->nv * sizeof *own);
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int up = moves_mass(k, j) ? j : 0; up > 0; up = k->parent[up])
+            for (Int v = k->iv[up]; v < k->iv[up] + joint_nv(k->kind[up]); v++)
+                own[v] += inertia_about(k, j, k->linear + 3 * v, k->angular + 3 * v);
+    for (Int v = 0; v < k->nv; v++)
+        most = fmax(most, own[v] * k->scale[v] * k->scale[v]);
+    return most;
+}
+
 /* Cholesky of the masses, each freedom's own one; 0 where digits would be lost. */
 static int solve_masses(Dynamics *d)
 {
@@ -562,6 +589,7 @@ EXPORT Real dynamics_keep(Dynamics *d)
         return 1.0;
     }
     independent_remember(d, &d->kept);
+    d->n_points = d->n_points ? 1 : 0; /* as where it returns to */
     return independent_pace(d);
 }
 

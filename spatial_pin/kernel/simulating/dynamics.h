@@ -9,6 +9,7 @@
 #define SPATIAL_PIN_DYNAMICS_H
 
 #include "kernel.h"
+#include "path_point.h"
 
 /* More reasons why a function ended. */
 enum { LOST = 20, ASK_FAILED = 21 };
@@ -38,6 +39,8 @@ typedef struct {
 typedef struct {
     Real *q, *x, *turns;
     Int passage, turn;
+    Int has_bend; /* as below */
+    Real *bend, *bend_rate;
 } Place;
 
 typedef struct Dynamics {
@@ -68,7 +71,9 @@ typedef struct Dynamics {
     Real *columns;    /* (n_held, nv) v / scale per unit rate of a held coordinate, by scale */
     Real *chart, *inverse; /* (n_held, 3) derivatives of x; (n_held, n_held) of those by columns */
     Int has_bend;
-    Real *bend, *bend_rate; /* (nv) a / scale at rates bend_rate of x, by their square */
+    Real *bend, *bend_rate; /* (nv) a / scale at rates of x; (n_held) these, by their square */
+    Int is_curve, n_points; /* whether it moves along a curve; points known of it, the last here */
+    Point points[2], *point, *point_before;
     Place kept;
 
     /* ---- the last evaluation ---- */
@@ -122,6 +127,7 @@ int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
 int dynamics_sample(void *d, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
                     Real *efforts, Real *angles);
 EXPORT Real dynamics_keep(Dynamics *d);
+EXPORT Real dynamics_heaviest(Dynamics *d);
 EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
                           Real *error);
 

@@ -24,7 +24,11 @@
 #define SHORTEST_TOLD 1e-8   /* way on which a change of the determinant is more than round-off */
 #define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
 #define LEAST_SOLVED TOLERANCE_NOTHING /* pivot at which a configuration has seven digits left */
-#define OLD_FACTORS_DO TOLERANCE_HALF_PRECISION /* residual that old factors reduce to round-off */
+/* Distances of two points of a curve that a polynomial through them tells ahead: their round-off
+   grows by 20 r^5 */
+#define FAR_AHEAD 8.0
+/* Of the tolerance, at which a prediction is left as it is: what corrections reach is less, too */
+#define ENOUGH 0.1
 #define RESELECT_PIVOTS 1e-2  /* of the pivots where equations were chosen: there others are tried */
 
 /* ---- the chart ---- */
@@ -248,12 +252,48 @@ static void predict(Dynamics *d, const Real *x)
         d->step[v] += 0.5 * way * way * d->bend[v];
 }
 
+/* One held coordinate moves along a curve: note the point of it where it stands, with the
+ * derivatives by x that independent_bias has found. */
+static void note_point(Dynamics *d)
+{
+    Kernel *k = d->k;
+    if (!d->is_curve || !d->has_bend)
+        return;
+    if (!(d->n_points && d->point->s == d->x[0])) {
+        Point *oldest = d->point_before;
+        d->point_before = d->point;
+        d->point = oldest;
+        d->n_points = d->n_points ? 2 : 1;
+    }
+    Point *here = d->point;
+    here->s = d->x[0];
+    memcpy(here->q, d->q, (size_t)k->nq * sizeof *here->q);
+    for (Int v = 0; v < k->nv; v++) {
+        here->t[v] = k->scale[v] * d->columns[v];
+        here->c[v] = k->scale[v] * d->bend[v] * d->bend_rate[0] * d->bend_rate[0];
+    }
+    tree_entry_rates(k, here->q, here->t, here->c, here->first, here->second);
+}
+
 static void move(const Dynamics *d, Real *q, const Real *step)
 {
     Real *physical = d->k->right;
     for (Int v = 0; v < d->k->nv; v++)
         physical[v] = d->k->scale[v] * step[v];
     tree_integrate(d->k, q, physical);
+}
+
+/* The trial at x that the step, or two points of the curve, predict. */
+static void move_trial(Dynamics *d, const Real *x)
+{
+    const Real h = x[0] - d->x[0];
+    if (d->is_curve && d->has_bend && d->n_points == 2 &&
+        fabs(h) < FAR_AHEAD * fabs(d->x[0] - d->point_before->s)) {
+        predict_hermite(d->k, d->point_before, d->point, h, d->trial);
+        return;
+    }
+    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    move(d, d->trial, d->step);
 }
 
 /* How far trial is from closed loops and from chart coordinates x. */
@@ -299,20 +339,25 @@ static void correction(Dynamics *d)
     add_motion(d, d->off, d->step);
 }
 
-/* Newton's method from trial; factored where it ends. */
+/* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends.
+ * Factors of a point that is some way off leave about that part of a residual. */
 static int newton(Dynamics *d, const Real *x, Real predicted)
 {
-    Real last = INFINITY;
+    Real last = INFINITY, away = predicted;
     for (int i = 0; i < MOST_CORRECTIONS; i++) {
         const Real error = mismatch(d, x);
         if (!isfinite(error))
             return UNSAFE;
-        if (error <= d->tolerance)
+        if (error <= (i == 0 ? ENOUGH : 1.0) * d->tolerance)
             return factor_here(d);
-        if (!(i == 0 && error < OLD_FACTORS_DO) && factor_here(d) != DONE)
-            return UNSAFE;
+        if (!(error * away <= d->tolerance)) {
+            if (factor_here(d) != DONE)
+                return UNSAFE;
+            away = 0.0;
+        }
         correction(d);
         const Real size = length(d->step, d->k->nv);
+        away += size;
         if (i == 0 && !(size <= PREDICTED_TO * predicted + 1e-9))
             return UNSAFE;
         if (i > 0 && !(size <= TOLERANCE_CONTRACTION * last))
@@ -401,8 +446,7 @@ int independent_step(Dynamics *d, const Real *x)
     d->flipped = 0;
     if (!(size <= LONGEST_GO))
         return UNSAFE;
-    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
-    move(d, d->trial, d->step);
+    move_trial(d, x);
     if (newton(d, x, size) != DONE)
         return UNSAFE;
     if (d->k->sign != d->sign || !(d->k->pivot_ratio > LEAST_SOLVED)) {
@@ -432,6 +476,7 @@ int independent_stand(Dynamics *d)
     equations_values(k, d->q);
     memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->has_bend = 0;
+    d->n_points = 0;
     d->passage = -1;
     const int code = factor_here(d);
     if (code != DONE)
@@ -482,6 +527,9 @@ void independent_remember(const Dynamics *d, Place *place)
     memcpy(place->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
     place->passage = d->passage;
     place->turn = d->turn;
+    place->has_bend = d->has_bend;
+    memcpy(place->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
+    memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
 }
 
 int independent_return(Dynamics *d, const Place *place)
@@ -489,7 +537,12 @@ int independent_return(Dynamics *d, const Place *place)
     memcpy(d->q, place->q, (size_t)d->k->nq * sizeof *d->q);
     memcpy(d->x, place->x, (size_t)d->n_held * sizeof *d->x);
     memcpy(d->turns, place->turns, (size_t)d->k->n_angles * sizeof *d->turns);
-    return independent_stand(d);
+    const int code = independent_stand(d);
+    d->has_bend = place->has_bend && code == DONE;
+    memcpy(d->bend, place->bend, (size_t)d->k->nv * sizeof *d->bend);
+    memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    note_point(d);
+    return code;
 }
 
 int independent_begin(Dynamics *d)
@@ -545,6 +598,7 @@ int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, 
     for (Int i = 0; d->has_bend && i < d->n_held; i++)
         d->bend_rate[i] /= square;
     memcpy(d->bend, x, (size_t)k->nv * sizeof *x);
+    note_point(d);
     for (Int i = 0; held_acceleration && i < d->n_held; i++)
         for (Int j = 0; j < k->nv; j++)
             x[j] += held_acceleration[i] * d->columns[i * k->nv + j];

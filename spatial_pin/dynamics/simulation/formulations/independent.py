@@ -86,7 +86,7 @@ class Independent:
             [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
             [x.energy is None for x in turns]]
         reals: list[Any] = [
-            [tolerance, problem.heaviest(state.q)], resistance.damping, resistance.friction,
+            [tolerance], resistance.damping, resistance.friction,
             resistance.slip_speed, problem.model.armature, problem.constant,
             [body.axis for body in bodies], [frames[j].T @ x for j, x in ends],
             [springs[x.name] for x in lines], [springs[x.name] for x in turns]]
@@ -218,6 +218,11 @@ class Independent:
         """Return the energies at y."""
         _, kinetic, total, work = self.samples(np.array([t]), y[None]).numbers[0].tolist()
         return Energies(kinetic, total, work)
+
+    def heaviest(self, t: float, y: Array) -> float:
+        """Return the largest inertia of a joint at y, scaled, the others held."""
+        self.place(t, y)
+        return self.kernel.heaviest
 
     def needs_new_chart(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or a chart begun anew, would be better."""

@@ -313,6 +313,10 @@ class Projected:
         energies = self.problem.energies(q, v, self.evaluation, self.problem.work(y))
         return (q, v, a, np.array([error, *energies]), np.empty(0), self.evaluation.angles.copy())
 
+    def heaviest(self, t: float, y: Array) -> float:
+        """Return the largest inertia of a joint at y, scaled, the others held."""
+        return self.problem.heaviest(self._place(y)[0])
+
     def needs_new_chart(self, t: float, y: Array) -> bool:
         """Whether the chart should be begun anew."""
         return self.curved and float(np.abs(y[: self.n]).max()) > CHART_WIDTH
