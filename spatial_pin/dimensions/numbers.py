@@ -51,16 +51,22 @@ class DimensionNumbers:
         self._end = np.arange(n, len(self.base)).reshape(-1, 3)
         self._span = _Span(mechanism, own)
 
-    def at(self, found: TracedGeometry) -> Numbers:
-        """Return the numbers at m sets of dimensions, those of the points behind the kernel's."""
-        found = self._with_own_axes(found)
-        blocks = list(self._blocks(found))
+    def at(self, found: TracedGeometry, rescaled: bool = True) -> Numbers:
+        """Return the numbers at m sets of dimensions, those of the points behind the kernel's.
+
+        Args:
+            found: what follows from the dimensions.
+            rescaled: whether lengths are relative to the characteristic length that each set has;
+                else to the mechanism's own.
+        """
+        found = self.with_own_axes(found)
+        blocks = [*(self._scaled(found) if rescaled else ()), *self._blocks(found)]
         places, values = zip(*blocks, strict=True) if blocks else ((), ())
         every = [np.broadcast_to(x, (len(found.holds), x.shape[1])) for x in values]
         return Numbers(self.base, np.concatenate([np.empty(0, np.int64), *places]),
                        np.concatenate([np.empty((len(found.holds), 0)), *every], axis=1))
 
-    def _with_own_axes(self, found: TracedGeometry) -> TracedGeometry:
+    def with_own_axes(self, found: TracedGeometry) -> TracedGeometry:
         """Return the same mechanisms with the axes of joints in their bodies as they are here.
 
         The bodies' own axes are turned instead: Q in the joint's placement and its transpose in
@@ -80,11 +86,14 @@ class DimensionNumbers:
                     frames[k] = back @ _frame(model, k, found)
         return found._replace(joints=joints, frames=frames)
 
-    def _blocks(self, found: TracedGeometry) -> Iterator[Block]:
-        """Yield what depends on the dimensions."""
+    def _scaled(self, found: TracedGeometry) -> Iterator[Block]:
+        """Yield what goes with the characteristic length."""
         scaled = np.flatnonzero(self._powers)
         ratio = self._span.at(found) / self._mechanism.characteristic_length
         yield scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]
+
+    def _blocks(self, found: TracedGeometry) -> Iterator[Block]:
+        """Yield what else depends on the dimensions."""
         yield from self._joint_blocks(found)
         yield from self._vector_blocks(found)
         for name, frame, places in zip(self._points, self._frames, self._end, strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import address, check, numbers
+from spatial_pin.kernel.kernel import Kernel, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -60,6 +60,26 @@ class ClosedSamples(NamedTuple):
     magnitude: Array
     bend: Array
     opened: Array
+
+
+class EvaluatedSamples(NamedTuple):
+    """What m samples give at configurations at which nothing is closed.
+
+    Attributes:
+        residual: (m, n_rows) closure equations.
+        angles: (m, n_angles) of screw closures [rad].
+        rotations: (m, njoints, 3, 3) of the joints of the model in the world, as Pinocchio's.
+        translations: (m, njoints, 3) [m].
+        jacobian: (m, n_rows, nv) of the equations with respect to v / `velocity_scale`.
+        columns: (m, 6, nv) of the joint Jacobian about the world origin, by v.
+    """
+
+    residual: Array
+    angles: Array
+    rotations: Array
+    translations: Array
+    jacobian: Array
+    columns: Array
 
 
 class _Samples(ctypes.Structure):
@@ -139,3 +159,52 @@ class DimensionCloser:
         check(kernel.library.dimensions_close(
             kernel.handle, self._closer.handle, ctypes.byref(asked), m, address(work)))
         return ClosedSamples(q, angles, v, a, points, *facts.T)
+
+
+class DimensionEvaluator:
+    """Evaluates samples of a mechanism that differ in their dimensions; one caller at a time.
+
+    Its kernel is not shared: it holds the numbers of the last sample.
+
+    Args:
+        mechanism: the mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._kernel = Kernel(mechanism)
+
+    def evaluate(
+        self, q: Array, angles: Array, made_of: Numbers, with_jacobian: bool = True
+    ) -> EvaluatedSamples:
+        """Evaluate samples where they stand.
+
+        Args:
+            q: (m, nq) configurations.
+            angles: (m, n_angles) from which those of screws count [rad].
+            made_of: their numbers, none of points.
+            with_jacobian: whether Jacobian and columns are wanted; else these are empty.
+        """
+        kernel, m, nv = self._kernel, len(q), self._kernel.nv
+        n, size = len(kernel.packed.frames), kernel.n_rows + kernel.n_passive
+        q = numbers(q, (m, kernel.nq))
+        angles = np.array(numbers(angles, (m, kernel.n_angles)))
+        base = numbers(made_of.base, kernel.packed.reals.shape)
+        places = np.array(made_of.places, np.int64)
+        varied = numbers(made_of.varied, (m, len(places)))
+        residual, work = np.empty((m, kernel.n_rows)), np.empty(len(base))
+        rotations, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        k = m if with_jacobian else 0
+        jacobian, linear, angular = np.empty((k, size, nv)), *np.empty((2, k, nv, 3))
+        asked = _Samples(base=address(base), place=address(places), varied=address(varied),
+                         q=address(q), angle=address(angles), n_reals=len(base),
+                         n_varied=len(places))
+        ends = [address(x) if with_jacobian else None for x in (jacobian, linear, angular)]
+        check(kernel.library.dimensions_evaluate(
+            kernel.handle, ctypes.byref(asked), m, *map(address, (residual, rotations,
+            translations)), *ends, address(work)))
+        carriers = kernel.packed.carriers  # rotations come by columns
+        in_pin = kernel.packed.frames[carriers] @ rotations[:, carriers]
+        return EvaluatedSamples(
+            residual, angles, in_pin.transpose(0, 1, 3, 2), translations[:, carriers],
+            jacobian[:, : kernel.n_rows],
+            np.concatenate([linear, angular], axis=2).transpose(0, 2, 1))

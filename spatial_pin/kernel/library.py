@@ -70,6 +70,7 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, *[POINTER] * 2]
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
     found.dimensions_close.argtypes = [POINTER, POINTER, POINTER, INT, POINTER]
+    found.dimensions_evaluate.argtypes = [POINTER, POINTER, INT, *[POINTER] * 7]
     found.path_create.argtypes = [POINTER] * 3
     found.path_destroy.restype = None
     found.path_destroy.argtypes = [POINTER]

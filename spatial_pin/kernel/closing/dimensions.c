@@ -286,3 +286,36 @@ EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, 
         code = close_sample(&w, i);
     return code;
 }
+
+/* What m samples give at the configurations where they stand: nothing is closed.
+
+   Of each: closure equations (n_closure), placements R (9, by columns) and p (3) of all joints, the
+   dense Jacobian (n_equations, nv) with respect to v / scale, and the columns (nv, 3) of the joint
+   Jacobian about the world origin. Jacobian and columns may be NULL. Angles of screws are taken
+   and given in `angle`. work: (n_reals). */
+EXPORT int dimensions_evaluate(Kernel *k, const Samples *s, Int m, Real *residual, Real *R, Real *p,
+                               Real *jacobian, Real *linear, Real *angular, Real *work)
+{
+    if (s->n_points)
+        return BAD_ARRAYS;
+    Work w = {.k = k, .s = s, .numbers = work};
+    for (Int n = 0; n < s->n_varied; n++)
+        if (!within(s->place[n], s->n_reals))
+            return BAD_ARRAYS;
+    const Int size = k->n_equations * k->nv;
+    for (Int i = 0; i < m; i++) {
+        Real *angle = s->angle + i * k->n_angles;
+        take_numbers(&w, i);
+        const int code = kernel_set_numbers(k, w.numbers, s->n_reals);
+        if (code != DONE)
+            return code;
+        kernel_evaluate(k, s->q + i * k->nq, NULL, angle, R + 9 * i * k->n_joints,
+                        p + 3 * i * k->n_joints, residual + i * k->n_closure, angle,
+                        jacobian ? jacobian + i * size : NULL, NULL);
+        if (!jacobian)
+            continue;
+        memcpy(linear + 3 * i * k->nv, k->linear, (size_t)(3 * k->nv) * sizeof(Real));
+        memcpy(angular + 3 * i * k->nv, k->angular, (size_t)(3 * k->nv) * sizeof(Real));
+    }
+    return DONE;
+}

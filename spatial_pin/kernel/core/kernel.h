@@ -158,6 +158,10 @@ void equations_bias(Kernel *k, const Real *v);   /* bias, after equations_jacobi
 Real equations_error(const Kernel *k);           /* largest absolute residual */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
+/* ---- evaluating.c ---- */
+EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *turns, Real *R,
+                           Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias);
+
 /* ---- system.c ---- */
 /* Equations to be solved, what is driven, and rows that fill the system up; n_chosen + n_idle +
    n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the component of a ball or

@@ -1,0 +1,35 @@
+"""Least squares of many small matrices together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+def damped_solutions(a: Array, b: Array, damping: Array) -> Array:
+    """Return x (m, n) with |a x - b|² + damping |x|² least, a (m, k, n), b (m, k), damping (m,)."""
+    u, s, vt = np.linalg.svd(a, full_matrices=False)
+    parts = s / (s * s + damping[:, None])
+    found: Array = np.einsum("mkn,mk->mn", vt, parts * np.einsum("mik,mi->mk", u, b))
+    return found
+
+
+def null_spaces(a: Array) -> Array:
+    """Return orthonormal rows (m, n, n) that a (m, k, n) takes to zero, among rows of zeros."""
+    m, k, n = a.shape
+    square = np.zeros((m, max(k, n), n))
+    square[:, :k] = a
+    _, s, vt = np.linalg.svd(square, full_matrices=False)
+    free = s <= TOLERANCES.singular * s[:, :1]
+    found: Array = vt * free[:, :, None]
+    return found
+
+
+def projected(b: Array, a: Array) -> Array:
+    """Return what of b (m, k, n) is normal to the columns of a (m, k, j)."""
+    u, s, _ = np.linalg.svd(a, full_matrices=False)
+    u = u * (s > TOLERANCES.singular * np.maximum(s[:, :1], TOLERANCES.half_precision))[:, None]
+    found: Array = b - u @ (u.transpose(0, 2, 1) @ b)
+    return found

@@ -1,0 +1,162 @@
+"""A mechanism at many sets of its dimensions, evaluated together where its joints stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.constraints.closure_equations import constraints_of
+from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.dimensions.homotopy import varied
+from spatial_pin.dimensions.numbers import DimensionNumbers
+from spatial_pin.dimensions.variants import Pose, Variants
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.dimensions import DimensionEvaluator, Numbers
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.packing import packed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+
+class Members(NamedTuple):
+    """A mechanism at m sets of dimensions.
+
+    Attributes:
+        holds: (m,) whether there is such a mechanism.
+        numbers: of the kernel, lengths relative to the characteristic length of the family.
+        frames: by number in the model, placements in what carries them.
+    """
+
+    holds: NDArray[np.bool_]
+    numbers: Numbers
+    frames: dict[int, Pose]
+
+    def taken(self, k: NDArray[np.intp]) -> Members:
+        """Return some of them (n,), one several times if wanted."""
+        base, places, varied_numbers = self.numbers
+        frames = {i: Pose(*(x[k] if len(x) > 1 else x for x in pose))
+                  for i, pose in self.frames.items()}
+        return Members(self.holds[k], Numbers(base, places, varied_numbers[k]), frames)
+
+
+class Bodies(NamedTuple):
+    """Where the bodies of m mechanisms are, and how they move with the joints.
+
+    Attributes:
+        mechanism: at the family's own dimensions: its names and its structure.
+        members: what they are made of.
+        q: (m, nq).
+        residual: (m, n_rows) closure equations.
+        angles: (m, n_angles) of screw closures [rad].
+        jacobian: (m, n_rows, nv) of these with respect to v / `velocity_scale`; empty if not asked
+            for, like `columns`.
+        rotations, translations: (m, njoints, 3, 3) and (m, njoints, 3) of the joints.
+        columns: (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`.
+        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
+    """
+
+    mechanism: Mechanism
+    members: Members
+    q: Array
+    residual: Array
+    angles: Array
+    jacobian: Array
+    rotations: Array
+    translations: Array
+    columns: Array
+    supports: Array
+
+    def frame(self, name: str) -> tuple[Array, Array]:
+        """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world."""
+        i = self.mechanism.frame_id(name)
+        frame = self.mechanism.model.frames[i]
+        own = self.members.frames.get(i) or Pose.of(frame.placement)
+        at, place = self.rotations[:, frame.parentJoint], self.translations[:, frame.parentJoint]
+        return (at @ own.rotation,
+                place + np.einsum("mij,mj->mi", at, np.broadcast_to(own.translation, place.shape)))
+
+    def frame_jacobian(self, name: str, origin: Array) -> Array:
+        """Return its Jacobian (m, 6, nv) at its origin (m, 3), world axes."""
+        joint = self.mechanism.model.frames[self.mechanism.frame_id(name)].parentJoint
+        found = self.columns * self.supports[joint]
+        arms = np.cross(origin[:, :, None], found[:, 3:], axis=1)
+        found[:, :3] -= arms
+        return found
+
+
+class Family:
+    """A mechanism as a function of some of its dimensions.
+
+    Args:
+        mechanism: at its own dimensions.
+        names: the dimensions that change.
+
+    Raises:
+        SpatialPinError: it has no file.
+    """
+
+    def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
+        self.mechanism, self.names = mechanism, list(names)
+        if mechanism.path is None:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r} has no file to change dimensions in")
+        self.variants = Variants(mechanism, self.names)
+        tree = self.variants.tree
+        self._tree = tree
+        self._numbers = DimensionNumbers(mechanism, tree, []) if tree else None
+
+    def at(self, dimensions: Array) -> Members:
+        """Return the mechanism at dimensions (n, m), in the order of the names."""
+        if self._tree is None or self._numbers is None:
+            return self._loaded(dimensions)
+        with np.errstate(all="ignore"):  # of those that are none
+            found = self._tree.at(dimensions)
+            numbers = self._numbers.at(found, rescaled=False)
+            return Members(found.holds & np.isfinite(numbers.varied).all(axis=1), numbers,
+                           self._numbers.with_own_axes(found).frames)
+
+    def _loaded(self, dimensions: Array) -> Members:
+        """Return the same of mechanisms loaded one by one, where the file cannot be followed."""
+        mechanism = self.mechanism
+        holds, reals = np.ones(dimensions.shape[1], dtype=bool), []
+        frames: list[list[Pose]] = []
+        for k, one in enumerate(dimensions.T):
+            try:
+                there = varied(mechanism, dict(zip(self.names, one.tolist(), strict=True)))
+                there.__dict__["characteristic_length"] = mechanism.characteristic_length
+                own = packed(there).reals
+                holds[k] = len(own) == len(packed(mechanism).reals)
+            except SpatialPinError:
+                holds[k] = False
+            if not holds[k]:
+                there, own = mechanism, packed(mechanism).reals
+            reals.append(own)
+            frames.append([Pose.of(frame.placement) for frame in there.model.frames])
+        placed = {i: Pose(*(np.concatenate(x) for x in zip(*several, strict=True)))
+                  for i, several in enumerate(zip(*frames, strict=True))}
+        base = packed(mechanism).reals
+        return Members(holds, Numbers(base, np.arange(len(base)), np.array(reals)), placed)
+
+    def mechanism_at(self, dimensions: Mapping[str, float]) -> Mechanism:
+        """Return one of them as a Mechanism, loaded from its file."""
+        return varied(self.mechanism, dimensions)
+
+    def bodies(
+        self, members: Members, q: Array, angles: Array, with_jacobian: bool = True
+    ) -> Bodies:
+        """Evaluate m of them at configurations q (m, nq), screws counting from angles."""
+        with acquired(self.mechanism, "dimension evaluator",
+                      lambda: DimensionEvaluator(self.mechanism)) as evaluator:
+            found = evaluator.evaluate(q, angles, members.numbers, with_jacobian)
+        scale = self.mechanism.velocity_scale
+        return Bodies(self.mechanism, members, q, found.residual, found.angles, found.jacobian,
+                      found.rotations, found.translations, found.columns * scale,
+                      constraints_of(self.mechanism).supports)
+
+    def displaced(self, q: Array, steps: Array) -> Array:
+        """Return configurations (m, nq) moved by joint displacements (m, nv)."""
+        with kernel_of(self.mechanism) as kernel:
+            return kernel.displaced(q, steps)

@@ -1,0 +1,509 @@
+"""One problem of dimensional synthesis, and its local solutions.
+
+From a start, dimensions and configurations are fitted together: first loosely, open loops being
+weighed against missed goals, then ever more closed, at last exactly, by SciPy's trust region. Goals
+that are to be met exactly, beside others that are met as well as can be, are kept by augmented
+Lagrangians [Hestenes1969; Powell1969].
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.predictions import STEP
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.demands import Candidate, Demand
+from spatial_pin.synthesis.family import Family, Members
+from spatial_pin.synthesis.goals import Goal, Precision
+from spatial_pin.synthesis.settling import Samples, Settling, spread
+
+# Weights of open loops relative to missed goals, one after the other: what is left open at last is
+# a ten-thousandth of what is missed, from which exact closing goes on.
+WEIGHTS = (1.0, 10.0, 100.0)
+LOOSE_EVALUATIONS = 50  # of each of these: some twenty are usual
+EXACT_EVALUATIONS = 200  # of exact ones: ten are usual, a hundred along curved valleys
+LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on to
+FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
+MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
+FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
+NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
+START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
+DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
+
+
+Residual = Callable[[Array], Array]
+Slopes = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A local solution.
+
+    Attributes:
+        x: (n,) the numbers that are looked for, dimensions first.
+        cost: sum of squares of weighted residuals of goals with a weight; infinite if no solution
+            was found from that start.
+        hard: the largest residual of goals that are to be met exactly.
+        samples: configurations of every goal of precision.
+        evaluations: sets of dimensions that were tried.
+    """
+
+    x: Array
+    cost: float
+    hard: float
+    samples: tuple[Samples, ...]
+    evaluations: int
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is a solution: exact goals are met."""
+        return bool(np.isfinite(self.cost)) and self.hard <= TOLERANCES.nothing
+
+
+@dataclass(frozen=True, eq=False)
+class ProblemSpec:
+    """What a problem is made of; it can be sent to other processes.
+
+    Attributes:
+        path, loading: the mechanism's file, and what it was loaded with.
+        goals: what it should do.
+        bounds: by dimension, infinite where there are none.
+        guess: configuration (nq,) and angles of the start at the mechanism's own dimensions.
+    """
+
+    path: Any
+    loading: Mapping[str, Any]
+    goals: tuple[Goal, ...]
+    bounds: Mapping[str, tuple[float, float]]
+    guess: Mapping[str, Any]
+
+    def make(self) -> Problem:
+        """Return the problem."""
+        from spatial_pin.formats.files import load
+
+        return Problem(load(self.path, **self.loading), self.goals, self.bounds, self.guess)
+
+
+class Problem:
+    """Dimensions with which a mechanism meets goals.
+
+    Args:
+        mechanism: at the dimensions of the first start.
+        goals: what it should do.
+        bounds: by dimension that may change, infinite where there are none.
+        guess: which branch the first start is on, as for `assemble`.
+
+    Attributes:
+        names: of the numbers that are looked for: dimensions, then numbers of the goals.
+        lower, upper: (n,) their bounds.
+        start: (n,) where the first start is.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, goals: Sequence[Goal],
+        bounds: Mapping[str, tuple[float, float]], guess: Mapping[str, Any],
+    ) -> None:
+        self.mechanism, self.goals = mechanism, tuple(goals)
+        self.family = Family(mechanism, bounds)
+        self.settlings = [Settling(self.family, g) for g in goals if isinstance(g, Precision)]
+        self.demands = [g for g in goals if isinstance(g, Demand)]
+        self._guess = guess
+        self._nominal: State | None = None
+        own = [f"{s.goal.name}: {name}" for s in self.settlings for name in s.names]
+        self.n = len(bounds)
+        self.names = (*bounds, *own)
+        low, high = np.array([*bounds.values()], dtype=float).reshape(-1, 2).T
+        free = np.full(len(own), np.inf)
+        self.lower, self.upper = np.concatenate([low, -free]), np.concatenate([high, free])
+        self.start = np.array([*(mechanism.dimensions[name] for name in bounds), *[0.0] * len(own)])
+        self.start[: self.n] = np.clip(self.start[: self.n], low, high)
+        length = mechanism.characteristic_length
+        widths = np.where(np.isfinite(high - low), high - low,
+                          np.maximum(np.abs(self.start[: self.n]), min(length, 1.0)))
+        self.sizes = np.concatenate([widths, np.ones(len(own))])
+        ends = np.cumsum([self.n, *(len(s.names) for s in self.settlings)])
+        self._own = [slice(*x) for x in itertools.pairwise(ends.tolist())]
+
+    # ------------------------------------------------------------ starts
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Return a start (n,): dimensions anywhere between their bounds, goals placed anywhere.
+
+        Dimensions without bounds are within half and twice their own values.
+        """
+        x = self.start.copy()
+        part = rng.uniform(size=self.n)
+        low, high = self.lower[: self.n], self.upper[: self.n]
+        bounded = np.isfinite(high - low)
+        with np.errstate(invalid="ignore"):
+            x[: self.n] = np.where(bounded, low + part * (high - low),
+                                   x[: self.n] * 2.0 ** (2.0 * part - 1.0))
+        x[: self.n] = np.clip(x[: self.n], low, high)
+        for settling, own in zip(self.settlings, self._own, strict=True):
+            x[own] = [_drawn(name, rng) for name in settling.names]
+        return x
+
+    def nominal(self) -> State:
+        """Return the closed state at the mechanism's own dimensions.
+
+        Raises:
+            AssemblyError: it does not close.
+        """
+        if self._nominal is None:
+            self._nominal = assembled(self.mechanism, {}, self._guess)
+        return self._nominal
+
+    def _begin(self, x: Array, rng: np.random.Generator | None) -> list[Samples]:
+        """Return configurations to start from, each sample from the one before.
+
+        Args:
+            x: dimensions and own numbers.
+            rng: None: from the closed state; else from the best of some that are drawn.
+        """
+        members, found = self.members(x), []
+        state = self.nominal()
+        for settling, own in zip(self.settlings, self._own, strict=True):
+            k = 1 if rng is None else DRAWN_TRIES
+            q = (state.q[None] if rng is None else
+                 np.concatenate([state.q[None], spread(self.mechanism, state.q, k - 1, rng)]))
+            tries = Samples(q, np.repeat(state.angles[None], k, axis=0), np.zeros(k, dtype=np.intp))
+            last = self._best(settling, members, tries, x[own])
+            chain = [last]
+            for i in range(1, settling.goal.count):
+                last = self._best(settling, members, last._replace(at=np.array([i])), x[own])
+                chain.append(last)
+            found.append(Samples.joined(chain))
+        return found
+
+    @staticmethod
+    def _best(settling: Settling, members: Members, tries: Samples, own: Array) -> Samples:
+        """Return that of some configurations from which the goal is met best."""
+        settled = settling.loosely(members, settling.placed(tries, own), own, WEIGHTS[0])
+        left = settling.loose_residual(members, settled, own, WEIGHTS[0])
+        best = int(np.argmin(np.einsum("mi,mi->m", left, left)))
+        return settled.taken(slice(best, best + 1))
+
+    def members(self, x: Array) -> Members:
+        """Return the mechanism of x."""
+        return self.family.at(x[: self.n, None])
+
+    def around(self, x: Array) -> tuple[Members, Array]:
+        """Return mechanisms ahead of and behind each dimension, and the widths between (n,)."""
+        n, steps = self.n, STEP * self.sizes[: self.n]
+        ends = x[:n, None] + np.concatenate([np.diag(steps), -np.diag(steps)], axis=1)
+        widths = (ends[:, :n] - ends[:, n:]).diagonal()
+        return self.family.at(ends), widths
+
+    # ------------------------------------------------------------ solutions
+
+    def value(self, x: Array) -> float:
+        """Return the loose cost at x, from the closed state: for a global search."""
+        members = self.members(x)
+        if not members.holds.all():
+            return np.inf
+        total = 0.0
+        for settling, samples, own in zip(self.settlings, self._begin(x, None), self._own,
+                                          strict=True):
+            left = settling.loose_residual(members, samples, x[own], WEIGHTS[-1])
+            total += float(np.sum(left**2)) * (settling.goal.weight or 1.0) ** 2
+        return total
+
+    def solve(self, x: Array, rng: np.random.Generator | None = None) -> Found:
+        """Return the local solution from a start.
+
+        Args:
+            x: (n,) dimensions and own numbers.
+            rng: None: from the closed state of the guess; else configurations are drawn too.
+        """
+        fit = Fit(self)
+        try:
+            return fit.solved(x, self._begin(x, rng))
+        except SpatialPinError:  # nothing closes there, or a demand cannot be judged
+            return Found(x, np.inf, np.inf, (), fit.evaluations)
+
+
+def _drawn(name: str, rng: np.random.Generator) -> float:
+    """Return an own number: zeros and turns up to half a turn, shifts and sizes of about one."""
+    if name == "scale" or name in ("placement.x", "placement.y", "placement.z"):
+        return float(0.5 * rng.standard_normal())
+    if name.startswith("placement.r"):
+        return float(rng.uniform(-np.pi, np.pi) / np.sqrt(3.0))
+    return float(rng.uniform(-np.pi, np.pi))
+
+
+class Fit:
+    """Fits the numbers of a problem from one start.
+
+    Attributes:
+        evaluations: sets of dimensions that were tried.
+
+    Args:
+        problem: what is asked for.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.p, self.evaluations = problem, 0
+        self._near: list[Samples] = []
+        self._parts = list(zip(problem.settlings, problem._own, strict=True))
+
+    def solved(self, x: Array, near: list[Samples]) -> Found:
+        """Return the solution from x and configurations nearby."""
+        self._near = near
+        if self._parts:
+            for weight in WEIGHTS:
+                x = self._loosely(x, weight)
+        return _Exactly(self, x).found()
+
+    def minimum(
+        self, residual: Residual, slopes: Slopes, x: Array, most: int, gain: float
+    ) -> Array:
+        """Return where the sum of squares is least, by SciPy's trust region.
+
+        That keeps off the bounds, and comes near them slowly: numbers that it ends close to one are
+        put there, and the others are fitted again.
+        """
+        p, every = self.p, np.ones(len(x), dtype=bool)
+        first = self._descended(residual, slopes, x, every, most, max(gain, FIRST_GAIN))
+        near = NEAR_BOUND * p.sizes
+        x = np.where(first - p.lower < near, p.lower,
+                     np.where(p.upper - first < near, p.upper, first))
+        free = (x != p.lower) & (x != p.upper)
+        if gain >= FIRST_GAIN or not np.isfinite(residual(x)).all():
+            return first
+        second = self._descended(residual, slopes, x, free, most, gain)
+        squares = [float(np.sum(residual(there) ** 2)) for there in (first, second)]
+        return second if squares[1] <= squares[0] else first
+
+    def _descended(
+        self, residual: Residual, slopes: Slopes, x: Array, free: NDArray[np.bool_], most: int,
+        gain: float,
+    ) -> Array:
+        """Return where the sum of squares is least, some numbers being free."""
+        from scipy.optimize import least_squares  # takes a quarter of a second
+
+        p, x = self.p, x.copy()
+        if not free.any():
+            return x
+        low, high, size = p.lower[free], p.upper[free], p.sizes[free]
+
+        def whole(part: Array) -> Array:
+            there = x.copy()
+            there[free] = part
+            return there
+
+        start = np.clip(x[free], low + START_MARGIN * size, high - START_MARGIN * size)
+        found = least_squares(
+            lambda part: residual(whole(part)), start, lambda part: slopes(whole(part))[:, free],
+            bounds=(low, high), x_scale=size, ftol=gain, xtol=TOLERANCES.round_off,
+            gtol=TOLERANCES.last_digit, max_nfev=most)
+        return whole(found.x)
+
+    # ------------------------------------------------------------ loosely
+
+    def _loosely(self, x: Array, weight: float) -> Array:
+        p = self.p
+        settled: dict[bytes, list[Samples]] = {}
+
+        def at(x: Array) -> list[Samples]:
+            if x.tobytes() not in settled:
+                settled.clear()
+                self.evaluations += 1
+                members = p.members(x)
+                settled[x.tobytes()] = [
+                    s.loosely(members, near, x[own], weight / _size(s.goal))
+                    for (s, own), near in zip(self._parts, self._near, strict=True)]
+            return settled[x.tobytes()]
+
+        def residual(x: Array) -> Array:
+            members = p.members(x)
+            if not members.holds.all():
+                return np.full(n_rows, np.inf)
+            return np.concatenate([
+                (_size(s.goal) * s.loose_residual(members, samples, x[own],
+                                                  weight / _size(s.goal))).ravel()
+                for (s, own), samples in zip(self._parts, at(x), strict=True)])
+
+        def slopes(x: Array) -> Array:
+            self._near = at(x)
+            members, (around, widths) = p.members(x), p.around(x)
+            return np.concatenate([
+                _size(s.goal) * self._columns(own, s.loose_slopes(
+                    members, around, widths, samples, x[own], weight / _size(s.goal)))
+                for (s, own), samples in zip(self._parts, self._near, strict=True)])
+
+        n_rows = 0
+        n_rows = len(residual(x))
+        x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        self._near = at(x)
+        return x
+
+    def _columns(self, own: slice, slopes: Array) -> Array:
+        """Return derivatives (k r, n) from those (k, r, .) for dimensions and own numbers."""
+        n, out = self.p.n, np.zeros((slopes.shape[0] * slopes.shape[1], len(self.p.names)))
+        flat = slopes.reshape(len(out), -1)
+        out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
+        return out
+
+    # ------------------------------------------------------------ exactly
+
+    @property
+    def near(self) -> list[Samples]:
+        """Configurations from which others are closed."""
+        return self._near
+
+    def settle(self, x: Array) -> list[Samples] | None:
+        """Return closed configurations of x; None where some do not close."""
+        members = self.p.members(x)
+        self.evaluations += 1
+        if not members.holds.all():
+            return None
+        found = []
+        for (settling, own), near in zip(self._parts, self._near, strict=True):
+            samples, is_closed = settling.exactly(members, near, x[own])
+            if not is_closed.all():
+                return None
+            found.append(samples)
+        return found
+
+    def goal_residuals(self, x: Array, samples: list[Samples]) -> list[Array]:
+        """Return the residuals (k, r) of every goal of precision."""
+        members = self.p.members(x)
+        return [s.residual(members, at, x[own])
+                for (s, own), at in zip(self._parts, samples, strict=True)]
+
+    def goal_slopes(self, x: Array, samples: list[Samples]) -> list[Array]:
+        """Return their derivatives, each (k r, n)."""
+        self._near = samples
+        members, (around, widths) = self.p.members(x), self.p.around(x)
+        return [self._columns(own, s.slopes(members, around, widths, at, x[own]))
+                for (s, own), at in zip(self._parts, samples, strict=True)]
+
+
+def _size(goal: Goal) -> float:
+    """Return the weight of a goal; one of those that are to be met exactly."""
+    return 1.0 if goal.weight is None else goal.weight
+
+
+class _Exactly:
+    """The fit with closed loops: goals of precision, and what else is demanded.
+
+    Residuals are those of goals of precision, then of demands. Of those that are to be exact, r,
+    the sum of r² penalty / 2 + multiplier r belongs to what is made least; demands are inequalities
+    r <= 0.
+    """
+
+    def __init__(self, fit: Fit, x: Array) -> None:
+        self.fit, self.p, self.x = fit, fit.p, x
+        self._memo: dict[bytes, tuple[list[Samples], Array] | None] = {}
+        first = self._at(x)
+        if first is None:
+            raise SpatialPinError("the loops do not close from this start")
+        goals = [s.goal for s, _ in fit._parts]
+        counts = [r.size for r in fit.goal_residuals(x, first[0])]
+        demanded = [d.count for d in self.p.demands]
+        every = [*goals, *self.p.demands]
+        repeats = [*counts, *demanded]
+        self.weights = np.repeat([_size(g) for g in every], repeats)
+        self.exact = np.repeat([g.weight is None for g in every], repeats).astype(bool)
+        self.one_sided = np.repeat([isinstance(g, Demand) and g.is_one_sided for g in every],
+                                   repeats).astype(bool)
+        self.multipliers = np.zeros(len(self.weights))
+        self.penalty = FIRST_PENALTY if (~self.exact).any() or self.one_sided.any() else 1.0
+
+    def _at(self, x: Array) -> tuple[list[Samples], Array] | None:
+        """Return configurations and residuals of x; None where they do not close."""
+        key = x.tobytes()
+        if key not in self._memo:
+            self._memo.clear()
+            self._memo[key] = self._evaluated(x)
+        return self._memo[key]
+
+    def _evaluated(self, x: Array) -> tuple[list[Samples], Array] | None:
+        samples = self.fit.settle(x)
+        if samples is None:
+            return None
+        parts = [r.ravel() for r in self.fit.goal_residuals(x, samples)]
+        try:
+            demanded = self._demanded(x, samples)
+        except SpatialPinError:
+            return None
+        return samples, np.concatenate([np.empty(0), *parts, *demanded])
+
+    def _demanded(self, x: Array, samples: list[Samples]) -> list[Array]:
+        if not self.p.demands:
+            return []
+        candidate = Candidate.of(self.p.family, x[: self.p.n], self.p.nominal(), samples)
+        return [demand.values(candidate) for demand in self.p.demands]
+
+    def _shaped(self, raw: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return what is squared, and which numbers count in it."""
+        shifted = raw + np.where(self.exact, self.multipliers / self.penalty, 0.0)
+        counts = ~self.one_sided | (shifted > 0.0)
+        factor = np.where(self.exact, np.sqrt(self.penalty), self.weights)
+        return np.where(counts, factor * shifted, 0.0), counts
+
+    def residual(self, x: Array) -> Array:
+        """Return what is squared; infinite where loops do not close."""
+        found = self._at(x)
+        return np.full(len(self.weights), np.inf) if found is None else self._shaped(found[1])[0]
+
+    def slopes(self, x: Array) -> Array:
+        """Return its derivatives."""
+        found = self._at(x)
+        assert found is not None
+        samples, raw = found
+        rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, samples)]
+        factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
+        slopes: Array = np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
+        return slopes
+
+    def _demand_slopes(self, x: Array, samples: list[Samples]) -> list[Array]:
+        """Return derivatives of demands, by differences of closed configurations."""
+        if not self.p.demands:
+            return []
+        columns = []
+        for i in range(len(x)):
+            step = np.zeros(len(x))
+            step[i] = STEP * self.p.sizes[i]
+            ends = []
+            for there in (x + step, x - step):
+                closed = self.fit.settle(there)
+                if closed is None:
+                    raise SpatialPinError("the loops open next to these dimensions")
+                ends.append(np.concatenate(self._demanded(there, closed)))
+            columns.append((ends[0] - ends[1]) / (2.0 * step[i]))
+        return [np.array(columns).T]
+
+    def found(self) -> Found:
+        """Return the solution."""
+        x = self.x
+        at = None
+        for _ in range(MOST_PENALTIES):
+            x = self.fit.minimum(self.residual, self.slopes, x, EXACT_EVALUATIONS, TOLERANCES.tight)
+            at = self._at(x)
+            if at is None:
+                raise SpatialPinError("the loops do not close")
+            missed = np.where(self.one_sided, np.maximum(at[1], -self.multipliers / self.penalty),
+                              at[1])[self.exact]
+            largest = float(np.abs(missed).max(initial=0.0))
+            if self.penalty == 1.0 or largest <= TOLERANCES.tight:
+                break
+            self.multipliers[self.exact] += self.penalty * missed
+            self.penalty *= 4.0
+        assert at is not None
+        samples, raw = at
+        left = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
+        cost = float(np.sum((self.weights * left)[~self.exact] ** 2))
+        return Found(x, cost, float(np.abs(left[self.exact]).max(initial=0.0)), tuple(samples),
+                     self.fit.evaluations)
