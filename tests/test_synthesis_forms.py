@@ -52,12 +52,12 @@ def test_an_rssr_of_the_library_turns_as_the_spatial_equation_says():
 
 def coupler_poses(count=5):
     """Poses (x + iy, angle) of the body of a known four-bar, to 40 digits, and its two dyads."""
-    g, h, u, v, r2, r4 = mpc(0), mpc(4, "0.5"), mpc("0.3", "0.2"), mpc("3.1", "-0.4"), 1, 3
-    poses, turn = [], mpf("0.3")
-    for angle in ("0.2", "0.8", "1.5", "2.3", "3.3")[:count]:
+    g, h, u, v, r2, r4 = mpc(0), mpc(2, "-0.3"), mpc(0), mpc("2.6", "-0.4"), 1, mpf("3.4")
+    poses, turn = [], mpf("1.2")
+    for angle in ("0.2", "0.8", "1.4", "2.8", "3.7")[:count]:
         tip = g + r2 * mp.expj(mpf(angle))
         turn = mp.findroot(
-            lambda t, tip=tip: abs(tip + mp.expj(t) * (v - u) - h) ** 2 - mpf(r4) ** 2, turn)
+            lambda t, tip=tip: abs(tip + mp.expj(t) * (v - u) - h) ** 2 - r4**2, turn)
         poses.append((tip - mp.expj(turn) * u, turn))
     return poses, (forms.Dyad(g, u), forms.Dyad(h, v))
 
