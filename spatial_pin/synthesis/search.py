@@ -1,0 +1,329 @@
+"""Local solutions of a synthesis problem from many starts, or from an evolution, ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from threading import get_ident
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from spatial_pin.checks import whole_number
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mobility.mobility import mobility
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.progress import progress_bar
+from spatial_pin.synthesis.kept import Kept, fingerprint
+from spatial_pin.synthesis.problem import Found
+
+METHODS = ("multistart", "evolution", "local")
+# Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
+# no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
+# some 1e-5 from the solution.
+SAME = 1e-3
+POPULATION = 15  # of an evolution, by number that is looked for: SciPy's own
+GENERATIONS = 200  # at most
+APART = 0.1  # part of the ranges, by which places of an evolution are in other valleys at a guess
+RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
+VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
+
+
+class Sought(Protocol):
+    """A problem as `Problem` poses it."""
+
+    mechanism: Mechanism
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    sizes: Array
+    start: Array
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Return a start (n,)."""
+
+    def solve(self, x: Array, rng: np.random.Generator | None = None) -> Found:
+        """Return the local solution from a start, whatever that is."""
+
+    def value(self, x: Array) -> float:
+        """Return the cost at x, roughly."""
+
+
+class Spec(Protocol):
+    """What a problem is made of in any process."""
+
+    def make(self) -> Any:
+        """Return the problem."""
+
+
+class Searched(NamedTuple):
+    """What a search found.
+
+    Attributes:
+        found: distinct solutions, the best first.
+        is_whole: whether all starts were tried, and nothing cut it short (Ctrl-C).
+        starts: how many local solutions were tried.
+        failed: how many of them led to no solution.
+        evaluations: sets of dimensions that were tried in all.
+    """
+
+    found: tuple[Found, ...]
+    is_whole: bool
+    starts: int
+    failed: int
+    evaluations: int
+
+
+def searched(
+    spec: Spec,
+    method: str = "multistart",
+    starts: int = 20,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: bool = False,
+    resume: str | Path | None = None,
+) -> Searched:
+    """Return local solutions of a problem, ranked and distinct.
+
+    The answer depends on the problem, the method, the seed and the number of starts only, not on
+    the number of workers or on whether a search was cut short and went on. Every start has random
+    numbers of its own, so that more starts find at least as much.
+
+    Args:
+        spec: what the problem is made of.
+        method: "multistart": from the mechanism's own dimensions and from drawn ones; "evolution":
+            SciPy's differential evolution, then from the best places that it came by, a tenth of
+            the ranges apart; "local": from the mechanism's own dimensions alone.
+        starts: how many local solutions are tried.
+        seed: of the random numbers.
+        executor: where it is done (any `concurrent.futures` executor, a Dask client's too);
+            default in this process.
+        progress: show a bar on stderr after a second, if that is a terminal.
+        resume: a file: what is found is kept there as it comes, and what it has from another call
+            with the same problem, method and seed is not searched for again.
+
+    Raises:
+        SpatialPinError: the file is of another problem, or of something else.
+        ValueError: there is no such method; there are no starts; the seed is negative.
+        KeyboardInterrupt: before anything was found.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; it is one of {', '.join(METHODS)}")
+    starts = whole_number(starts, "starts")
+    if starts < 1:
+        raise ValueError(f"starts is {starts}; a search needs 1 at least")
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
+    problem: Sought = spec.make()
+    key = fingerprint(spec, problem.mechanism, method, seed)
+    with Kept(key, resume) as kept:
+        work = _Search(spec, key, problem, executor, kept)
+        is_whole = False
+        try:
+            work.run(method, 1 if method == "local" else starts, seed, progress)
+            is_whole = True
+        except KeyboardInterrupt:  # what was found until then is the answer
+            if not kept.found:
+                raise
+    tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
+    own = [found for found in tried if found.is_one]
+    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), len(tried) - len(own),
+                    sum(found.evaluations for found in tried) + len(kept.values))
+
+
+class _Search:
+    """One search: what is known of it is in `kept`."""
+
+    def __init__(
+        self, spec: Spec, key: str, problem: Sought, executor: Executor | None, kept: Kept
+    ) -> None:
+        self._spec, self._key, self._problem = spec, key, problem
+        self._executor, self._kept = executor, kept
+
+    def run(self, method: str, starts: int, seed: int, progress: bool) -> None:
+        """Find what is not known yet."""
+        seeds = np.random.SeedSequence(seed).spawn(starts)
+        if method == "evolution":
+            places = self._evolved(np.random.default_rng(seed), starts, progress)
+            jobs: list[tuple[Array | None, Any]] = [(x, None) for x in places]
+        else:
+            jobs = [(None, child if k else None) for k, child in enumerate(seeds)]
+        left = [k for k in range(len(jobs)) if k not in self._kept.found]
+        name = f"{self._problem.mechanism.name}: starts"
+        with progress_bar(len(jobs), name, progress) as bar:
+            bar.update(len(jobs) - len(left))
+            for k, found in zip(left, self._all(_solved, [jobs[k] for k in left]), strict=True):
+                self._kept.add(k, found)
+                bar.update()
+
+    def _all(self, work: Callable[..., Any], jobs: Sequence[Any]) -> Iterator[Any]:
+        """Yield what some work makes of jobs, in their order, wherever it is done."""
+        if self._executor is None:
+            for job in jobs:
+                yield work(self._problem, job)
+            return
+        futures = [self._executor.submit(_there, work, self._spec, self._key, job) for job in jobs]
+        try:
+            for future in futures:
+                yield future.result()
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
+        """Return the best places that an evolution came by, apart from each other.
+
+        An evolution that goes on repeats itself with the values that are known.
+        """
+        from scipy.optimize import differential_evolution  # it takes a quarter of a second
+
+        low, high = _range(self._problem)
+        places: list[Array] = []
+
+        def values(points: list[Array]) -> list[float]:
+            known = self._kept.values[len(places) : len(places) + len(points)]
+            rest = [low + u * (high - low) for u in points[len(known) :]]
+            groups = [rest[k : k + VALUES_TOGETHER] for k in range(0, len(rest), VALUES_TOGETHER)]
+            new = [x for some in self._all(_valued, groups) for x in some]
+            self._kept.add_values(new)
+            places.extend(np.array(u) for u in points)
+            bar.update()
+            return [*known, *new]
+
+        name = f"{self._problem.mechanism.name}: evolution"
+        with progress_bar(GENERATIONS + 1, name, progress) as bar:
+            differential_evolution(
+                _not_called, [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
+                polish=False, seed=rng, updating="deferred",
+                workers=lambda _, points: values(list(points)))
+        best = _apart(np.array(places), np.array(self._kept.values), starts)
+        return [low + u * (high - low) for u in best]
+
+
+def _apart(places: Array, values: Array, most: int) -> list[Array]:
+    """Return the best of places (m, n) between 0 and 1 that are not near a better one."""
+    left = np.flatnonzero(np.isfinite(values))
+    left = left[np.argsort(values[left], kind="stable")]
+    found: list[Array] = []
+    while left.size and len(found) < most:
+        best = places[left[0]]
+        found.append(best)
+        left = left[np.abs(places[left] - best).max(axis=1) > APART]
+    return found
+
+
+def _not_called(u: Array) -> float:
+    """Stand for the function that populations are valued by, which happens elsewhere."""
+    raise NotImplementedError
+
+
+def _range(problem: Sought) -> tuple[Array, Array]:
+    """Return between which numbers an evolution looks: those of drawn starts without bounds."""
+    rng = np.random.default_rng(0)
+    drawn = np.array([problem.draw(rng) for _ in range(RANGE_DRAWS)])
+    return (np.where(np.isfinite(problem.lower), problem.lower, drawn.min(axis=0)),
+            np.where(np.isfinite(problem.upper), problem.upper, drawn.max(axis=0)))
+
+
+# ---------------------------------------------------------------- in any process
+
+
+def _there(work: Callable[..., Any], spec: Spec, key: str, job: Any) -> Any:
+    """Do some work in another process, or thread, where the problem is made once."""
+    return work(_made(_Keyed(key, spec), get_ident()), job)
+
+
+class _Keyed:
+    """A spec that is the same as others of its key."""
+
+    def __init__(self, key: str, spec: Spec) -> None:
+        self.key, self.spec = key, spec
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Keyed) and self.key == other.key
+
+
+@lru_cache(maxsize=8)
+def _made(keyed: _Keyed, thread: int) -> Sought:
+    problem: Sought = keyed.spec.make()
+    return problem
+
+
+def _solved(problem: Sought, job: tuple[Array | None, np.random.SeedSequence | None]) -> Found:
+    """Return the local solution from x, from a drawn start, or from the own dimensions."""
+    x, seed = job
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        return problem.solve(problem.draw(rng), rng)
+    return problem.solve(problem.start if x is None else x, None)
+
+
+def _valued(problem: Sought, points: Sequence[Array]) -> list[float]:
+    """Return the rough costs of points, those that are none infinite."""
+    found = []
+    for x in points:
+        value = np.inf
+        with suppress(SpatialPinError):
+            value = float(problem.value(x))
+        found.append(np.inf if np.isnan(value) else value)
+    return found
+
+
+# ---------------------------------------------------------------- ranking
+
+
+def _distinct(problem: Sought, found: Sequence[Found]) -> list[Found]:
+    """Return solutions without those that are another one again, the best first.
+
+    Those that miss by round-off only are equally good: they stand in the order of their starts.
+    """
+    best = sorted(found, key=lambda one: max(one.cost, TOLERANCES.nothing**2))
+    kept: list[tuple[Array, Found]] = []
+    spinning = _spinning(problem.mechanism) if len(best) > 1 else set()
+    for one in best:
+        mark = _mark(problem, one, spinning)
+        if all(np.abs(mark - other).max(initial=0.0) > SAME for other, _ in kept):
+            kept.append((mark, one))
+    return [one for _, one in kept]
+
+
+def _spinning(mechanism: Mechanism) -> set[str]:
+    """Return joints of links that may spin as they like."""
+    links = set[str]()
+    with suppress(SpatialPinError):  # it does not close at its own dimensions: all links count
+        links = {freedom.link for freedom in mobility(mechanism).passive}
+    model = mechanism.model
+    return {model.names[model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
+
+
+def _mark(problem: Sought, found: Found, spinning: set[str]) -> Array:
+    """Return numbers by which solutions are told apart."""
+    dimensions = [x / size for name, x, size in zip(
+        problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name]
+    joints = [_joint_marks(problem.mechanism, samples.q, spinning) for samples in found.samples]
+    return np.concatenate([np.array(dimensions), *joints])
+
+
+def _joint_marks(mechanism: Mechanism, q: Array, spinning: set[str]) -> Array:
+    """Return marks of configurations q (m, nq): the same for whole turns."""
+    model, parts = mechanism.model, list[Array]()
+    for c in mechanism.coordinate_table.values():
+        if c.q >= 0 and c.joint not in spinning:
+            value = q[:, c.q]
+            parts += ([np.cos(value), np.sin(value)] if c.unit == "rad" else
+                      [value / mechanism.characteristic_length])
+    for i, name in enumerate(mechanism.pairs, start=1):
+        if not PAIRS[name].is_linear and model.names[i] not in spinning:
+            end = model.idx_qs[i] + model.nqs[i]
+            turn = q[:, end - 4 : end]
+            parts.append(np.einsum("mi,mj->mij", turn, turn).ravel())
+    return np.concatenate([np.empty(0), *(part.ravel() for part in parts)])
