@@ -14,11 +14,14 @@ from test_seven_bodies import poses, rsup
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.motion.joint_limits import (
+    SWING_OF_ACCELERATIONS,
+    SWING_OF_RATES,
     first_passing,
     joint_limit_events,
     joint_limits,
     joint_limits_passed,
 )
+from spatial_pin.numerics.hermite import quintic
 
 G = 9.81
 DOWN = "gravity = [0.0, -9.81, 0.0]\n"
@@ -325,3 +328,17 @@ def test_rows_at_one_place_pass_no_limit_however_their_speeds_differ(tmp_path):
         motion = sp.sweep(mech, "pin", values, speed=speed)
     events = [(e.value, e.row) for e in motion.events if e.kind == "joint limit"]
     assert events == [(pytest.approx(1.3, abs=1e-12), 18)]
+
+
+def test_how_far_a_joint_swings_beyond_its_samples_is_bounded():
+    """A polynomial of fifth degree leaves the range of its ends by no more than the screen says."""
+    rng, x = np.random.default_rng(0), np.linspace(0.0, 1.0, 401)
+    for _ in range(200):
+        sizes = rng.choice([0.1, 1.0, 10.0], (3, 1))
+        values, rates, accelerations = sizes * rng.normal(size=(3, 2))
+        h = rng.uniform(0.1, 2.0)
+        found = np.polynomial.Polynomial(
+            quintic(values, h * rates, h * h * accelerations))(x)
+        beyond = max(found.max() - values.max(), values.min() - found.min())
+        assert beyond <= (SWING_OF_RATES * h * np.abs(rates).sum()
+                          + SWING_OF_ACCELERATIONS * h * h * np.abs(accelerations).sum())

@@ -21,6 +21,9 @@ from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
 NOISE = 1e-11  # rate of a joint that stands still relative to that of the fastest
+# What rates and accelerations add to a polynomial of fifth degree between two samples, at most: the
+# largest values of x (1 - x)³ (1 + 3 x) and of x² (1 - x)³ / 2 in steps from 0 to 1, rounded up.
+SWING_OF_RATES, SWING_OF_ACCELERATIONS = 0.2, 0.02
 DOUBT = 4.0  # margin to a limit, in swings of the joint between samples, that polynomials want
 ELSEWHERE = 1e-6  # difference of joints that shows another branch [rad, characteristic lengths]
 
@@ -139,9 +142,33 @@ def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_
     noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
     closing = side * motion.v[:, v]
     sense = _sense(motion)[:, None]
-    outside = side * (value - motion.q[:, q]) < -SLACK * size
+    room = side * (value - motion.q[:, q])
+    outside = room < -SLACK * size
     turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
-    return (~outside[:-1] & (outside[1:] | turning)).T
+    near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * _swings(motion, v)
+    return (~outside[:-1] & (outside[1:] | (turning & near))).T
+
+
+def _swings(motion: Motion, v: NDArray[np.intp]) -> Array:
+    """Return (N - 1, k) how far joints get beyond both samples in each step, at most."""
+    steps = _steps(motion)
+    if steps is None:
+        return np.full((len(motion) - 1, len(v)), np.inf)
+    h = steps[:, None]
+    rates, accelerations = (np.abs(x[:-1, v]) + np.abs(x[1:, v]) for x in (motion.v, motion.a))
+    swings: Array = h * SWING_OF_RATES * rates + h * h * SWING_OF_ACCELERATIONS * accelerations
+    return swings
+
+
+def _steps(motion: Motion) -> Array | None:
+    """Return (N - 1,) steps that v and a are rates of; None where they are none of the samples."""
+    if motion.time is not None:
+        return np.diff(motion.time)
+    if motion.per == "sample":
+        return np.ones(len(motion) - 1)
+    if motion.driver is not None and motion.per == motion.driver_unit:
+        return np.abs(np.diff(motion.driver))
+    return None
 
 
 def joint_limit_events(motion: Motion) -> list[Event]:
@@ -239,16 +266,16 @@ def _elsewhere(motion: Motion, q: Array, k: int) -> bool:
 def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:
     """Return the step from sample k, and first and second derivatives (2, nv) at its ends.
 
-    They are derivatives with respect to time, or to the driver where v and a are; where samples are
-    no history in either, to the arc length, whose step h is the one that fits best
-    q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
+    They are derivatives with respect to time, to the driver or to the number of samples where v and
+    a are; where samples are no history in any of these, to the arc length, whose step h is the one
+    that fits best q1 - q0 = h (q0' + q1')/2 + h² (q0" - q1")/12. 0 without rates.
     """
     v, a = motion.v[k : k + 2], motion.a[k : k + 2]
-    if motion.time is not None:
-        return float(motion.time[k + 1] - motion.time[k]), v, a
-    if motion.driver is not None and motion.per == motion.driver_unit:
-        way = float(motion.driver[k + 1] - motion.driver[k])
-        return abs(way), np.copysign(1.0, way) * v, a
+    steps = _steps(motion)
+    if steps is not None:
+        back = motion.time is None and motion.driver is not None and (
+            motion.driver[k + 1] < motion.driver[k])
+        return float(steps[k]), -v if back else v, a
     size = motion.mechanism.velocity_scale
     pace = np.sqrt(((v / size) ** 2).sum(axis=1))[:, None]
     if not np.all(pace > 0.0):
