@@ -215,3 +215,39 @@ def test_the_platform_solved_by_hand_has_the_legs_it_is_given(bench):
     np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), v, atol=1e-9)
     np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), a, atol=1e-8)
     assert np.ptp(x[:, 2]) > 0.005
+
+
+# ---------------------------------------------------------------- targets in space
+
+
+@pytest.mark.parametrize("name", ["gough", "delta", "excavator", "ankle"])
+def test_targets_of_closed_mechanisms_are_met_and_judged(bench, name):
+    """By this library; the judge has kinematics of its own, and sees what is off by a little."""
+    ours = importlib.import_module("benchmark.with_spatial_pin_reach")
+    for case in ours.CASES:
+        if case.task.endswith(name):
+            tool = case.setup()
+            tool = tool._replace(targets=tool.targets[:40])
+            errors = case.judge(tool, case.run(tool))
+            assert errors["missed"] == 0.0
+            assert max(errors["closure"], errors["target"]) < 1e-13
+    target, state = tool.targets[3], tool.solve(tool.targets[3], tool.home)
+    values = dict(tool.values(state))
+    values[next(iter(tool.robot.leading))] += 1e-5
+    assert tool.robot.judge([target], [values])["missed"] == 1.0
+
+
+@pytest.mark.parametrize(("name", "ours", "places"), [
+    ("gough", "stewart", {"platform": "platform"}), ("delta", "delta", {"platform": "platform"}),
+    ("excavator", "excavator", {"teeth": "teeth", "tipping": "tipping_link"})])
+def test_mechanisms_for_all_tools_are_those_of_the_library(bench, name, ours, places):
+    closed = importlib.import_module("benchmark.closed")
+    robot, mechanism = closed.ROBOTS[name], sp.load(ours)
+    state = importlib.import_module("benchmark.with_spatial_pin_reach").CASES
+    tool = next(c for c in state if c.task == f"reach-{name}").setup()
+    for target in tool.targets[:3]:
+        values = tool.values(tool.solve(target, tool.home))
+        drivers = dict(zip(mechanism.drivers, (values[d] for d in robot.drivers), strict=False))
+        found, there = sp.assemble(mechanism, drivers), robot.placements(values)
+        for own, other in places.items():
+            np.testing.assert_allclose(found.placement(other).homogeneous, there[own], atol=1e-11)

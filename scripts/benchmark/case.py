@@ -70,6 +70,8 @@ class Task(NamedTuple):
     note: str
 
 
+ROBOTS = {"gough": "Gough platform to placements", "delta": "delta robot to points",
+          "excavator": "excavator's bucket to placements", "ankle": "G1's ankle to pitch and roll"}
 RSSR = ("closure", "ψ", "ψ'", "ψ''", "ω", "α")
 RSSR_NOTE = "closure [m]; rocker [rad, rad/s, rad/s²] and coupler's spin against the closed form"
 
@@ -83,6 +85,11 @@ TASKS: dict[str, Task] = {
     "excavator": Task("excavator, three cylinders along a dig of {} samples, a sample", "µs",
                       ("closure", "length"), "closure relative to its size; the cylinders' and the "
                       "connecting link's lengths [m] from the angles"),
+    **{f"{kind}-{robot}": Task(f"{words}, {what}", "µs", ("closure", "target", "missed"),
+                               "of the targets met to 1e-6 [m, rad]; how many were not")
+       for robot, words in ROBOTS.items()
+       for kind, what in (("reach", "20 targets, each from home, a target"),
+                          ("path", "a path of 200 targets, a target"))},
     "four_bar": Task("plane four-bar, one turn in {} values, a value", "µs", RSSR[1:4],
                      "rocker [rad, rad/s, rad/s²] against the closed form"),
     "reduced": Task("RSSR, the rocker alone asked for, {} values, a value", "µs", RSSR[1:4],

@@ -31,19 +31,21 @@ class Tool(NamedTuple):
 
 OWN = Tool("this environment",
            ("with_spatial_pin", "with_spatial_pin_forces", "with_spatial_pin_search",
+            "with_spatial_pin_reach",
             "with_pinocchio", "with_pinocchio_forces", "with_scipy"),
            ("pin", "numpy", "scipy"))
 
 PEERS = (
     Tool("MuJoCo", ("with_mujoco", "with_mujoco_forces"), ("mujoco",), ("mujoco", "scipy"),
          ("a02", "a04")),
-    Tool("Drake", ("with_drake", "with_drake_forces"), ("drake",), ("drake", "scipy")),
+    Tool("Drake", ("with_drake", "with_drake_forces", "with_drake_reach"), ("drake",),
+         ("drake", "scipy")),
     Tool("Exudyn", ("with_exudyn", "with_exudyn_rssr", "with_exudyn_cube"), ("exudyn",),
          ("exudyn", "scipy")),
-    Tool("placo", ("with_placo",), ("placo",), ("placo", "scipy")),
+    Tool("placo", ("with_placo", "with_placo_reach"), ("placo",), ("placo", "scipy")),
     Tool("pylinkage", ("with_pylinkage",), ("pylinkage", "numba"), ("pylinkage", "numba"),
          ("four_bar",)),
-    Tool("pink", ("with_pink",), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
+    Tool("pink", ("with_pink", "with_pink_reach"), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
 )
 
 
