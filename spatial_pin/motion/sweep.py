@@ -142,7 +142,7 @@ def sweep(
                       *joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
-        ends = on_limit if stop.kind == "limit" else on_crossing
+        ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, float(values[n]), on_crossing)
     return motion
@@ -270,9 +270,10 @@ def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Eve
 
 def _event(stop: Arrival, row: int, driver: str, coordinate: Coordinate) -> Event:
     words = {"limit": "limit position (dead centre)", "singular": "singular configuration",
-             "branch point": "branch point", "lost": "end of the followed path"}
+             "branch point": "branch point", "lost": "end of the followed path",
+             "half turn": "end of a rotation vector, half a turn,"}
     text = f"{words[stop.kind]} at {driver} = {stop.value:.12g} {coordinate.unit}"
-    return Event(stop.kind, stop.value, row, text)
+    return Event("limit" if stop.kind == "half turn" else stop.kind, stop.value, row, text)
 
 
 def _error(
@@ -287,6 +288,11 @@ def _error(
             f"{where} is out of reach: limit position at {stop.value:.12g} {unit} ({last})",
             limit=stop.value, motion=motion,
         )
+    if stop.kind == "half turn":
+        return LimitError(
+            f"{where} is out of reach: a rotation vector about another axis than the component's "
+            f"is no longer than half a turn, at {stop.value:.12g} {unit} ({last}); drive what "
+            "turns further by a revolute joint", limit=stop.value, motion=motion)
     if stop.kind == "branch point":
         why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
                if on_crossing == "raise" else

@@ -82,6 +82,17 @@ Real pin_value(const Pin *pin, const Real *q)
     return phi[pin->component];
 }
 
+Real pin_value_near(const Pin *pin, const Real *q, Real wanted)
+{
+    Real phi[3], own = pin_value(pin, q);
+    if (!pin->turns)
+        return own;
+    rotation_vector(q + pin->q, phi);
+    phi[pin->component] = 0.0;
+    const int is_own_axis = sqrt(dot3(phi, phi)) <= TOLERANCE_TIGHT;
+    return is_own_axis ? own + 2.0 * PI * nearbyint((wanted - own) / (2.0 * PI)) : own;
+}
+
 /* g and its derivative by t², at t² = s. */
 static void factors_of(Real s, Real *g, Real *slope)
 {

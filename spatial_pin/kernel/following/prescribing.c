@@ -111,18 +111,18 @@ int prescribed_take(Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
     return DONE;
 }
 
-static Real value_at(const Prescribed *p, const Real *q, Int i)
+static Real value_at(const Prescribed *p, const Real *q, Int i, Real wanted)
 {
     for (Int pin = 0; pin < p->n_pins; pin++)
         if (p->pinned[pin] == i)
-            return pin_value(p->pin + pin, q);
+            return pin_value_near(p->pin + pin, q, wanted);
     return p->place[i] >= 0 ? q[p->place[i]] : 0.0;
 }
 
 Real prescribed_from(Prescribed *p, const Real *q)
 {
     for (Int i = 0; i < p->n; i++) {
-        p->value[i] = value_at(p, q, i);
+        p->value[i] = value_at(p, q, i, 0.0);
         p->rate[i] = i ? 0.0 : 1.0;
         p->bend[i] = 0.0;
     }
@@ -164,7 +164,15 @@ void prescribed_put(Prescribed *p, Real *q)
 
 Real prescribed_gap(const Prescribed *p, const Real *q, Int i)
 {
-    return has_value(p, i) ? p->value[i] - value_at(p, q, i) : 0.0;
+    return has_value(p, i) ? p->value[i] - value_at(p, q, i, p->value[i]) : 0.0;
+}
+
+int prescribed_holds(const Prescribed *p, const Real *q)
+{
+    for (Int pin = 0; pin < p->n_pins; pin++)
+        if (!(fabs(prescribed_gap(p, q, p->pinned[pin])) <= TOLERANCE_HALF_PRECISION))
+            return 0;
+    return 1;
 }
 
 Int piece_ahead(const Prescribed *p, Real s, Real sense)

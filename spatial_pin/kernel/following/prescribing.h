@@ -45,6 +45,10 @@ void prescribed_put(Prescribed *p, Real *q);
 /* What value number i is short of in q. */
 Real prescribed_gap(const Prescribed *p, const Real *q, Int i);
 
+/* Whether components have their values in q: a rotation vector about no axis of its own has none
+ * that are longer than half a turn. */
+int prescribed_holds(const Prescribed *p, const Real *q);
+
 /* The piece on the way from s, in the sense of a number; where s is a break it begins there. */
 Int piece_ahead(const Prescribed *p, Real s, Real sense);
 

@@ -77,15 +77,18 @@ static void expect_angles(const Path *path, Real h)
 }
 
 /* Predict `next` at a value of s, by points that are closed or, corrected a fixed number of times,
- * not quite: those no polynomial is put through, that would make the more of it. */
+ * not quite: those no polynomial is put through, that would make the more of it. Nor through points
+ * with freedoms that nothing determines: no correction sets these right, and an error would grow
+ * from step to step. */
 static void predict(Path *path, Real target)
 {
     const Point *here = path->here, *before = path->has_before ? path->before : NULL;
     const Real h = target - here->s, apart = before ? fabs(here->s - before->s) : 0.0;
     const Int order = path->accuracy.order;
-    if (order == 3 && path->accuracy.corrections < 0 && fabs(h) < FAR_AHEAD * apart)
+    const int is_closed = path->accuracy.corrections < 0, is_determined = !path->k->n_fill;
+    if (order == 3 && is_closed && is_determined && fabs(h) < FAR_AHEAD * apart)
         predict_hermite(path->k, before, here, h, path->next->q);
-    else if (order == 3 && path->accuracy.corrections >= 0 && fabs(h) < TELLING_BEND * apart)
+    else if (order == 3 && !is_closed && fabs(h) < TELLING_BEND * apart)
         predict_taylor(path->k, here, before, h, order, path->next->q);
     else
         predict_taylor(path->k, here, NULL, h, order < 2 ? order : 2, path->next->q);
@@ -249,7 +252,7 @@ static int arrive(Path *path, Real way)
     Kernel *k = path->k;
     Point *here = path->here, *next = path->next;
     int is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
-    int code = factor_here(k);
+    int code = prescribed_holds(&path->prescribed, next->q) ? factor_here(k) : UNSAFE;
     if (code != DONE)
         return code;
     if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
