@@ -143,8 +143,8 @@ def test_a_velocity_limit_that_is_passed_is_an_event_with_its_time():
 def test_a_branch_point_ends_the_motion_with_what_it_is():
     mechanism = sp.load("sarrus")
     arm = np.linspace(1.0, 2.0, 21)
-    with pytest.raises(sp.SingularError) as caught:
-        sp.follow(mechanism, {"arm": arm}, arm)
+    with pytest.raises(sp.SingularError, match="on_crossing='straight'") as caught:
+        sp.follow(mechanism, {"arm": arm}, arm, on_crossing="raise")
     assert caught.value.motion.time[-1] < np.pi / 2
     stopped = sp.follow(mechanism, {"arm": arm}, arm, on_crossing="stop")
     assert stopped.events[-1].value == pytest.approx(np.pi / 2, abs=1e-9)
@@ -174,17 +174,67 @@ def test_components_of_a_floating_joint_end_where_a_sweep_of_one_ends():
     assert caught.value.limit == pytest.approx(swept.value.limit, abs=1e-9)
 
 
-def test_a_rotation_vector_ends_at_half_a_turn_and_that_is_said():
+# ---------------------------------------------------------------- as a sweep
+
+
+@pytest.mark.parametrize(("name", "driver", "way"), [
+    ("parallelogram", "crank", 7.0), ("sarrus", "arm", 1.2), ("delta", "shoulder_1", 4.0),
+    ("stewart", "leg_1", 0.3), ("four_bar", "crank", 7.0), ("bennett", "crank", 7.0)])
+@pytest.mark.parametrize("samples", [7, 60])
+def test_one_driver_with_times_is_a_sweep_across_branch_points_and_to_limits(
+        name, driver, way, samples):
+    mechanism = (sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1) if name == "parallelogram"
+                 else sp.load(name))
+    home = 1.0 if name == "parallelogram" else sp.assemble(mechanism).coordinate(driver).value
+    values = home + np.linspace(0.0, way, samples)
+    swept = sp.sweep(mechanism, driver, values, on_limit="stop")
+    motion = sp.follow(mechanism, {driver: values}, values - home, on_limit="stop")
+    assert len(motion) == len(swept)
+    kinds = "branch point", "limit"
+    expected, found = ([e for e in m.events if e.kind in kinds] for m in (swept, motion))
+    assert [(e.kind, e.row) for e in found] == [(e.kind, e.row) for e in expected]
+    for one, other in zip(found, expected, strict=True):
+        assert one.value + home == pytest.approx(other.value, abs=1e-9)
+    pace = np.maximum(np.abs(swept.v).max(axis=1, keepdims=True), 1.0)
+    assert np.abs(motion.q - swept.q).max() < 1e-9
+    assert (np.abs(motion.v - swept.v) / pace).max() < 1e-8
+    assert (np.abs(motion.a - swept.a) / pace**3).max() < 1e-7
+
+
+def ball():
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
     model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    mechanism = sp.Mechanism.from_model(model)
+    return sp.Mechanism.from_model(model)
+
+
+def test_a_component_of_a_ball_turns_on_about_its_axis_as_in_a_sweep():
     turn = np.linspace(0.0, 7.0, 15)
-    with pytest.raises(sp.LimitError, match="no longer than half a turn") as caught:
-        sp.follow(mechanism, {"ball.x": turn}, turn)
-    assert caught.value.limit == pytest.approx(np.pi, abs=1e-9)
-    stopped = sp.follow(mechanism, {"ball.x": turn}, turn, on_limit="stop")
-    assert (len(stopped), stopped.events[-1].kind) == (7, "limit")
+    motion = sp.follow(ball(), {"ball.x": turn}, turn)
+    assert motion.coordinate("ball.x").value == pytest.approx(turn, abs=1e-14)
+    assert motion.v == pytest.approx(np.tile([1.0, 0.0, 0.0], (15, 1)), abs=1e-14)
+    assert motion.q == pytest.approx(sp.sweep(ball(), "ball.x", turn).q, abs=1e-14)
+
+
+def test_a_rotation_vector_about_another_axis_ends_at_half_a_turn_and_that_is_said():
+    turn, other = np.linspace(0.0, 7.0, 15), {"ball.y": 0.3, "ball.z": 0.1}
+    half = np.sqrt(np.pi**2 - 0.3**2 - 0.1**2)
+    for ask in (lambda **how: sp.follow(ball(), {"ball.x": turn, **other}, turn, **how),
+                lambda **how: sp.sweep(ball(), "ball.x", turn, hold=other, **how)):
+        with pytest.raises(sp.LimitError, match="no longer than half a turn") as caught:
+            ask()
+        assert caught.value.limit == pytest.approx(half, abs=1e-9)
+        stopped = ask(on_limit="stop")
+        assert (len(stopped), stopped.events[-1].kind) == (7, "limit")
+        assert stopped.events[-1].value == caught.value.limit
+
+
+@pytest.mark.parametrize("samples", [30, 300])
+def test_a_freedom_that_nothing_determines_moves_least_however_many_samples(samples):
+    """By symmetry ball.z stays zero as x turns and y is held; no predictor may feed on itself."""
+    turn = np.linspace(0.0, 3.0, samples)
+    motion = sp.sweep(ball(), "ball.x", turn, hold={"ball.y": 0.3})
+    assert np.abs(motion.coordinate("ball.z").value).max() < 1e-12
 
 
 def test_a_single_sample_is_the_assembled_state():

@@ -17,7 +17,7 @@ import pinocchio as pin
 from spatial_pin.continuation.cursor import Cursor, Place, Stopped
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.singular_points import zeros
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import Curve, CurvePoint, matrices
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics.linalg import Array
 
@@ -42,16 +42,13 @@ def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | No
     nodes = [curve.ahead(base, x) for x in lengths]
     if any(node is None for node in nodes):
         return None
-    curve.evaluation.turns[:] = base.angles + base.slopes @ (2.0 * distance * base.t)
-    expected = _polynomial(lengths, np.array(nodes))(2.0 * distance)
-    expected = pin.normalize(curve.model, expected)
+    curve.expect(base, 2.0 * distance * base.t)
+    unknowns = curve.unknowns
+    expected = unknowns.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
     found = curve.onto(expected, base.t)
-    if found is None:
+    if found is None or not np.linalg.norm(unknowns.apart(expected, found)) < OFF * distance:
         return None
-    off = pin.difference(curve.model, expected, found) / curve.scale
-    if not np.linalg.norm(off) < OFF * distance:
-        return None
-    return curve.settle(found, pin.difference(curve.model, base.q, found) / curve.scale)
+    return curve.settle(found, unknowns.apart(base.x, found))
 
 
 def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
@@ -79,7 +76,7 @@ def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
         halfway = curve.ahead(base, 0.5 * reach) if base is not None else None
         if base is None or halfway is None:
             continue
-        sigma = [curve.sigma(q) for q in (base.q, halfway)]  # falls to 0 at the branch point
+        sigma = [curve.sigma(x) for x in (base.x, halfway)]  # falls to 0 at the branch point
         if sigma[1] < sigma[0]:
             distance = 0.5 * reach * sigma[0] / (sigma[0] - sigma[1])
             far = far_side(curve, base, distance)
@@ -147,13 +144,14 @@ class Passage(NamedTuple):
 
     def matrices(self, curve: Curve, values: Array) -> Array:
         """Return the matrices (k, nv, nv) of equations and tangent at driver values (k,)."""
-        return curve.matrices((self.configuration(x), self.t(x) / curve.scale)
-                              for x in values.tolist())
+        unknowns = curve.unknowns
+        return matrices(curve, ((unknowns.of(self.configuration(s), s), unknowns.along(self.t(s)))
+                                for s in values.tolist()))
 
     def configuration(self, value: float) -> Array:
         """Return the configuration (nq,) at a driver value between the ends."""
         q: Array = pin.normalize(self.cursor.start.mechanism.model, self.q(value))
-        self.cursor.hold(q, value)
+        self.cursor.start.leading.put(q, value)
         return q
 
 
@@ -193,8 +191,9 @@ def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
 def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
     """Return the passage that begins where the cursor stands, as far as the arc length `reach`."""
     here = cursor.here
-    curve = Curve(cursor.system(), ROUND_OFF)
-    near = curve.settle(here.q, sense * here.t / curve.scale)
+    curve = cursor.curve(cursor.system(), ROUND_OFF)
+    unknowns = curve.unknowns
+    near = curve.settle(unknowns.of(here.q, here.s), sense * unknowns.along(here.t))
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:
         return None
@@ -213,13 +212,15 @@ def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> lis
     """
     nodes: list[Place] = []
     for length in reach * np.arange(NODES):
-        q = curve.ahead(point, length)
-        if q is None:
+        x = curve.ahead(point, length)
+        if x is None:
             raise SingularError("the branch bends away from its branch point")
+        q = curve.unknowns.configuration(x)
         # further away from the branch point the first node's equations do better still
         if not nodes:
             curve.system.select(q)
-        nodes.append(cursor.place(q, curve.evaluation.angles.copy(), curve.system))
+        nodes.append(cursor.place(q, curve.value(x), curve.evaluation.angles.copy(),
+                                  curve.system))
     return nodes
 
 

@@ -16,8 +16,11 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.driving import DriversLaw
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
+from spatial_pin.continuation.solution_curve import Curve
 from spatial_pin.continuation.start import Start
+from spatial_pin.continuation.unknowns import WithParameter
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Path, Samples
@@ -79,23 +82,20 @@ class Cursor:
 
     Attributes:
         start: where it begins.
-        at: place of the driver in q.
         has_arc_length: whether the branch can be followed by pseudo-arclength.
 
     Raises:
-        SingularError: the driver does not determine the motion at the start.
+        SingularError: what is driven does not determine the motion at the start.
     """
 
     def __init__(self, start: Start) -> None:
         self.start = start
-        self.at = start.driven[0].q
-        state = start.state
         # components of balls and floating joints are no entries of q that a curve could lead by
         self.has_arc_length = all(c.q >= 0 for c in start.driven)
-        self._held = [(c.q, float(state.q[c.q])) for c in start.driven[1:]]
         self._path = start.first_path()
+        state = start.state
         self._here = None if self._path is not None else self._solved(
-            start.checked_system(state), state.q)
+            start.checked_system(state), state.q, start.leading.begin)
 
     @property
     def here(self) -> Place:
@@ -110,12 +110,6 @@ class Cursor:
         """Move to a known place of the branch."""
         self._here, self._path = place, None
 
-    def hold(self, q: Array, value: float) -> None:
-        """Write the values of the driver and of held coordinates into a configuration (nq,)."""
-        q[self.at] = value
-        for index, fixed in self._held:
-            q[index] = fixed
-
     def system(self) -> SquareSystem:
         """Return the square system at the current place.
 
@@ -124,35 +118,50 @@ class Cursor:
         """
         return self.start.system(self.here.q, self.here.angles)
 
-    def place(self, q: Array, angles: Array, system: SquareSystem) -> Place:
+    def curve(self, system: SquareSystem, tolerance: float) -> Curve:
+        """Return the curve through the current place, what leads set free.
+
+        Args:
+            system: the square system there.
+            tolerance: closure residual to reach.
+        """
+        leading = self.start.leading
+        if not isinstance(leading, DriversLaw):
+            return Curve(system, tolerance)
+        span = float(leading.law.x[-1] - leading.law.x[0])
+        pace = max(self.pace(self.here), 1.0 / span)
+        return Curve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
+
+    def place(self, q: Array, s: float, angles: Array, system: SquareSystem) -> Place:
         """Return the place at a closed configuration.
 
         Args:
             q: (nq,) the configuration.
+            s: the leading value.
             angles: (n_angles,) of screw closures.
             system: its equations are chosen again only if they are dependent there.
 
         Raises:
-            SingularError: the driver does not determine the motion there.
+            SingularError: what is driven does not determine the motion there.
         """
         self.start.evaluation.turns[:] = angles
         self.start.evaluation.update(q)
         if not system.factor():
             system.select(q)
-        return self._solved(system, q)
+        return self._solved(system, q, s)
 
-    def _solved(self, system: SquareSystem, q: Array) -> Place:
-        t = system.driver_rates()[:, 0]
-        c = system.acceleration(q, t, np.zeros(len(self.start.driven)))
+    def _solved(self, system: SquareSystem, q: Array, s: float) -> Place:
+        leading = self.start.leading
+        t = system.driver_rates() @ leading.rates(s)
+        c = system.acceleration(q, t, leading.bends(s))
         evaluation = system.evaluation
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        s = coordinate_value(self.start.mechanism, self.start.driven[0], q)
         return Place(s, q, t, c, error, evaluation.angles.copy())
 
     def _moving_path(self) -> Path | None:
         """Return the kernel's path from the current place; None where it cannot start here."""
         if self._path is None:
-            self._path = self.start.path(self.here.q, self.here.angles)
+            self._path = self.start.path(self.here.q, self.here.angles, self.here.s)
         if self._path is not None:
             self._here = None
         return self._path
@@ -190,16 +199,22 @@ class Cursor:
     def _end(self) -> Arrival:
         """Return where the branch ends if pseudo-arclength cannot be used, to the smallest step.
 
-        A driver is at its limit if joint rates per unit of its own grow without bound.
+        What is driven is at its limit if joint rates per unit of its own grow without bound.
         """
-        here, scale = self.here, self.start.mechanism.velocity_scale
-        pace = float(np.abs(here.t / scale).max()) * scale[self.start.driven[0].v]
-        return Arrival("limit" if pace > UNBOUND else "lost", here.q, here.s)
+        here, start, scale = self.here, self.start, self.start.mechanism.velocity_scale
+        asked = np.abs(start.leading.rates(here.s) / scale[[c.v for c in start.driven]]).max()
+        if _is_half_turned(start, here.q):
+            return Arrival("half turn", here.q, here.s)
+        is_fast = np.abs(here.t / scale).max() > UNBOUND * asked
+        return Arrival("limit" if is_fast else "lost", here.q, here.s)
+
+    def pace(self, place: Place) -> float:
+        """Return how fast joints move at a place, by the leading value."""
+        return float(np.linalg.norm(place.t / self.start.mechanism.velocity_scale))
 
     def way(self, place: Place, value: float) -> float:
-        """Return how far joints move from a place to a driver value at the rates there."""
-        pace = float(np.linalg.norm(place.t / self.start.mechanism.velocity_scale))
-        return abs(value - place.s) * pace
+        """Return how far joints move from a place to a leading value at the rates there."""
+        return abs(value - place.s) * self.pace(place)
 
     def _go_by_arc_length(self, value: float, clear: Place) -> None:
         """Continue by pseudo-arclength, which finds the limit or passes the hard stretch.
@@ -217,7 +232,8 @@ class Cursor:
         wanted = self.start.accuracy.tolerance
         if system.has_redundant_rows:  # open loops hide which equations are redundant
             wanted = min(wanted, TOLERANCES.tight)
-        arrival = towards(system, here.q, value, here.t, wanted)
+        curve = self.curve(system, max(wanted, 1e-14))
+        arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
         if arrival.kind != "reached":
             raise Stopped(arrival)
         try:
@@ -226,7 +242,16 @@ class Cursor:
             raise Stopped(Arrival("singular", arrival.q, value)) from None
         if system.pivots()[1] < TOLERANCES.singular:
             raise Stopped(Arrival("singular", arrival.q, value))
-        self.stand(self._solved(system, arrival.q)._replace(s=value))
+        self.stand(self._solved(system, arrival.q, value))
+
+
+def _is_half_turned(start: Start, q: Array) -> bool:
+    """Whether a rotation vector with driven components is as long as half a turn."""
+    joints = {c.joint for c in start.driven if c.q < 0 and c.unit == "rad"}
+    table = start.mechanism.coordinate_table.values()
+    vectors = ([coordinate_value(start.mechanism, c, q) for c in table
+                if c.joint == joint and c.unit == "rad"] for joint in joints)
+    return any(np.linalg.norm(x) > np.pi - TOLERANCES.half_precision for x in vectors)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
-"""Following closed configurations by pseudo-arclength, where the driver is no parameter any more.
+"""Following closed configurations by pseudo-arclength, where what leads is no parameter any more.
 
 Predictor along the tangent, corrector in the plane normal to it [AllgowerGeorg2003]. What differs
-between callers is where they end: at a driver value, at a limit, where the curve closes.
+between callers is where they end: at a leading value, at a limit, where the curve closes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.continuation.singular_points import distance_after, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array
@@ -43,7 +42,7 @@ class Arrival(NamedTuple):
     Attributes:
         kind: "reached", "limit", "branch point", "singular" or "lost".
         q: (nq,) the configuration.
-        value: the driver value there [rad or m].
+        value: the leading value there, of a driver [rad or m] or the parameter.
         is_far: whether it was lost only because the way is too long.
     """
 
@@ -58,13 +57,13 @@ class Step(NamedTuple):
 
     Attributes:
         kind: "regular", or where none is possible "branch point", or "lost".
-        q: (nq,) configuration where it ends.
-        t: (nv,) scaled unit tangent there.
+        x: (n,) unknowns where it ends.
+        t: (m,) scaled unit tangent there.
         length: its length [rad, characteristic lengths].
     """
 
     kind: str
-    q: Array
+    x: Array
     t: Array
     length: float
 
@@ -84,8 +83,8 @@ class ArcLengthPath:
 
     @property
     def value(self) -> float:
-        """Driver value of the point [rad or m]."""
-        return float(self.point.q[self.curve.driver.q])
+        """Leading value of the point."""
+        return self.curve.value(self.point.x)
 
     def ahead(self, length: float) -> Step:
         """Return the next step, as long as asked for or shorter where the curve bends.
@@ -96,36 +95,36 @@ class ArcLengthPath:
         """
         curve, point = self.curve, self.point
         if self.distance < NEAREST_BRANCH_POINT * np.sqrt(curve.tolerance):
-            return Step("branch point", point.q, point.t, 0.0)
+            return Step("branch point", point.x, point.t, 0.0)
         length = min(length, 0.5 * self.distance)
         smallest = min(length, SMALLEST_STEP)
         while length >= smallest:
-            q = curve.ahead(point, length)
-            t, sign = curve.direction(q, point.t) if q is not None else (point.t, 0)
-            if q is not None and sign == point.sign and t @ point.t >= STRAIGHT:
-                return Step("regular", q, t, length)
+            x = curve.ahead(point, length)
+            t, sign = curve.direction(x, point.t) if x is not None else (point.t, 0)
+            if x is not None and sign == point.sign and t @ point.t >= STRAIGHT:
+                return Step("regular", x, t, length)
             length *= 0.5
-            if length < NEAR_BRANCH_POINT and q is not None and sign != point.sign:
-                return Step("branch point", point.q, point.t, 0.0)
-        return Step("lost", point.q, point.t, 0.0)
+            if length < NEAR_BRANCH_POINT and x is not None and sign != point.sign:
+                return Step("branch point", point.x, point.t, 0.0)
+        return Step("lost", point.x, point.t, 0.0)
 
     def turning_point(self, step: Step) -> Step | None:
-        """Return the part of a step to where the driver turns back, if it does."""
+        """Return the part of a step to where the leading value turns back, if it does."""
         curve, point = self.curve, self.point
         before, after = curve.slope(point.t), curve.slope(step.t)
         if not before or before * after > 0.0:
             return None
 
-        def slope(x: float) -> float:
-            q = curve.ahead(point, x)
-            return curve.slope(curve.direction(q, point.t)[0]) if q is not None else np.nan
+        def slope(length: float) -> float:
+            x = curve.ahead(point, length)
+            return curve.slope(curve.direction(x, point.t)[0]) if x is not None else np.nan
 
         length = _root(slope, step.length)
         return Step("regular", _place(curve, point, length), step.t, length)
 
     def take(self, step: Step) -> bool:
         """Move by a step; False, and nothing moves, where branches cross at its end."""
-        point = self.curve.settle(step.q, step.t)
+        point = self.curve.settle(step.x, step.t)
         if point is None:
             return False
         self.distance = distance_after(self.point, point, step.length)
@@ -133,27 +132,23 @@ class ArcLengthPath:
         return True
 
 
-def towards(
-    system: SquareSystem, q: Array, target: float, direction: Array, tolerance: float
-) -> Arrival:
-    """Follow the curve from q towards the driver value `target`.
+def towards(curve: Curve, x: Array, target: float, direction: Array) -> Arrival:
+    """Follow a curve from x towards the leading value `target`.
 
     Args:
-        system: the square system whose first driver is set free.
-        q: (nq,) closed configuration.
-        target: driver value to reach [rad or m].
-        direction: (nv,) dq/d(driver) at q.
-        tolerance: closure residual to reach [-].
+        curve: what leads along it is set free.
+        x: (n,) closed.
+        target: leading value to reach: of a driver [rad or m], or the parameter.
+        direction: (nv,) derivative of the configuration there with respect to the leading value.
 
     Returns:
         The configuration at the target, or at the limit or branch point that lies before it.
     """
-    curve = Curve(system, max(tolerance, 1e-14))
-    at = curve.driver.q
-    heading = np.sign(target - q[at])
-    point = curve.settle(q, heading * direction / curve.scale)
+    heading = np.sign(target - curve.value(x))
+    along = heading * curve.unknowns.along(direction)
+    point = curve.settle(x, along)
     if point is None:
-        return branch_point_near(curve, curve.point(q, heading * direction / curve.scale), q)
+        return branch_point_near(curve, curve.point(x, along), x)
     path = ArcLengthPath(curve, point)
     length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
@@ -161,48 +156,52 @@ def towards(
         if step.kind == "lost":
             break
         if step.kind == "branch point":
-            return branch_point_near(curve, point, point.q)
+            return branch_point_near(curve, point, point.x)
         turn = path.turning_point(step)
         for end in (step,) if turn is None else (turn, step):
-            if heading * (end.q[at] - target) >= 0.0:
+            if heading * (curve.value(end.x) - target) >= 0.0:
                 return _arrive(curve, point, end.length, target)
         if turn is not None:
-            return Arrival("limit", turn.q, float(turn.q[at]))
+            return _arrival(curve, "limit", turn.x)
         if not path.take(step):
-            return branch_point_near(curve, point, step.q)
+            return branch_point_near(curve, point, step.x)
         length = min(2.0 * step.length, LARGEST_STEP)
-    return Arrival("lost", path.point.q, path.value)
+    return _arrival(curve, "lost", path.point.x)
+
+
+def _arrival(curve: Curve, kind: str, x: Array) -> Arrival:
+    return Arrival(kind, curve.unknowns.configuration(x), curve.value(x))
 
 
 def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Arrival:
     """Return the configuration at the target value, reached within `length` of the point."""
-    at = curve.driver.q
 
     def gap(x: float) -> float:
-        return float(_place(curve, point, x)[at]) - target
+        return curve.value(_place(curve, point, x)) - target
 
+    unknowns, evaluation = curve.unknowns, curve.evaluation
     ahead = _place(curve, point, _root(gap, length))
-    ahead[at] = target
-    free = np.ones(curve.model.nv, dtype=bool)
+    unknowns.put(ahead, target)
+    free = np.ones(evaluation.model.nv, dtype=bool)
     free[[*curve.system.drive_at, *curve.system.still]] = False
-    ahead, error = close(curve.evaluation, ahead, free, curve.tolerance)
+    q, error = close(evaluation, unknowns.configuration(ahead), free, curve.tolerance)
     if error > 1e-11:
-        return Arrival("lost", ahead, target)
-    if curve.settle(ahead, point.t) is None:
-        return branch_point_near(curve, point, ahead)
-    return Arrival("reached", ahead, target)
+        return Arrival("lost", q, target)
+    if curve.settle(unknowns.of(q, target), point.t) is None:
+        return branch_point_near(curve, point, unknowns.of(q, target))
+    return Arrival("reached", q, target)
 
 
-def branch_point_near(curve: Curve, point: CurvePoint, q: Array) -> Arrival:
-    """Return where the equations lose rank, ahead of a point, near q; there if none is found."""
+def branch_point_near(curve: Curve, point: CurvePoint, x: Array) -> Arrival:
+    """Return where the equations lose rank, ahead of a point, near x; there if none is found."""
     found = located(curve, point)
-    kind, value = found if found is not None else ("branch point", float(q[curve.driver.q]))
-    return Arrival(kind, q, value)
+    kind, value = found if found is not None else ("branch point", curve.value(x))
+    return Arrival(kind, curve.unknowns.configuration(x), value)
 
 
-def _place(curve: Curve, point: CurvePoint, x: float) -> Array:
-    found = curve.ahead(point, x)
-    return point.q.copy() if found is None else found
+def _place(curve: Curve, point: CurvePoint, length: float) -> Array:
+    found = curve.ahead(point, length)
+    return point.x.copy() if found is None else found
 
 
 def _root(function: Callable[[float], float], length: float) -> float:

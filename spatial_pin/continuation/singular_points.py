@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import Curve, CurvePoint, matrices
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -116,10 +116,10 @@ def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
 def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
     """Return the point `length` ahead of another one, or less far before a branch point."""
     while abs(length) > SMALLEST_STEP:
-        q = curve.ahead(point, length)
-        if q is None:
+        x = curve.ahead(point, length)
+        if x is None:
             return None
-        moved = curve.point(q, curve.direction(q, point.t)[0])
+        moved = curve.point(x, curve.direction(x, point.t)[0])
         if moved.sign == point.sign:
             return moved
         length *= 0.5
@@ -128,10 +128,10 @@ def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
 
 def distance_ahead(curve: Curve, point: CurvePoint) -> float:
     """Return about how far ahead of a point the equations lose rank, inf if not at all."""
-    q = curve.ahead(point, PROBE)
-    if q is None:
+    x = curve.ahead(point, PROBE)
+    if x is None:
         return 0.0
-    return distance_after(point, point._replace(sigma=curve.sigma(q)), PROBE)
+    return distance_after(point, point._replace(sigma=curve.sigma(x)), PROBE)
 
 
 def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
@@ -141,13 +141,12 @@ def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
 
 
 def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
-    """Return the kind of the point ahead where the equations lose rank, and its driver value.
+    """Return the kind of the point ahead where the equations lose rank, and its leading value.
 
     The matrix of equations and tangent, a smooth function of the arc length, is extrapolated to
-    where it is singular; so are the driver's value and its slope. If the slope vanishes there, the
-    driver is at its limit; else branches cross.
+    where it is singular; so are the leading value and its slope. If the slope vanishes there, the
+    value is at its limit; else branches cross.
     """
-    at = curve.driver.q
     viewed = _viewed(curve, point)
     if viewed is None:
         return None
@@ -158,11 +157,11 @@ def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
     if len(found) < len(places):
         return None
     tangents = [curve.direction(x, base.t)[0] for x in found]
-    matrices = curve.matrices(zip(found, tangents, strict=True))
-    first = next((x for x in zeros(lengths, matrices) if x > 0.0), None)
+    there = matrices(curve, zip(found, tangents, strict=True))
+    first = next((x for x in zeros(lengths, there) if x > 0.0), None)
     if first is None:
         return None
-    value = float(through(lengths, np.array([x[at] for x in found]))(first))
+    value = float(through(lengths, np.array([curve.value(x) for x in found]))(first))
     slopes = through(lengths, np.array([curve.slope(t) for t in tangents]))
     rests = abs(slopes(first)) < 0.1 * abs(slopes(0.0))
     return "limit" if rests else "branch point", value

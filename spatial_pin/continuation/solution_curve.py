@@ -1,4 +1,4 @@
-"""The curve of closed configurations, its one driver set free."""
+"""The curve of closed configurations, what leads along it set free."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.assembly.square_system import SquareSystem
+from spatial_pin.continuation.unknowns import Configurations
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -17,14 +17,14 @@ class CurvePoint(NamedTuple):
     """A closed configuration of the curve.
 
     Attributes:
-        q: (nq,) configuration.
-        t: (nv,) scaled unit tangent.
+        x: (n,) unknowns, which hold the configuration.
+        t: (m,) scaled unit tangent.
         sign: sign of the determinant of [independent equations; tangent].
         sigma: smallest over largest singular value of the independent equations.
         angles, slopes: relative angles of screw closures, and their scaled derivatives.
     """
 
-    q: Array
+    x: Array
     t: Array
     sign: int
     sigma: float
@@ -33,107 +33,124 @@ class CurvePoint(NamedTuple):
 
 
 class Curve:
-    """The curve of closed configurations through a point, the first driver set free."""
+    """The curve of closed configurations through a point.
 
-    def __init__(self, system: SquareSystem, tolerance: float) -> None:
+    Attributes:
+        unknowns: of its equations.
+
+    Args:
+        system: the square system of all that is driven, at a configuration of the curve.
+        tolerance: closure residual to reach.
+        unknowns: default configurations, the first driver set free.
+    """
+
+    def __init__(
+        self, system: SquareSystem, tolerance: float, unknowns: Configurations | None = None
+    ) -> None:
         self.system, self.evaluation = system, system.evaluation
-        self.model = system.evaluation.model
-        self.scale = system.scale
+        self.unknowns = Configurations(system) if unknowns is None else unknowns
         self.tolerance = tolerance
-        self.driver = system.driven[0]
-        self.drive = system.matrix[system.prescribed_rows][1:]
         self.selected = system.rows
 
-    def equations(self, q: Array) -> Array:
-        """Return the (nv - 1, nv) independent equations' derivatives of the curve at q."""
-        self.evaluation.update(q)
+    def equations(self, x: Array) -> Array:
+        """Return the (m - 1, m) independent equations' derivatives of the curve at x."""
+        self.evaluation.update(self.unknowns.configuration(x))
         jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
-        parts = [jacobian[self.selected], jacobian[n:], self.drive, self.system.passive]
-        return np.vstack(parts)
+        parts = [jacobian[self.selected], jacobian[n:], self.unknowns.drive, self.system.passive]
+        return self.unknowns.completed(np.vstack(parts), self._driven, x)
 
-    def settle(self, q: Array, along: Array) -> CurvePoint | None:
-        """Return the point at q whose tangent is nearest to `along`; None where branches cross."""
-        rows = self.equations(q)
+    @property
+    def _driven(self) -> int:
+        """The first equation of what is driven."""
+        return len(self.selected) + self.evaluation.constraints.n_passive
+
+    def settle(self, x: Array, along: Array) -> CurvePoint | None:
+        """Return the point at x whose tangent is nearest to `along`; None where branches cross."""
+        rows = self.equations(x)
         if self.system.has_redundant_rows:
             n = self.evaluation.constraints.n_rows
             selected = independent_rows(self.evaluation.jacobian[:n], TOLERANCES.singular)
             if len(selected) < len(self.system.rows):
                 return None
             self.selected = selected
-            rows = self.equations(q)
+            rows = self.equations(x)
         svd = decompose(rows, TOLERANCES.singular)
-        if svd.rank < len(rows) or self._sigma(svd.s) <= TOLERANCES.singular:
+        if svd.rank < len(rows) or _ratio(svd.s, self.system.size) <= TOLERANCES.singular:
             return None
-        return self.point(q, svd.null_space.T @ (svd.null_space @ along), rows, svd.s)
+        return self.point(x, svd.null_space.T @ (svd.null_space @ along), rows, svd.s)
 
     def point(
-        self, q: Array, t: Array, rows: Array | None = None, s: Array | None = None
+        self, x: Array, t: Array, rows: Array | None = None, s: Array | None = None
     ) -> CurvePoint:
-        """Return the point at q with a given tangent; rows and their singular values if known."""
-        rows = self.equations(q) if rows is None else rows
+        """Return the point at x with a given tangent; rows and their singular values if known."""
+        rows = self.equations(x) if rows is None else rows
         s = decompose(rows, 0.0).s if s is None else s
         t = t / np.linalg.norm(t)
-        evaluation = self.evaluation
-        return CurvePoint(q, t, determinant_sign_of(np.vstack([rows, t])), self._sigma(s),
+        evaluation, sign = self.evaluation, determinant_sign_of(np.vstack([rows, t]))
+        return CurvePoint(x, t, sign, _ratio(s, self.system.size),
                           evaluation.angles.copy(), evaluation.angle_jacobian.copy())
 
     def ahead(self, point: CurvePoint, length: float) -> Array | None:
         """Return the closed configuration `length` ahead along the tangent."""
         step = length * point.t
-        self.evaluation.turns[:] = point.angles + point.slopes @ step
-        return self.onto(pin.integrate(self.model, point.q, self.scale * step), point.t)
+        self.expect(point, step)
+        return self.onto(self.unknowns.moved(point.x, step), point.t)
 
-    def onto(self, q: Array, normal: Array) -> Array | None:
-        """Return the closed configuration near q in the plane through it with a scaled normal."""
+    def expect(self, point: CurvePoint, step: Array) -> None:
+        """Expect relative angles of screw closures as they are after a scaled step."""
+        self.evaluation.turns[:] = point.angles + point.slopes @ step[: point.slopes.shape[1]]
+
+    def onto(self, x: Array, normal: Array) -> Array | None:
+        """Return the closed configuration near x in the plane through it with a scaled normal."""
         for _ in range(8):
-            rows = self.equations(q)
-            residual = self.evaluation.residual
-            if residual @ residual <= self.tolerance**2:
-                return q
+            rows = self.equations(x)
+            residual, gaps = self.evaluation.residual, self.unknowns.gaps(x)
+            square = residual @ residual + gaps @ gaps
+            if square <= self.tolerance**2:
+                return x
             rhs = np.zeros(len(rows) + 1)
             rhs[: len(self.selected)] = -residual[self.selected]
-            x = decompose(np.vstack([rows, normal])).minimum_norm(rhs)
-            if not np.abs(x).max() < 0.1:
+            rhs[self._driven : self._driven + len(gaps)] = -gaps
+            step = decompose(np.vstack([rows, normal])).minimum_norm(rhs)
+            if not np.abs(step).max() < 0.1:
                 return None
-            q = pin.integrate(self.model, q, self.scale * x)
-        return q if residual @ residual <= TOLERANCES.closed**2 else None
+            x = self.unknowns.moved(x, step)
+        return x if square <= TOLERANCES.closed**2 else None
 
-    def direction(self, q: Array, along: Array) -> tuple[Array, int]:
-        """Return tangent and determinant sign at q with the rows of the last `settle`."""
-        rows = self.equations(q)
+    def direction(self, x: Array, along: Array) -> tuple[Array, int]:
+        """Return tangent and determinant sign at x with the rows of the last `settle`."""
+        rows = self.equations(x)
         null_space = decompose(rows, TOLERANCES.tight).null_space
         t = null_space.T @ (null_space @ along)
         t /= np.linalg.norm(t)
         return t, determinant_sign_of(np.vstack([rows, t]))
 
-    def sigma(self, q: Array) -> float:
-        """Return the smallest over the largest singular value of the rows at q.
+    def sigma(self, x: Array) -> float:
+        """Return the smallest over the largest singular value of the rows at x.
 
         The largest counts as no smaller than rows were elsewhere: where a single one vanishes, it
         is as large as itself to the end.
         """
-        return self._sigma(decompose(self.equations(q), 0.0).s)
+        return _ratio(decompose(self.equations(x), 0.0).s, self.system.size)
 
-    def _sigma(self, s: Array) -> float:
-        return float(s[-1] / np.hypot(s[0], self.system.size)) if s.size else 1.0
-
-    def matrices(self, places: Iterable[tuple[Array, Array]]) -> Array:
-        """Return matrices (k, nv, nv) of [independent equations; unit tangent] at places (q, t).
-
-        Smooth functions of the place, singular where branches cross.
-        """
-        return np.array([np.vstack([self.equations(q), t / np.linalg.norm(t)]) for q, t in places])
-
-    def curvature(self, point: CurvePoint) -> Array:
-        """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
-        rows = self.equations(point.q)
-        n = self.evaluation.constraints.n_rows
-        bias = self.evaluation.bias(point.q, self.scale * point.t)
-        rhs = np.zeros(len(rows) + 1)
-        rhs[: len(self.selected)] = -bias[:n][self.selected]
-        rhs[len(self.selected) : len(self.selected) + len(bias) - n] = -bias[n:]
-        return self.scale * decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
+    def value(self, x: Array) -> float:
+        """Return the leading value, of a driver or the parameter."""
+        return float(x[self.unknowns.at])
 
     def slope(self, t: Array) -> float:
-        """Rate of the driver along the scaled tangent."""
-        return float(t[self.driver.v] * self.scale[self.driver.v])
+        """Rate of the leading value along the scaled tangent."""
+        unknowns = self.unknowns
+        return float(t[unknowns.rate] * unknowns.scale[unknowns.rate])
+
+
+def _ratio(s: Array, size: float) -> float:
+    """Return the least of singular values (n,) over the largest, or over `size` if that is more."""
+    return float(s[-1] / np.hypot(s[0], size)) if s.size else 1.0
+
+
+def matrices(curve: Curve, places: Iterable[tuple[Array, Array]]) -> Array:
+    """Return matrices (k, m, m) of [independent equations; unit tangent] at places (x, t).
+
+    Smooth functions of the place, singular where branches cross.
+    """
+    return np.array([np.vstack([curve.equations(x), t / np.linalg.norm(t)]) for x, t in places])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from spatial_pin.assembly.holding import Hold, divided, still_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.continuation.driving import DriversLaw, OneDriver
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples, prescribed_places
@@ -36,22 +38,35 @@ class Start:
         accuracy: of the motion.
         kernel: of the state's mechanism.
         evaluation: its closure equations.
+        law: how the coordinates driven first go by a parameter, see `DriversLaw`; default: the
+            driver itself leads.
+        begin: the parameter at the start.
     """
 
     def __init__(
         self, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
-        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation,
+        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation, law: Any = None,
+        begin: float = 0.0,
     ) -> None:
         self.state, self.mechanism, self.accuracy = state, state.mechanism, accuracy
         self.kernel, self.evaluation = kernel, evaluation
         self.driven = driven
         self.still = still_entries(state.mechanism, driven) if still is None else tuple(still)
+        self._law, self._begin = law, begin
         self._first: Path | None = None
+
+    @cached_property
+    def leading(self) -> OneDriver:
+        """What leads along the branch."""
+        mechanism, driven, q = self.mechanism, self.driven, self.state.q
+        if self._law is None:
+            return OneDriver(mechanism, driven, q)
+        return DriversLaw(mechanism, driven, q, self._law, self._begin)
 
     @classmethod
     def along(
         cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, kernel: Kernel,
-        evaluation: Evaluation,
+        evaluation: Evaluation, law: Any = None, begin: float = 0.0,
     ) -> Start:
         """Return the start of a branch with the first of some names driven, the others held.
 
@@ -62,13 +77,16 @@ class Start:
             accuracy: of the motion.
             kernel: of the state's mechanism.
             evaluation: its closure equations.
+            law: how the names go by a parameter; default: the first one leads.
+            begin: the parameter at the start.
         """
         driven, still = prescribed_first(state.mechanism, names, hold)
-        start = cls(state, driven, still, accuracy, kernel, evaluation)
-        start._first = start._path_of_regular(state.q, state.angles)
+        start = cls(state, driven, still, accuracy, kernel, evaluation, law, begin)
+        start._first = start._path_of_regular(state.q, state.angles, begin)
         if start._first is None:
-            start.driven = prescribed_at(state, names, hold)
-            start.still = divided(state.mechanism, start.driven, hold)[1]
+            driven = prescribed_at(state, names, hold)
+            still = divided(state.mechanism, driven, hold)[1]
+            start = cls(state, driven, still, accuracy, kernel, evaluation, law, begin)
         return start
 
     def samples(self, n: int) -> Samples:
@@ -100,38 +118,41 @@ class Start:
     def first_path(self) -> Path | None:
         """Return the path that the kernel follows from the state; None as `path`."""
         found, self._first = self._first, None
-        return found or self.path(self.state.q, self.state.angles)
+        return found or self.path(self.state.q, self.state.angles, self._begin)
 
-    def path(self, q: Array, angles: Array) -> Path | None:
+    def path(self, q: Array, angles: Array, s: float) -> Path | None:
         """Return the path that the kernel follows from q; None where it cannot, or may not.
 
         Args:
             q: (nq,) closed configuration.
             angles: (n_angles,) of screw closures.
+            s: the parameter there, where a law leads.
         """
-        return self._path_of_regular(q, angles) or self._path_of_system(q, angles)
+        return self._path_of_regular(q, angles, s) or self._path_of_system(q, angles, s)
 
-    def _path_of_regular(self, q: Array, angles: Array) -> Path | None:
+    def _path_of_regular(self, q: Array, angles: Array, s: float) -> Path | None:
         """Return the path where as many equations are independent as there are unknowns."""
         k = self.kernel
         wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
         if not 0 <= wanted <= k.n_rows:
             return None
-        return self._path(np.arange(wanted), np.empty((0, k.nv)), q, angles, True)
+        return self._path(np.arange(wanted), np.empty((0, k.nv)), q, angles, s, True)
 
-    def _path_of_system(self, q: Array, angles: Array) -> Path | None:
+    def _path_of_system(self, q: Array, angles: Array, s: float) -> Path | None:
         """Return the path where passive freedoms are left."""
         try:
             system = self.system(q, angles)
             system.check_regular(q)
         except SingularError:
             return None
-        return self._path(system.rows, system.passive, q, angles)
+        return self._path(system.rows, system.passive, q, angles, s)
 
     def _path(
-        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array,
+        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array, s: float,
         choose: bool = False,
     ) -> Path | None:
         driven = prescribed_places(self.kernel, self.driven, self.still)
         path = Path(self.kernel, chosen, driven, fill, self.accuracy)
+        if self._law is not None:
+            self.leading.prescribe(path, s)
         return path if path.start(q, angles, choose) else None

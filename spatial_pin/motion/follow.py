@@ -10,18 +10,17 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.cursor import UNBOUND
-from spatial_pin.continuation.parametrised import DrivenCurve
+from spatial_pin.continuation.cursor import Stopped
+from spatial_pin.continuation.follow import follow as samples_along
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.paths import Path, Samples
-from spatial_pin.mechanism.coordinates import coordinate_value, needed
+from spatial_pin.kernel.paths import Samples
+from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
@@ -32,8 +31,6 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 from spatial_pin.rates.rates import check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
-
-SAMPLES_AT_ONCE = 1000  # samples followed at a time: the bar moves, and Ctrl-C is heard
 
 
 @checked
@@ -46,7 +43,7 @@ def follow(
     guess: Mapping[str, Any] | State | Array | None = None,
     hold: Hold = BASE,
     on_limit: str = "raise",
-    on_crossing: str = "raise",
+    on_crossing: str = "straight",
     accuracy: Accuracy | None = None,
     progress: bool = False,
 ) -> Motion:
@@ -69,7 +66,8 @@ def follow(
         hold: names of what stands still besides, as for `sweep`.
         on_limit: "raise", or "stop" to end the motion before what cannot be reached, with an
             event.
-        on_crossing: "raise", or "stop" to end the motion so where branches cross.
+        on_crossing: where branches cross (a change point): "straight" to follow the one that goes
+            straight on, "stop" to end the motion before it, both with an event, or "raise".
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
@@ -81,14 +79,15 @@ def follow(
         AssemblyError: the first values cannot be assembled.
         LimitError: later ones cannot be reached; has the time, or number, up to which the drivers
             can go, and the motion so far.
-        SingularError: the branch is not determined at a configuration, or crosses another one.
+        SingularError: the branch is not determined at a configuration, or crosses another one
+            where that is not allowed, or where none goes straight on.
         UnknownNameError: a name does not exist.
         ValueError: tables are not finite, or of different lengths, or times do not rise.
     """
     accuracy = accuracy_of(accuracy)
     needed(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
-    check_choice("on_crossing", on_crossing, ("raise", "stop"))
+    check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     names, table = _table(mechanism, values)
     if len(names) == 1 and times is None and rates is None:
         return sweep(mechanism, names[0], table[:, 0], guess=guess, hold=hold, on_limit=on_limit,
@@ -102,7 +101,8 @@ def follow(
     first = dict(zip(names, table[0].tolist(), strict=True))
     state = assembled(mechanism, first, guess, accuracy=tight)
     followed = along(state, names, hold, law, s, accuracy,
-                     f"{mechanism.name}: {', '.join(names)}", progress)
+                     f"{mechanism.name}: {', '.join(names)}", progress,
+                     passes=on_crossing == "straight")
     return finished(state.mechanism, followed, None if times is None else s, held, list(values),
                     "drivers", on_limit, on_crossing)
 
@@ -114,16 +114,18 @@ class Followed(NamedTuple):
         samples: of which `done` are done.
         done: how many.
         stop: what ended it before the last; None if nothing did.
+        crossed: branch points passed, each with the number of the sample behind it.
     """
 
     samples: Samples
     done: int
     stop: Arrival | None
+    crossed: Sequence[tuple[float, int]] = ()
 
 
 def along(
     state: State, names: Sequence[str], hold: Hold, law: Any, s: Array, accuracy: Accuracy,
-    title: str, progress: bool,
+    title: str, progress: bool, passes: bool = False,
 ) -> Followed:
     """Follow a branch as coordinates go by a law.
 
@@ -136,18 +138,23 @@ def along(
         accuracy: of the motion.
         title: of the progress bar.
         progress: whether there is one.
+        passes: whether to go straight on where branches cross.
 
     Raises:
         SingularError: the coordinates do not determine the motion at the start.
     """
     mechanism, n, stop = state.mechanism, len(s), None
+    crossed = list[tuple[float, int]]()
     with (progress_bar(n, title, progress) as bar,
           evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
-        trip = _Trip(Start.along(state, names, hold, accuracy, kernel, evaluation), law, s)
-        while trip.done < n and stop is None:
-            stop = trip.go_on()
-            bar.update(trip.done - bar.n)
-    return Followed(trip.samples, trip.done, stop)
+        start = Start.along(state, names, hold, accuracy, kernel, evaluation, law, float(s[0]))
+        samples = start.samples(n)
+        try:
+            for done in samples_along(start, s, samples, crossed if passes else None):
+                bar.update(done - bar.n)
+        except Stopped as caught:
+            stop, n = caught.arrival, caught.row
+    return Followed(samples, n, stop, crossed)
 
 
 def finished(
@@ -173,110 +180,14 @@ def finished(
     stop = followed.stop
     motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
+    motion.events += [_crossed(value, row, times is None) for value, row in followed.crossed]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, followed.done, times is None, who))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
-            raise _error(motion, stop, names, times is None, who)
+            raise _error(motion, stop, names, times is None, who, ends)
     return motion
-
-
-class _Trip:
-    """The way of several drivers along their law, sample by sample.
-
-    Attributes:
-        samples: of which `done` are done.
-    """
-
-    def __init__(self, start: Start, law: Any, s: Array) -> None:
-        self.start, self.law, self.s, self.done = start, law, s, 0
-        self.samples = start.samples(len(s))
-        here = start.first_path()
-        if here is None:  # it says why
-            start.checked_system(start.state)
-            raise SingularError(f"mechanism {start.mechanism.name!r}: singular configuration at "
-                                f"the start, {start.state}", state=start.state)
-        self._take(here, float(s[0]), start.state.q, start.state.angles)
-
-    def _take(self, path: Path, s: float, q: Array, angles: Array) -> None:
-        """Go on along a path that stands at a configuration, with the parameter there."""
-        n, others = self.law.c.shape[-1], self.start.driven[self.law.c.shape[-1] :]
-        pieces = np.zeros((len(self.law.x) - 1, path.n_driven, len(self.law.c)))
-        pieces[:, :n] = np.moveaxis(self.law.c[::-1], 0, 2)
-        pieces[:, n : n + len(others), 0] = [
-            coordinate_value(self.start.mechanism, c, self.start.state.q) for c in others]
-        path.prescribe(s, self.law.x, pieces)
-        self._path: Path | None = path if path.start(q, angles) else None
-        self._at = s, q, angles
-
-    def go_on(self) -> Arrival | None:
-        """Go on by some samples; return why that ends, if it does."""
-        path, last = self._path, min(self.done + SAMPLES_AT_ONCE, len(self.s))
-        if path is not None:
-            self.done += path.follow(self.s[self.done : last],
-                                     self.samples.between(self.done, last))
-            if self.done == last:
-                return None
-            here, sample = path.here
-            self._at = here, sample.q[0], sample.angles[0]
-            if any(c.q < 0 for c in self.start.driven):  # which no curve leads by
-                return self._end(here, sample.q[0], sample.t[0])
-        return self._pass_on()
-
-    def _end(self, s: float, q: Array, t: Array) -> Arrival:
-        """Return what the kernel's path, whose smallest step it is, has come to."""
-        mechanism, driven = self.start.mechanism, self.start.driven
-        scale = mechanism.velocity_scale
-        asked = self.law.derivative()(s) / [scale[c.v] for c in driven[: self.law.c.shape[-1]]]
-        joints = {c.joint for c in driven if c.q < 0 and c.unit == "rad"}
-        turned = [c for c in mechanism.coordinate_table.values()
-                  if c.joint in joints and c.unit == "rad"]
-        for joint in joints:
-            length = np.linalg.norm(
-                [coordinate_value(mechanism, c, q) for c in turned if c.joint == joint])
-            if length > np.pi - TOLERANCES.half_precision:
-                return Arrival("half turn", q, s)
-        is_fast = np.abs(t / scale).max() > UNBOUND * np.abs(asked).max()
-        return Arrival("limit" if is_fast else "lost", q, s)
-
-    def _pass_on(self) -> Arrival | None:
-        """Go on by arc length from where the kernel's path stands; return where that ends."""
-        s, q, angles = self._at
-        if any(c.q < 0 for c in self.start.driven):
-            return Arrival("singular", q, s)
-        try:
-            system: SquareSystem = self.start.system(q, angles)
-        except SingularError:
-            return Arrival("singular", q, s)
-        standing = [c.q for c in self.start.driven[self.law.c.shape[-1] :]]
-        full = _Standing(self.law, self.start.state.q[standing])
-        pace = system.driver_rates() @ full.derivative()(s) / system.scale
-        size = float(np.linalg.norm(pace))
-        arrival = DrivenCurve(system, full, 1.0 / max(size, TOLERANCES.nothing)).towards(
-            q, s, float(self.s[self.done]))
-        if arrival.kind != "reached":
-            return arrival
-        angles = system.evaluation.angles.copy()
-        path = self.start.path(arrival.q, angles)
-        if path is None:
-            return Arrival("singular", arrival.q, arrival.value)
-        self._take(path, arrival.value, arrival.q, angles)
-        return None if self._path is not None else Arrival("singular", arrival.q, arrival.value)
-
-
-class _Standing:
-    """A law of some coordinates, with others that stand at their values (k,) behind them."""
-
-    def __init__(self, law: Any, rest: Array) -> None:
-        self._law, self._rest = law, rest
-
-    def __call__(self, s: float) -> Array:
-        return np.append(self._law(s), self._rest)
-
-    def derivative(self) -> _Standing:
-        """Return the law of the rates."""
-        return _Standing(self._law.derivative(), np.zeros_like(self._rest))
 
 
 def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], Array]:
@@ -365,8 +276,14 @@ def _event(stop: Arrival, row: int, is_timeless: bool, who: str) -> Event:
                  f"{words[stop.kind]} at {_where(stop.value, is_timeless)}")
 
 
+def _crossed(value: float, row: int, is_timeless: bool) -> Event:
+    return Event("branch point", value, row,
+                 f"branch point at {_where(value, is_timeless)}: branches cross; followed the one "
+                 "that goes straight on")
+
+
 def _error(
-    motion: Motion, stop: Arrival, names: list[str], is_timeless: bool, who: str
+    motion: Motion, stop: Arrival, names: list[str], is_timeless: bool, who: str, ends: str
 ) -> SpatialPinError:
     at, moved = _where(stop.value, is_timeless), ", ".join(names)
     where = f"mechanism {motion.mechanism.name!r}: {moved} cannot go on beyond {at}: "
@@ -380,5 +297,7 @@ def _error(
         return SingularError(f"{where}the branch was lost there; ask for values nearer to each "
                              "other", motion=motion)
     what = "branches cross" if stop.kind == "branch point" else "the configuration is singular"
+    may_pass = stop.kind == "branch point" and who == "drivers" and ends == "raise"
+    remedy = ", or give on_crossing='straight' to go on" * may_pass
     return SingularError(f"{where}{what} there, and {who} do not determine the motion; go round "
-                         "it", motion=motion)
+                         f"it{remedy}", motion=motion)

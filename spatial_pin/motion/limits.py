@@ -13,6 +13,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked
 from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import towards
+from spatial_pin.continuation.solution_curve import Curve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -122,7 +123,7 @@ def _bound(
     bodies = not_spinning(system)
     place, angles, q = body_places(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
-        arrival = towards(system, q, start + sense * k * span, direction, tolerance)
+        arrival = towards(Curve(system, tolerance), q, start + sense * k * span, direction)
         if arrival.kind == "lost":
             return Bound(arrival.value, "not followed further")
         if arrival.kind != "reached":

@@ -18,7 +18,7 @@ from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
@@ -93,7 +93,7 @@ def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> boo
             return False
         turn = path.turning_point(step)
         if turn is not None:
-            samples.note("limit", float(turn.q[path.curve.driver.q]))
+            samples.note("limit", path.curve.value(turn.x))
         if not path.take(step):
             return False
         longest, left = step.length, left - step.length
@@ -111,6 +111,17 @@ def _pass_straight_on(path: ArcLengthPath, samples: _TracedSamples) -> bool:
     return True
 
 
+def _curvature(curve: Curve, point: CurvePoint) -> Array:
+    """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
+    rows, scale, evaluation = curve.equations(point.x), curve.unknowns.scale, curve.evaluation
+    n, chosen = evaluation.constraints.n_rows, curve.selected
+    bias = evaluation.bias(point.x, scale * point.t)
+    rhs = np.zeros(len(rows) + 1)
+    rhs[: len(chosen)] = -bias[:n][chosen]
+    rhs[len(chosen) : len(chosen) + len(bias) - n] = -bias[n:]
+    return scale * decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
+
+
 class _TracedSamples:
     """Samples of a traced curve."""
 
@@ -125,9 +136,9 @@ class _TracedSamples:
 
     def add(self, point: CurvePoint) -> None:
         """Keep a point, with the second derivative of the curve there."""
-        model = self.curve.model
+        model = self.curve.evaluation.model
         self.points.append(point)
-        self.accelerations.append(self.curve.curvature(point))
+        self.accelerations.append(_curvature(self.curve, point))
         self.errors.append(self.curve.evaluation.closure_error)
         if len(self.points) < 2:
             self.bodies = not_spinning(self.curve.system)
@@ -140,7 +151,7 @@ class _TracedSamples:
         But for those that spin freely, whose joints have other axes then. Where many joints share
         a step of arc length, bodies move by a small part of it only.
         """
-        self.curve.equations(point.q)
+        self.curve.equations(point.x)
         places = body_places(self.curve.evaluation, self.bodies)
         gap = float(np.abs(places - self.first_place).max())
         if len(self.points) == 1:
@@ -154,11 +165,11 @@ class _TracedSamples:
     def add_first_again(self) -> None:
         """End with the first configuration, angles counted on."""
         first, last = self.points[0], self.points[-1]
-        q = first.q.copy()
+        q = first.x.copy()
         for c in self.mechanism.coordinate_table.values():
             if c.q >= 0 and c.unit == "rad":
-                q[c.q] += TURN * np.round((last.q[c.q] - q[c.q]) / TURN)
-        self.points.append(first._replace(q=q))
+                q[c.q] += TURN * np.round((last.x[c.q] - q[c.q]) / TURN)
+        self.points.append(first._replace(x=q))
         self.accelerations.append(self.accelerations[0])
         self.errors.append(self.errors[0])
 
@@ -182,10 +193,10 @@ class _TracedSamples:
 
     def motion(self) -> Motion:
         """Return the samples as a Motion over the arc length."""
-        scale = self.curve.scale
-        q = np.array([p.q for p in self.points])
+        scale = self.curve.unknowns.scale
+        q = np.array([p.x for p in self.points])
         v = np.array([scale * p.t for p in self.points])
-        driver = self.curve.driver
+        driver = self.curve.system.driven[0]
         return Motion(
             mechanism=self.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
             time=None, q=q, v=v, a=np.array(self.accelerations),

@@ -1,0 +1,100 @@
+"""What leads along a branch: the value of one driver, or a parameter that several go by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.kernel.paths import Path
+from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
+from spatial_pin.numerics.linalg import Array
+
+
+class OneDriver:
+    """The value of what is driven first leads; all else that is driven stands.
+
+    Attributes:
+        begin: the leading value at the start [rad or m].
+
+    Args:
+        mechanism: the mechanism.
+        driven: the prescribed coordinates, the driver first.
+        q: (nq,) configuration at the start.
+    """
+
+    def __init__(self, mechanism: Mechanism, driven: Sequence[Coordinate], q: Array) -> None:
+        self.driven = driven
+        self._start = np.array([0.0 if isinstance(c, VelocityEntry) else
+                                coordinate_value(mechanism, c, q) for c in driven])
+        self.begin = float(self._start[0])
+
+    def values(self, s: float) -> Array:
+        """Return the values (k,) of what is driven."""
+        return np.append(s, self._start[1:])
+
+    def rates(self, s: float) -> Array:
+        """Return their derivatives (k,) with respect to the leading value."""
+        return np.eye(1, len(self.driven))[0]
+
+    def bends(self, s: float) -> Array:
+        """Return their second derivatives (k,)."""
+        return np.zeros(len(self.driven))
+
+    def put(self, q: Array, s: float) -> None:
+        """Write the values of driven coordinates that are entries of q into it."""
+        for c, value in zip(self.driven, self.values(s).tolist(), strict=True):
+            if c.q >= 0:
+                q[c.q] = value
+
+    def prescribe(self, path: Path, s: float) -> None:
+        """Let a path go on from a leading value."""
+
+
+class DriversLaw(OneDriver):
+    """A parameter leads that the coordinates driven first go by; what is driven besides stands.
+
+    Args:
+        mechanism: the mechanism.
+        driven: the prescribed coordinates, those that go first.
+        q: (nq,) configuration at the start.
+        law: SciPy's piecewise polynomial of the parameter, to their values.
+        begin: the parameter at the start.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, driven: Sequence[Coordinate], q: Array, law: Any, begin: float
+    ) -> None:
+        from scipy.interpolate import PPoly  # on use: it takes a tenth of a second
+
+        super().__init__(mechanism, driven, q)
+        self.begin, n = begin, law.c.shape[-1]
+        c = np.zeros((*law.c.shape[:2], len(driven)))
+        c[..., :n], c[-1, :, n:] = law.c, self._start[n:]
+        self.law = PPoly(c, law.x)
+        self._rates, self._bends = self.law.derivative(), self.law.derivative(2)
+
+    def values(self, s: float) -> Array:
+        """Return the values (k,) of what is driven."""
+        found: Array = self.law(s)
+        return found
+
+    def rates(self, s: float) -> Array:
+        """Return their derivatives (k,) with respect to the parameter."""
+        found: Array = self._rates(s)
+        return found
+
+    def bends(self, s: float) -> Array:
+        """Return their second derivatives (k,)."""
+        found: Array = self._bends(s)
+        return found
+
+    def prescribe(self, path: Path, s: float) -> None:
+        """Let a path go on from a parameter, along the law; entries of the velocity stand."""
+        coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
+        all_driven = np.zeros((len(coefficients), path.n_driven, coefficients.shape[-1]))
+        all_driven[:, : len(self.driven)] = coefficients
+        path.prescribe(s, self.law.x, all_driven)
