@@ -178,10 +178,10 @@ def _sweep(options: argparse.Namespace) -> None:
 def _follow(options: argparse.Namespace) -> None:
     mechanism = _load(options)
     values, times = read_table(options.table)
-    end = "stop" if options.stop else "raise"
     _write(options, sp.follow(mechanism, values, times, guess=_guess(options),
-                              hold=["base", *options.hold], on_limit=end, on_crossing=end,
-                              progress=True))
+                              hold=["base", *options.hold],
+                              on_limit="stop" if options.stop else "raise",
+                              on_crossing="stop" if options.stop else "straight", progress=True))
 
 
 def _reach(options: argparse.Namespace) -> None:

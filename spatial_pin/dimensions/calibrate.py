@@ -254,7 +254,7 @@ def _led(
     if begin == end:
         return near
     motion: Motion = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
-                            guess=near)
+                            guess=near, on_crossing="raise")
     there = motion.state(-1)
     return State(there.mechanism, there.q, closure_error=there.closure_error, angles=there.angles)
 

@@ -142,13 +142,13 @@ class Circuit:
                 initial=0.0) > TOLERANCES.half_precision:
             return None  # a dead centre: its neighbours are as good
         curve = Curve(system, Accuracy.named("engineering").tolerance)
-        point = curve.settle(near.q, self.motion.v[row] / curve.scale)
+        point = curve.settle(near.q, self.motion.v[row] / system.scale)
         found = self._onto(curve, point, target) if point is not None else None
         if point is None or found is None:
             return None
         length, q = found
-        slope = curve.slope(curve.direction(q, point.t)[0]) / float(curve.scale[curve.driver.v])
-        return length, float(q[curve.driver.q]), slope
+        size = float(system.scale[system.driven[0].v])
+        return length, curve.value(q), curve.slope(curve.direction(q, point.t)[0]) / size
 
     def _onto(self, curve: Curve, point: CurvePoint, target: Array) -> tuple[float, Array] | None:
         """Return how far ahead of a point of the curve bodies are at placements, and q there.

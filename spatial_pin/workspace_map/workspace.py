@@ -350,7 +350,7 @@ def _begin(filling: Filling, start: State) -> None:
         ways = {name: np.array([a, b]) for name, a, b in zip(
             asked.names, here.tolist(), grid[row].tolist(), strict=True)}
         try:
-            motion = follow(mechanism, ways, guess=start)
+            motion = follow(mechanism, ways, guess=start, on_crossing="raise")
         except SpatialPinError as caught:
             error = caught
             continue
