@@ -29,7 +29,7 @@ METHODS = ("multistart", "evolution", "local")
 # some 1e-5 from the solution.
 SAME = 1e-3
 POPULATION = 15  # of an evolution, by number that is looked for: SciPy's own
-GENERATIONS = 200  # at most
+GENERATIONS = 50  # at most: it is to find valleys, in which local solutions go on
 APART = 0.1  # part of the ranges, by which places of an evolution are in other valleys at a guess
 RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
 VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time

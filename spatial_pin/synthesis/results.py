@@ -1,0 +1,273 @@
+"""Designs: what a search for dimensions found, ranked, and how well each does what was asked."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.homotopy import followed, varied
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.synthesis.defects import Defect, defects
+from spatial_pin.synthesis.demands import Candidate
+from spatial_pin.synthesis.goals import Function, Goal, Path, Poses, Precision
+from spatial_pin.synthesis.problem import Found, Problem
+from spatial_pin.synthesis.search import Searched
+
+WIDTH = 100  # characters of a line of the report
+AT_BOUND = 1e-6  # part of the bounds' width: least squares keep clear of bounds by some 1e-9
+
+
+class GoalError(NamedTuple):
+    """How far a goal is missed.
+
+    Attributes:
+        rms: root mean square over its samples.
+        most: the largest.
+        unit: of both: "m", "rad", "m, rad" (of poses, whichever is larger), or "" of a demand.
+        samples: how many there are.
+    """
+
+    rms: float
+    most: float
+    unit: str
+    samples: int
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" * bool(self.unit)
+        if self.samples == 1:
+            return f"{self.most:.3g}{unit}"
+        return f"{self.rms:.3g}{unit} rms, {self.most:.3g}{unit} at most ({self.samples} samples)"
+
+
+class Met(NamedTuple):
+    """A goal of precision and where a design is at its samples.
+
+    Attributes:
+        goal: what was asked.
+        states: (k,) closed states.
+        targets: (k, 3) points of a path in the world [m], (k, 4, 4) placements of poses, or (k,)
+            values of a function's output; moved as the goal's free numbers say.
+    """
+
+    goal: Precision
+    states: tuple[State, ...]
+    targets: Array
+
+    @property
+    def driver(self) -> str | None:
+        """The driver that moves it from sample to sample; None if that is not one alone."""
+        names = list(self.goal.drivers) or list(self.states[0].mechanism.drivers)
+        return names[0] if len(names) == 1 else None
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Dimensions, and how well a mechanism with them does what was asked.
+
+    Attributes:
+        mechanism: with these dimensions; `mechanism.save(folder)` writes it.
+        dimensions: their values by name [m or rad].
+        bounds: (least, most) by name, infinite where there are none.
+        error: root of the sum of squares of the goals' weighted residuals, in characteristic
+            lengths and radians; goals to be met exactly have no part in it.
+        errors: by goal.
+        states: closed states at the samples of every goal, one goal after the other.
+        numbers: what else was found, by goal and name: how a drawing is placed [m, a rotation
+            vector in rad] and scaled, zeros of outputs and drivers [m or rad].
+        met: the goals of precision, their states and targets.
+        evaluations: sets of dimensions that were tried on the way to it.
+    """
+
+    mechanism: Mechanism
+    dimensions: dict[str, float]
+    bounds: dict[str, tuple[float, float]]
+    error: float
+    errors: dict[str, GoalError]
+    states: tuple[State, ...]
+    numbers: dict[str, float]
+    met: tuple[Met, ...]
+    evaluations: int
+
+    @cached_property
+    def defects(self) -> tuple[Defect, ...]:
+        """Circuit, branch, order and transmission, as far as they are not right."""
+        found = list[Defect]()
+        for met in self.met:
+            output = met.goal.output if isinstance(met.goal, Function) else None
+            own = defects(self.mechanism, met.states, met.driver, output=output,
+                          ordered=not met.goal.drivers,
+                          cyclic=isinstance(met.goal, Path) and met.goal.closed)
+            which = f"{met.goal.name}: " if len(self.met) > 1 else ""
+            found += [defect._replace(text=which + defect.text) for defect in own]
+        return tuple(found)
+
+    @property
+    def at_bounds(self) -> dict[str, str]:
+        """Dimensions that stand on a bound: "least" or "most"."""
+        found = {}
+        for name, (low, high) in self.bounds.items():
+            near = AT_BOUND * min(high - low, max(abs(self.dimensions[name]), 1e-9))
+            for end, words in ((low, "least"), (high, "most")):
+                if abs(self.dimensions[name] - end) <= near:
+                    found[name] = words
+        return found
+
+    def __str__(self) -> str:
+        on = self.at_bounds
+        values = [f"{name} = {x:.6g}" + (f" (its {on[name]})" if name in on else "")
+                  for name, x in self.dimensions.items()]
+        lines = [f"error {self.error:.3g}", *_wrapped("dimensions [m, rad]: ", values)]
+        lines += [line for name, error in self.errors.items()
+                  for line in _wrapped(f"{name}: ", [str(error)])]
+        for goal in self.errors:
+            free = [f"{name.removeprefix(goal + ': ')} = {x:.6g}"
+                    for name, x in self.numbers.items() if name.startswith(goal + ": ")]
+            lines += _wrapped(f"{goal}, found with it: ", free) if free else []
+        for defect in self.defects:
+            lines += _wrapped(f"{defect.kind}: ", [defect.text])
+        return "\n  ".join([*lines, f"{self.evaluations} sets of dimensions were tried for it"])
+
+
+@dataclass(frozen=True, eq=False)
+class Designs(Sequence[Design]):
+    """Distinct designs, the best first; `print` them for a report.
+
+    Attributes:
+        designs: what it is a sequence of.
+        name: of the mechanism.
+        is_whole: whether all starts were tried, and nothing cut it short (Ctrl-C).
+        starts: how many local solutions were tried.
+        failed: how many of them led to no design.
+        evaluations: sets of dimensions that were tried in all.
+    """
+
+    designs: tuple[Design, ...]
+    name: str
+    is_whole: bool
+    starts: int
+    failed: int
+    evaluations: int
+
+    def __len__(self) -> int:
+        return len(self.designs)
+
+    @overload
+    def __getitem__(self, k: int) -> Design: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> tuple[Design, ...]: ...
+
+    def __getitem__(self, k: int | slice) -> Design | tuple[Design, ...]:
+        return self.designs[k]
+
+    def __iter__(self) -> Iterator[Design]:
+        return iter(self.designs)
+
+    def __str__(self) -> str:
+        n = len(self.designs)
+        none = f", {self.failed} of them without one" if self.failed else ""
+        head = (f"{self.name}: {n} design{'s' * (n != 1)} from {self.starts} "
+                f"start{'s' * (self.starts != 1)}{none}; {self.evaluations} sets of dimensions "
+                f"tried{'' if self.is_whole else '; cut short'}")
+        return "\n".join([*textwrap.wrap(head, WIDTH),
+                          *(f"{k}. {design}" for k, design in enumerate(self.designs, start=1))])
+
+
+def _wrapped(head: str, parts: Sequence[str]) -> list[str]:
+    """Return lines that go on under their head, which `Design` indents by two."""
+    return textwrap.wrap(head + ", ".join(parts), WIDTH - 2, subsequent_indent="    ",
+                         break_long_words=False)
+
+
+# ---------------------------------------------------------------- made from what was found
+
+
+def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
+    """Return the best of what a search found."""
+    designs = tuple(design_of(problem, found) for found in searched.found[:most])
+    return Designs(designs, problem.mechanism.name, searched.is_whole, searched.starts,
+                   searched.failed, searched.evaluations)
+
+
+def design_of(problem: Problem, found: Found) -> Design:
+    """Return one solution, its mechanism loaded and closed."""
+    n = problem.n
+    dimensions = dict(zip(problem.names[:n], found.x[:n].tolist(), strict=True))
+    there = varied(problem.mechanism, dimensions) if dimensions else problem.mechanism
+    met, errors, numbers = list[Met](), dict[str, GoalError](), dict[str, float]()
+    members, end = problem.members(found.x), n
+    for settling, samples in zip(problem.settlings, found.samples, strict=True):
+        own = found.x[end : end + len(settling.names)]
+        end += len(own)
+        goal = settling.goal
+        states = tuple(_closed(there, q, angles)
+                       for q, angles in zip(samples.q, samples.angles, strict=True))
+        met.append(Met(goal, states, _targets(goal, problem.mechanism, own)))
+        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism)
+        name = _free_name(goal.name, errors)
+        unit = (problem.mechanism.prescribed_coordinate(goal.output).unit
+                if isinstance(goal, Function) else goal.unit)
+        errors[name] = _error(missed, unit)
+        numbers |= {f"{name}: {key}": _natural(goal, problem.mechanism, key, x)
+                    for key, x in zip(settling.names, own.tolist(), strict=True)}
+    states = tuple(state for one in met for state in one.states) or (
+        followed(there, {}, problem.nominal()),)
+    for demand in problem.demands:
+        values = demand.values(Candidate(there, states))
+        missed = np.maximum(values, 0.0) if demand.is_one_sided else values
+        errors[_free_name(demand.name, errors)] = _error(missed, "")
+    ends = zip(problem.lower[:n].tolist(), problem.upper[:n].tolist(), strict=True)
+    bounds = dict(zip(problem.names[:n], ends, strict=True))
+    return Design(there, dimensions, bounds,
+        float(np.sqrt(found.cost)), errors, states, numbers, tuple(met), found.evaluations)
+
+
+def _closed(mechanism: Mechanism, q: Array, angles: Array) -> State:
+    """Return the closed state at a configuration of the family, which leaves out a last digit."""
+    return assembled(mechanism, {}, State(mechanism, q, closure_error=np.nan, angles=angles))
+
+
+def _error(values: Array, unit: str) -> GoalError:
+    missed = np.abs(values)
+    return GoalError(float(np.sqrt(np.mean(missed**2))), float(missed.max()), unit, len(missed))
+
+
+def _free_name(name: str, taken: Mapping[str, Any]) -> str:
+    """Return a name, numbered if it is taken."""
+    names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 3))]
+    return next(x for x in names if x not in taken)
+
+
+def _targets(goal: Goal, mechanism: Mechanism, own: Array) -> Array:
+    """Return the targets of a goal in the world."""
+    if isinstance(goal, Path):
+        return goal.drawn(mechanism, own)[0]
+    if isinstance(goal, Poses):
+        points, rotation = goal.drawn(mechanism, own)
+        return np.array([pin.SE3(rotation @ turned, point).homogeneous
+                         for turned, point in zip(goal.rotations, points, strict=True)])
+    assert isinstance(goal, Function)
+    size = mechanism.velocity_scale[mechanism.prescribed_coordinate(goal.output).v]
+    found: Array = goal.values + (own[0] * size if goal.offset else 0.0)
+    return found
+
+
+def _natural(goal: Precision, mechanism: Mechanism, name: str, value: float) -> float:
+    """Return a number of a goal's own in its unit; a scale is a factor."""
+    if name == "scale":
+        return float(np.exp(value))
+    if name.startswith("placement."):
+        return value * (1.0 if "r" in name[-2:] else mechanism.characteristic_length)
+    coordinate = goal.output if isinstance(goal, Function) and name == "offset" else (
+        name.removesuffix(".zero"))
+    return value * float(
+        mechanism.velocity_scale[mechanism.prescribed_coordinate(coordinate).v])

@@ -1,0 +1,125 @@
+"""Designs: what is told of them is what their mechanisms do."""
+
+import textwrap
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.synthesis import goals
+from spatial_pin.synthesis.problem import ProblemSpec
+from spatial_pin.synthesis.results import WIDTH, Designs, designs_of
+from spatial_pin.synthesis.search import searched
+
+PHI, PSI = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
+BOUNDS = {"r2": (0.05, 0.6), "r3": (0.05, 0.6), "r4": (0.05, 0.6)}
+
+
+def designed(goal, bounds=BOUNDS, starts=3, most=10, name="four_bar"):
+    mechanism = sp.load(name)
+    spec = ProblemSpec(mechanism.path, mechanism.loading, goal, bounds, {})
+    return designs_of(spec.make(), searched(spec, starts=starts), most)
+
+
+@pytest.fixture(scope="module")
+def function():
+    return designed((goals.function("rocker_pin", PSI, {"crank": PHI}),))
+
+
+def test_freudensteins_linkage_meets_its_three_points(function):
+    """k1 cos(psi) - k2 cos(phi) + k3 = cos(phi - psi) with k1 = d/a, k2 = d/c [Freudenstein]."""
+    best = function[0]
+    A = np.column_stack([np.cos(PSI), -np.cos(PHI), np.ones(3)])
+    k1, k2, k3 = np.linalg.solve(A, np.cos(PHI - PSI))
+    d = 0.30
+    a, c = d / k1, d / k2
+    b = np.sqrt(a * a + c * c + d * d - 2.0 * a * c * k3)
+    assert list(best.dimensions.values()) == pytest.approx([a, b, c], rel=1e-9)
+    assert best.mechanism.dimensions["r2"] == best.dimensions["r2"]
+    assert best.errors["function of rocker_pin"].most < 1e-12 and best.error < 1e-12
+    assert best.errors["function of rocker_pin"].unit == "rad"
+    assert not best.at_bounds and best.evaluations > 0
+
+
+def test_states_are_closed_states_of_its_mechanism_at_the_samples(function):
+    best = function[0]
+    assert len(best.states) == 3
+    for state, phi, psi in zip(best.states, PHI, PSI, strict=True):
+        assert state.mechanism is best.mechanism and state.closure_error < 1e-13
+        assert state.coordinate("crank").value == pytest.approx(phi, abs=1e-13)
+        assert state.coordinate("rocker_pin").value == pytest.approx(psi, abs=1e-12)
+    assert best.met[0].targets == pytest.approx(PSI)
+
+
+def test_a_design_is_saved_and_loaded(function, tmp_path):
+    file = function[0].mechanism.save(tmp_path / "found")
+    again = sp.load(file)
+    state = sp.assemble(again, {"crank": PHI[1]}, guess=function[0].states[1].q)
+    assert state.coordinate("rocker_pin").value == pytest.approx(PSI[1], abs=1e-12)
+
+
+def test_a_dimension_on_its_bound_is_told():
+    best = designed((goals.function("rocker_pin", PSI, {"crank": PHI}),),
+                    {**BOUNDS, "r4": (0.05, 0.22)})[0]
+    assert best.at_bounds == {"r4": "most"} and "r4 = 0.22 (its most)" in str(best)
+    told = best.errors["function of rocker_pin"]
+    missed = [s.coordinate("rocker_pin").value - psi
+              for s, psi in zip(best.states, PSI, strict=True)]
+    assert told.rms == pytest.approx(np.sqrt(np.mean(np.square(missed))), rel=1e-6)
+    assert told.most == pytest.approx(np.abs(missed).max(), rel=1e-6)
+    assert best.error == pytest.approx(np.linalg.norm(missed), rel=1e-6)
+
+
+POINTS = np.array([[0.05, 0.0, 0.25], [0.10, 0.0, 0.30], [0.15, 0.0, 0.29], [0.22, 0.0, 0.24]])
+
+
+@pytest.fixture(scope="module")
+def path():
+    return designed((goals.path("coupler_b", POINTS, placement=True, scale=True),),
+                    {"r2": (0.05, 0.2)}, starts=2)
+
+
+def test_targets_of_a_path_are_where_the_drawing_was_placed(path):
+    for one in path:
+        met, told = one.met[0], one.errors["path of coupler_b"]
+        points = np.array([s.placement("coupler_b").translation for s in met.states])
+        away = np.linalg.norm(points - met.targets, axis=1)
+        assert told.rms == pytest.approx(np.sqrt(np.mean(away**2)), rel=1e-4, abs=1e-12)
+        sizes = [np.linalg.norm(np.diff(x, axis=0), axis=1) for x in (met.targets, POINTS)]
+        scale = one.numbers["path of coupler_b: scale"]
+        assert sizes[0] == pytest.approx(scale * sizes[1], rel=1e-9)
+        shift = [one.numbers[f"path of coupler_b: placement.{x}"] for x in "xyz"]
+        assert met.targets.mean(axis=0) - POINTS.mean(axis=0) == pytest.approx(shift, abs=1e-12)
+
+
+def test_the_report_fits_a_hundred_columns(path, function):
+    for report in (str(path), str(function)):
+        assert max(map(len, report.splitlines())) <= WIDTH
+    assert str(function).startswith("four_bar: 1 design from 3 starts")
+    assert "scale = " in str(path) and "path of coupler_b: " in str(path)
+    for k, one in enumerate(path, start=1):
+        assert f"{k}. error {one.error:.3g}" in str(path)
+
+
+def test_defects_are_judged_goal_by_goal():
+    flat = np.radians([40.0, 85.0, 130.0])
+    found = designed((goals.function("rocker_pin", PSI, {"crank": flat}),
+                      goals.function("rocker_pin", PSI + 0.3, {"crank": flat})), starts=1)[0]
+    assert list(found.errors) == ["function of rocker_pin", "function of rocker_pin (2)"]
+    assert len(found.states) == 6
+    assert all("function of rocker_pin" in x.text for x in found.defects)
+
+
+def test_designs_are_a_sequence_of_which_the_first_is_the_best(path):
+    assert isinstance(path, Designs) and len(path[:1]) == 1 and next(iter(path)) is path[0]
+    errors = [one.error for one in path]
+    assert errors == sorted(errors)
+    assert len(designed((goals.path("coupler_b", POINTS[:2]),), {"r2": (0.05, 0.2)}, starts=2,
+                        most=1)) == 1
+
+
+def test_a_report_of_nothing_says_so():
+    text = str(Designs((), "four_bar", False, 3, 3, 12))
+    assert text == textwrap.dedent("""\
+        four_bar: 0 designs from 3 starts, 3 of them without one; 12 sets of dimensions tried; cut
+        short""").replace("\n", " ")
