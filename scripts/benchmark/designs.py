@@ -30,9 +30,9 @@ class Problem:
         family: file of the mechanism.
         goals: makes the goals.
         dimensions: bounds of what is free.
-        fixed: dimensions that are given.
+        fixed: dimensions that the family is loaded with: what is given, and where to begin.
         squared: whether its error is told as a sum of squared distances, as in the literature;
-            else it is the largest error at a sample.
+            else as the root of their mean.
         published: the error of the best published dimensions, as computed from them; None: unknown.
         keywords: for `sp.design`.
     """
@@ -55,6 +55,14 @@ class Problem:
         return sp.design(self.mechanism(), self.goals(), dict(self.dimensions),
                          **{**self.keywords, **keywords})
 
+    def error(self, design: Any) -> float:
+        """Return the error of a design [unit² of a path; else rad, or the larger of unit and rad].
+
+        Sum of squared distances, or the root of the mean square over the samples.
+        """
+        (found,) = design.errors.values()
+        return float(found.samples * found.rms**2 if self.squared else found.rms)
+
 
 # ---------------------------------------------------------------- paths
 
@@ -70,13 +78,15 @@ def four_bar(lengths: tuple[float, float], offsets: tuple[float, float],
 
 
 def path(name: str, bounds: Mapping[str, tuple[float, float]], driver: Any = None,
-         fixed: Mapping[str, float] | None = None, **keywords: Any) -> Problem:
-    """Return the problem of a path of `cases.toml`."""
+         fixed: Mapping[str, float] | None = None, weight: float | None = 1.0,
+         **keywords: Any) -> Problem:
+    """Return the problem of a path of `cases.toml`, to be met exactly where it can be."""
     case = PATHS[name]
     asked = {"input_offset": True} if "step" in case else {}
 
     def goals() -> list[Any]:
-        return [sp.goals.path("tracer", np.array(case["points"], dtype=float), driver, **asked)]
+        return [sp.goals.path("tracer", np.array(case["points"], dtype=float), driver,
+                              weight=weight, **asked)]
 
     return Problem(case["title"], "four_bar_path", goals, bounds, fixed or {}, squared=True,
                    published=case.get("error", 0.0 if "real" in case or name == "nine" else None),
@@ -158,10 +168,11 @@ def screwed(angle: float, length: float, twist: float) -> np.ndarray:
 
 
 def poses(title: str, family: str, placements: list[np.ndarray],
-          bounds: Mapping[str, tuple[float, float]], **keywords: Any) -> Problem:
+          bounds: Mapping[str, tuple[float, float]],
+          fixed: Mapping[str, float] | None = None, **keywords: Any) -> Problem:
     """Return the problem of a body that is guided exactly."""
     return Problem(title, family, lambda: [sp.goals.poses("body", placements, weight=None)], bounds,
-                   published=0.0, keywords=keywords)
+                   fixed or {}, published=0.0, keywords=keywords)
 
 
 PLANE_BODY = {name: (-5.0, 5.0) for name in ("gx", "gy", "hx", "hy", "ux", "uy", "vx", "vy")}
@@ -184,20 +195,23 @@ PROBLEMS = {
                             PLANE_BODY),
     "burmester_five": poses("Burmester: five poses in the plane", "four_bar_poses", guided(5),
                             PLANE_BODY, starts=60, most=20),
-    "bennett": poses("Bennett: three poses in space", "bennett_poses", bennett_poses(), BENNETT),
-    "line_of_six": path("line_of_six", four_bar((0.5, 60.0), (-60.0, 60.0))),
+    "bennett": poses("Bennett: three poses in space", "bennett_poses", bennett_poses(), BENNETT,
+                     fixed={"a": 0.2, "alpha": 1.0, "beta": 0.8, "x": 0.1, "yaw": 0.3, "pz": 0.1}),
+    "line_of_six": path("line_of_six", four_bar((0.5, 60.0), (-60.0, 60.0)),
+                        weight=None),
     "five_timed": path(
         "five_timed", {name: (0.1, 50.0) for name in LINKS} | {"cx": (-50.0, 50.0),
                                                               "cy": (-50.0, 50.0)},
         {"crank": DEGREES}),
-    "closed_of_eighteen": path("closed_of_eighteen", four_bar((0.05, 5.0), (-5.0, 5.0)),
+    "closed_of_eighteen": path("closed_of_eighteen", four_bar((0.05, 2.0), (-2.0, 2.0)),
                                {"crank": STEPS}),
-    "twelve": path("twelve", four_bar((0.1, 20.0), (-20.0, 20.0))),
-    "figure_eight": path("figure_eight", four_bar((5.0, 200.0), (-200.0, 200.0))),
+    "twelve": path("twelve", four_bar((0.1, 6.0), (-6.0, 6.0))),
+    "figure_eight": path("figure_eight", four_bar((5.0, 100.0), (-100.0, 100.0))),
     "line_of_five": path(
         "line_of_five", {name: (0.05, 20.0) for name in ("r2", "r3", "r4")}
-        | {"cx": (-20.0, 20.0), "cy": (-20.0, 20.0)}, fixed={"r1": 1.0}, starts=100, most=30),
-    "nine": path("nine", four_bar((0.05, 5.0), (-5.0, 5.0)), starts=60),
+        | {"cx": (-20.0, 20.0), "cy": (-20.0, 20.0)}, fixed={"r1": 1.0},
+        weight=None, starts=100, most=30),
+    "nine": path("nine", four_bar((0.05, 5.0), (-5.0, 5.0)), weight=None, starts=60),
     "tutorial_function": function(
         "pylinkage 06: function at three pairs", "four_bar_path", "rocker_pin", TUTORIAL_PAIRS,
         ("r2", "r3", "r4"), {"r1": 1.0}),

@@ -1,0 +1,106 @@
+"""Published problems of dimensional synthesis: what `sp.design` finds, beside what is published.
+
+    python scripts/compare_design.py [NAME ...] [--seed 0] [--starts 20] [--pylinkage PYTHON]
+
+The problems stand in `benchmark/designs.py`, their sources in `tests/data/synthesis`. The tutorial
+problems of pylinkage are solved by pylinkage as well, in the same run: by this interpreter if it
+has pylinkage, by the one that is named, or by that of `bench.py --peers`; else that is left out.
+Evaluations are sets of dimensions that were tried; times are those of the processor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
+sys.path.insert(0, str(Path(__file__).parent))
+
+import numpy as np
+from benchmark import designs, tools
+
+TUTORIALS = Path(__file__).parent / "benchmark" / "tutorials_of_pylinkage.py"
+
+
+def solved(name: str, **keywords: Any) -> dict[str, Any]:
+    """Return a row of the table: the best design of a problem."""
+    problem = designs.PROBLEMS[name]
+    begin = time.process_time()
+    found = problem.solve(**keywords)
+    seconds = time.process_time() - begin
+    best = found[0] if len(found) else None
+    return {"problem": name, "published": problem.published,
+            "error": problem.error(best) if best else None, "designs": len(found),
+            "evaluations": found.evaluations, "seconds": seconds,
+            "defects": sorted({d.kind for d in best.defects}) if best else []}
+
+
+def interpreter(named: str | None) -> str | None:
+    """Return a Python that has pylinkage."""
+    if named:
+        return named
+    if find_spec("pylinkage"):
+        return sys.executable
+    tool = next(tool for tool in tools.PEERS if tool.title == "pylinkage")
+    there = tools.is_there(tool, tools.FOLDER)
+    return str(tools.environment(tool, tools.FOLDER)) if there else None
+
+
+def tutorials(python: str | None) -> list[dict[str, Any]]:
+    """Return what pylinkage finds for its own problems."""
+    if python is None:
+        return []
+    done = subprocess.run([python, str(TUTORIALS)], check=True, capture_output=True, text=True)
+    return list(json.loads(done.stdout.splitlines()[-1])["rows"])
+
+
+def number(x: float | None) -> str:
+    return "-" if x is None else f"{x:.3g}" if isinstance(x, float) else str(x)
+
+
+def line(words: Sequence[Any]) -> str:
+    return "| " + " | ".join(str(w) for w in words) + " |"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", default=list(designs.PROBLEMS))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--starts", type=int)
+    parser.add_argument("--pylinkage", metavar="PYTHON")
+    options = parser.parse_args(arguments)
+    unknown = sorted(set(options.names) - set(designs.PROBLEMS))
+    if unknown:
+        parser.error(f"no problem {', '.join(unknown)}; there are {', '.join(designs.PROBLEMS)}")
+    keywords = {} if options.starts is None else {"starts": options.starts}
+    print(line(["problem", "published", "sp.design", "designs", "evaluations", "s", "defects"]))
+    print(line(["---"] * 7), flush=True)
+    for name in options.names:
+        row = solved(name, seed=options.seed, **keywords)
+        print(line([designs.PROBLEMS[name].title, *map(number, (
+            row["published"], row["error"], row["designs"], row["evaluations"], row["seconds"])),
+            ", ".join(row["defects"]) or "none"]), flush=True)
+    python = interpreter(options.pylinkage)
+    if python is None:
+        print("\npylinkage is not installed, so not compared; name an interpreter by --pylinkage")
+        return
+    rows = tutorials(python)
+    print("\n" + line(["pylinkage, its own tutorials", "error", "evaluations", "s"]))
+    print(line(["---"] * 4))
+    for row in rows:
+        print(line([row["problem"], *map(number, (row["error"], row["evaluations"],
+                                                  row["seconds"]))]))
+
+
+if __name__ == "__main__":
+    np.seterr(all="ignore")
+    main()
