@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from test_reach import arm, at
 
 import spatial_pin as sp
+from spatial_pin.cli.running import main
+from spatial_pin.cli.tables import read_table
 
 TIMES = np.linspace(0.0, 2.0, 81)
 UP = np.array([0.0, 0.0, 1.0])
@@ -368,3 +372,94 @@ def test_what_is_held_is_no_target():
     mechanism, start, _ = platform()
     with pytest.raises(ValueError, match="is held"):
         sp.reach_path(mechanism, {"leg_1": [0.4, 0.5]}, state=start, hold=["leg_1"])
+
+
+# ---------------------------------------------------------------- command line
+
+
+def write(path, head, columns):
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=head, comments="",
+               fmt="%.17g")
+    return str(path)
+
+
+def test_the_command_line_goes_along_a_table_of_points(tmp_path, capfd):
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    points = start.placement("platform").translation + np.column_stack(
+        [0.1 * np.sin(2.0 * TIMES), 0.05 * TIMES, 0.02 * TIMES])
+    table = write(tmp_path / "points.csv",
+                  "time [ms],platform.x [mm],platform.y,platform.z [cm]",
+                  [1e3 * TIMES, 1e3 * points[:, 0], points[:, 1], 1e2 * points[:, 2]])
+    out = tmp_path / "out.csv"
+    assert main(["reach", "delta", "--path", table, "--csv", str(out),
+                 "--html", str(tmp_path / "page.html"), "--trace", "platform"]) == 0
+    assert "time 0 to" in capfd.readouterr().out and (tmp_path / "page.html").exists()
+    expected = sp.reach_path(mechanism, {"platform": points}, TIMES, start)
+    found, times = read_table(out)
+    assert times == pytest.approx(TIMES, abs=1e-15)
+    arm = mechanism.coordinate("arm_2").name
+    assert found[arm] == pytest.approx(expected.coordinate(arm).value, abs=1e-12)
+
+
+def test_the_command_line_goes_along_a_table_of_placements(tmp_path):
+    mechanism, start, home = platform()
+    poses, _ = figure(home)
+    vectors = np.array([pin.log3(pose.rotation) for pose in poses])
+    points = np.array([pose.translation for pose in poses])
+    table = write(tmp_path / "poses.csv", "time," + ",".join(
+        f"platform.{part}" for part in ("x", "y", "z", "rx", "ry", "rz")),
+        [TIMES, points, vectors])
+    out = tmp_path / "out.json"
+    assert main(["reach", "stewart", "--path", table, "--json", str(out)]) == 0
+    columns = json.loads(out.read_text())["columns"]
+    expected = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)
+    for name in ("slide_1", "slide_4"):
+        head = next(head for head in columns if head.startswith(f"{name} [") or head == name)
+        assert columns[head] == pytest.approx(expected.coordinate(name).value, abs=1e-12)
+
+
+def test_coordinates_beside_a_table_stand_still(tmp_path, capfd):
+    table = write(tmp_path / "arms.csv", "arm_1 [deg],arm_2", [np.linspace(0.0, 20.0, 9),
+                                                             np.linspace(0.0, 0.1, 9)])
+    out = tmp_path / "out.csv"
+    assert main(["reach", "delta", "arm_3=5deg", "--path", table, "--csv", str(out)]) == 0
+    found, times = read_table(out)
+    assert times is None
+    assert found["shoulder_3"] == pytest.approx(np.full(9, np.deg2rad(5.0)), abs=1e-14)
+    assert found["shoulder_1"][-1] == pytest.approx(np.deg2rad(20.0), abs=1e-14)
+
+
+@pytest.mark.parametrize(("head", "numbers", "words"), [
+    ("platform.x,platform.y", [0, 0], "no column platform.z"),
+    ("platform.x,platform.y,platform.z,platform.rx", [0, 0, -1, 0], "no column platform.ry"),
+    ("platform.x [deg],platform.y,platform.z", [0, 0, -1], "column 'platform.x' is in m"),
+    ("arm_1 [mm]", [0], "column 'arm_1' is in rad"),
+    ("time [m],arm_1", [0, 0], "column 'time' is in s"),
+    ("nobody.x,nobody.y,nobody.z", [0, 0, 0], "nobody"),
+    ("arm_7", [0], "arm_7"),
+    ("platform.x,platform.y,platform.z", [0, 0, 9], "cannot be reached"),
+])
+def test_bad_files_are_refused_in_words(tmp_path, capfd, head, numbers, words):
+    table = write(tmp_path / "bad.csv", head, [np.array([numbers, numbers], dtype=float)])
+    assert main(["reach", "delta", "--path", table]) == 1
+    told = capfd.readouterr().err
+    assert words in told and "Traceback" not in told
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["reach", "delta"], "there is no target"),
+    (["reach", "delta", "arm_1=1", "--csv", "x.csv"], "need --path"),
+    (["reach", "delta", "platform.position=0,0,1", "--path", "x.csv"], "columns of the table"),
+    (["reach", "delta", "--no-limits", "--path", "x.csv"], "of single targets"),
+])
+def test_what_does_not_go_together_is_refused(capfd, arguments, words):
+    with pytest.raises(SystemExit) as error:
+        main(arguments)
+    assert error.value.code == 2 and words in capfd.readouterr().err
+
+
+def test_units_of_a_table_of_drivers_are_theirs(tmp_path, capfd):
+    table = write(tmp_path / "legs.csv", "leg_1 [deg]", [np.array([0.39, 0.4])])
+    assert main(["follow", "stewart", table]) == 1
+    assert "column 'leg_1' is in m, not in deg" in capfd.readouterr().err

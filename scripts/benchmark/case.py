@@ -86,7 +86,7 @@ TASKS: dict[str, Task] = {
                       ("closure", "length"), "closure relative to its size; the cylinders' and the "
                       "connecting link's lengths [m] from the angles"),
     **{f"{kind}-{robot}": Task(f"{words}, {what}", "µs", ("closure", "target", "missed"),
-                               "of the targets met to 1e-6 [m, rad]; how many were not")
+                               "of the targets met to 1e-5 [m, rad]; how many were not")
        for robot, words in ROBOTS.items()
        for kind, what in (("reach", "20 targets, each from home, a target"),
                           ("path", "a path of 200 targets, a target"))},

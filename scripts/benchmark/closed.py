@@ -27,7 +27,7 @@ from benchmark.case import Case
 Array = NDArray[np.float64]
 Values = Mapping[str, float]  # joints' values by name
 
-MET = 1e-6  # what counts as met: closures and positions [m], orientations [rad]
+MET = 1e-5  # what counts as met: closures and positions [m], orientations [rad]
 TARGETS, SAMPLES = 20, 200  # of a task of single targets, of one of a path
 STEPS_AT_MOST = 50  # of tools that are called step by step
 TOLERANCE = 1e-10  # at which these stop, of closures and targets [m, rad]

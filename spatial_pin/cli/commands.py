@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.tables import read_table
+from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.motion.default_motion import default_motion
@@ -177,7 +177,7 @@ def _sweep(options: argparse.Namespace) -> None:
 
 def _follow(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    values, times = read_table(options.table)
+    values, times = read_table(options.table, mechanism)
     _write(options, sp.follow(mechanism, values, times, guess=_guess(options),
                               hold=["base", *options.hold],
                               on_limit="stop" if options.stop else "raise",
@@ -186,8 +186,16 @@ def _follow(options: argparse.Namespace) -> None:
 
 def _reach(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    state = sp.assemble(mechanism, {}, _guess(options))
     targets = _unique(options, options.targets)
+    if options.path:
+        _reach_path(options, mechanism, targets)
+        return
+    if not targets:
+        options.usage_error("there is no target: name some, or give a table by --path")
+    if any((options.csv, options.npz, options.plot, options.clearance)):
+        options.usage_error("--csv, --npz, --plot and --clearance tell of a motion: they need "
+                            "--path")
+    state = sp.assemble(mechanism, {}, _guess(options))
     _fitting(mechanism, {n: x for n, x in targets.items() if not isinstance(x, sp.Target)})
     found = sp.reach(mechanism, targets, state, hold=["base", *options.hold],
                      limits=options.limits)
@@ -196,6 +204,24 @@ def _reach(options: argparse.Namespace) -> None:
         for name in mechanism.drivers:
             value, unit = found.coordinate(name).value, mechanism.coordinate(name).unit
             print(f"  driver {name} = {value:.15g} {unit}")
+    if options.html:
+        print(f"wrote {sp.export_html(found, options.html, look=_look(options))}")
+
+
+def _reach_path(
+    options: argparse.Namespace, mechanism: sp.Mechanism, standing: dict[str, Any]
+) -> None:
+    """Go along a table of targets; coordinates named beside it stand still."""
+    if any(isinstance(target, sp.Target) for target in standing.values()):
+        options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
+    if not options.limits:
+        options.usage_error("--no-limits is of single targets: limits passed are told of a path")
+    columns, times = read_table(options.path, mechanism)
+    targets = targets_of(options.path, mechanism, columns)
+    state = sp.assemble(mechanism, {}, _guess(options))
+    _write(options, sp.reach_path(
+        mechanism, {**targets, **_fitting(mechanism, standing)}, times, state,
+        hold=["base", *options.hold], progress=True))
 
 
 def _beginning(

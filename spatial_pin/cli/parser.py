@@ -118,15 +118,19 @@ def _follow_options(sub: argparse.ArgumentParser) -> None:
 
 
 def _reach_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("targets", nargs="+", type=_target, metavar="TARGET",
+    sub.add_argument("targets", nargs="*", default=[], type=_target, metavar="TARGET",
                      help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
                           "NAME.direction=x,y,z (of its z axis) or COORDINATE=value")
+    sub.add_argument("--path", metavar="TABLE",
+                     help="a motion along a .csv file instead: a line of names, as time [s], "
+                          "tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
+                          "or coordinates; then a line of numbers for every sample")
     sub.add_argument("--hold", action="append", default=[], metavar="NAME",
                      help="a joint or coordinate that stands still, besides a free base")
     sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
                      help="keep the joint limits")
     _guess_option(sub)
-    sub.add_argument("--json", metavar="F", help="write the configuration as JSON")
+    _result_options(sub)
 
 
 def _simulate_options(sub: argparse.ArgumentParser) -> None:
@@ -305,7 +309,8 @@ COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {  
     "assemble": ("close the loops at given driver values", _assemble_options),
     "sweep": ("follow one branch from one driver value to another", _sweep_options),
     "follow": ("follow one branch as several drivers go along a table", _follow_options),
-    "reach": ("find the configuration in which frames are where they should be", _reach_options),
+    "reach": ("find the configuration, or the motion, in which frames are where they should be",
+              _reach_options),
     "simulate": ("let it move under gravity, springs and efforts", _simulate_options),
     "tradeoff": ("measure what accuracy settings cost and lose on a motion of it",
                  _tradeoff_options),

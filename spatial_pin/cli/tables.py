@@ -1,9 +1,10 @@
-"""What the command line reads besides numbers: tables of driver values, targets in space."""
+"""What the command line reads besides numbers: tables of values and poses, targets in space."""
 
 from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +13,29 @@ import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics import targets
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.units import UNITS, Quantity, quantity
 
 TIME = "time"
+POINT, TURNED = ("x", "y", "z"), ("rx", "ry", "rz")  # columns of a frame: NAME.x, NAME.rx
 KINDS = {  # of targets: what units their numbers have, " " for none
     "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
     "direction": (" ", " ", " "),
 }
 
 
-def read_table(path: str | Path) -> tuple[dict[str, Array], Array | None]:
-    """Return columns (N,) by the names of drivers [rad, m], and times (N,) [s] where it has some.
+def read_table(
+    path: str | Path, mechanism: Mechanism | None = None
+) -> tuple[dict[str, Array], Array | None]:
+    """Return columns (N,) by their names [rad, m], and times (N,) [s] where it has some.
 
     The first line of the file has names, each with or without its unit: `boom`, `boom [deg]`,
     `time [s]`. Columns of rates and accelerations, as `--csv` writes them, are left out.
+
+    Args:
+        path: of the file.
+        mechanism: with whose coordinates and frames the units must go.
 
     Raises:
         OSError: it cannot be read.
@@ -43,9 +52,72 @@ def read_table(path: str | Path) -> tuple[dict[str, Array], Array | None]:
             continue
         if name in found:
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
+        _check_unit(path, mechanism, name, unit)
         found[name] = UNITS[unit] * np.array([
             _number(path, line, k, row) for row, line in enumerate(lines[1:], start=2)])
     return found, found.pop(TIME, None)
+
+
+def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
+    """Refuse a unit that does not go with what a column is about."""
+    base = "s" if name == TIME else mechanism and _base(mechanism, name)
+    given = Quantity(1.0)
+    given.unit = unit
+    if unit and base and not (unit in ("s", "ms") if base == "s"
+                              else "/" not in unit and unit != "rpm" and given.is_for(base)):
+        raise SpatialPinError(f"{path}: column {name!r} is in {base}, not in {unit}")
+
+
+def _base(mechanism: Mechanism, name: str) -> str:
+    """Return "rad" or "m" of a coordinate, driver or a frame's column; "" if it is none."""
+    if _is_coordinate(mechanism, name):
+        return mechanism.coordinate(name).unit
+    last = name.rpartition(".")[2]
+    return "m" if last in POINT else "rad" if last in TURNED else ""
+
+
+def _is_coordinate(mechanism: Mechanism, name: str) -> bool:
+    return name in mechanism.coordinate_table or name in mechanism.drivers
+
+
+def targets_of(
+    path: str | Path, mechanism: Mechanism, columns: Mapping[str, Array]
+) -> dict[str, Any]:
+    """Return targets along a path, as `reach_path` takes them, from the columns of a table.
+
+    `NAME.x`, `NAME.y` and `NAME.z` are points of a frame [m]; with `NAME.rx`, `NAME.ry` and
+    `NAME.rz`, rotation vectors [rad], placements. Other columns are coordinates or drivers.
+
+    Raises:
+        SpatialPinError: columns of a frame are missing.
+        UnknownNameError: there is no such frame, coordinate or driver.
+    """
+    found: dict[str, Any] = {}
+    frames: dict[str, dict[str, Array]] = {}
+    for name, column in columns.items():
+        frame, _, part = name.rpartition(".")
+        if frame and part in (*POINT, *TURNED) and not _is_coordinate(mechanism, name):
+            mechanism.frame_id(frame)
+            frames.setdefault(frame, {})[part] = column
+        else:
+            found[mechanism.coordinate(name).name] = column
+    return {**found, **{frame: _frame_targets(path, frame, parts)
+                        for frame, parts in frames.items()}}
+
+
+def _frame_targets(path: str | Path, frame: str, parts: Mapping[str, Array]) -> Any:
+    """Return points (N, 3) of a frame, or its placements."""
+    wanted = (*POINT, *TURNED) if set(parts) & set(TURNED) else POINT
+    missing = [f"{frame}.{part}" for part in wanted if part not in parts]
+    if missing:
+        raise SpatialPinError(f"{path}: no column {', '.join(missing)}: a point has x, y and z, a "
+                              "placement rx, ry and rz besides")
+    points = np.column_stack([parts[part] for part in POINT])
+    if wanted is POINT:
+        return points
+    vectors = np.column_stack([parts[part] for part in TURNED])
+    return [pin.SE3(pin.exp3(vector), point)
+            for vector, point in zip(vectors, points, strict=True)]
 
 
 def _head(path: str | Path, text: str) -> tuple[str, str]:
