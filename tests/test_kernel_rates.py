@@ -1,6 +1,8 @@
-"""Rates and Jacobians of the kernel against the square system, which is their specification."""
+"""Rates and Jacobians of the kernel against NumPy's solutions with Pinocchio's numbers."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.kernel.kernel import Kernel
-from spatial_pin.kernel.rates import Rates
+from spatial_pin.kernel.rates import Chosen, Rates
+from spatial_pin.mechanism.coordinates import coordinate_bias
 
 LIBRARY = sp.list_mechanisms()
 CLEAR = 1e-2  # pivots with which the kernel has to answer
@@ -26,6 +29,21 @@ def _square(mechanism: sp.Mechanism) -> tuple[State, SquareSystem]:
     evaluation.turns[:] = state.angles
     driven = [mechanism.prescribed_coordinate(d) for d in mechanism.drivers]
     return state, SquareSystem(evaluation, driven, state.q)
+
+
+def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndarray):
+    """Return v and a (nv,), at rest but for what is driven, by NumPy: K v = drive, K a = ..."""
+    evaluation, mechanism = system.evaluation, system.evaluation.mechanism
+    n, r, p = (evaluation.constraints.n_rows, len(system.rows), evaluation.constraints.n_passive)
+    sizes = np.array([system.scale[c.v] for c in system.driven])
+    first, second = np.zeros((2, len(system.matrix)))
+    at = slice(r + p, r + p + len(system.driven))
+    first[at] = drive / sizes
+    v = system.scale * np.linalg.solve(system.matrix, first)
+    bias = evaluation.bias(q, v)
+    bent = [coordinate_bias(mechanism, c, q, v) if c.q < 0 else 0.0 for c in system.driven]
+    second[:r], second[r : r + p], second[at] = -bias[system.rows], -bias[n:], (more - bent) / sizes
+    return v, system.scale * np.linalg.solve(system.matrix, second)
 
 
 @pytest.mark.parametrize("name", LIBRARY)
@@ -46,14 +64,30 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     if found is None:
         return
     assert fits
-    columns = system.driver_rates()
-    v = columns @ drive
-    a = system.acceleration(state.q, v, more)
+    v, a = _rates(system, state.q, drive, more)
     assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
     if len(system.rows) == c.n_rows:  # else others may be chosen
         assert found.pivot == pytest.approx(system.pivots()[1], rel=1e-9)
     assert [found.v[k] for k in system.drive_at] == list(drive)
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> None:
+    """Where freedoms are left that nothing determines, they take the least rates."""
+    bare = replace(sp.load(name), passives=())
+    state, system = _square(bare)
+    rng = np.random.default_rng(4)
+    drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
+    kernel = Kernel(bare)  # whose memory the rates work in
+    rates = Rates(kernel, [*system.drive_at, *system.still], len(drive))
+    rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
+    found = rates.solve(state.q, state.angles, Chosen(system.rows, system.passive))
+    v, a = _rates(system, state.q, drive, more)
+    assert found is not None
+    assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
+    assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
+    assert np.abs(system.passive @ (found.v / system.scale)).max(initial=0.0) <= AGREE
 
 
 @pytest.mark.parametrize("name", LIBRARY)
@@ -124,7 +158,6 @@ def test_components_of_balls_and_floating_joints_are_driven_in_the_kernel(tmp_pa
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
     found = rates.solve(state.q, state.angles)
     assert found is not None
-    v = system.driver_rates() @ drive
-    a = system.acceleration(state.q, v, more)
+    v, a = _rates(system, state.q, drive, more)
     assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)

@@ -1,8 +1,12 @@
-"""The square system of a closed mechanism."""
+"""The square system of a closed mechanism: which equations determine its motion, or why none do.
+
+Rates are solved for by the kernel, with the equations that are chosen here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,7 +15,9 @@ from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.undetermined import Asked, check_passive, check_regular, dependence
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
-from spatial_pin.mechanism.coordinates import coordinate_bias
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.paths import prescribed_places
+from spatial_pin.kernel.rates import Chosen, Rates, rates_of
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import (
     Array,
@@ -19,7 +25,6 @@ from spatial_pin.numerics.linalg import (
     independent_rows,
     pivots_of,
     rows_factored,
-    rows_solved,
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -61,7 +66,6 @@ class SquareSystem:
         self._drive = np.zeros((len(self.driven) + len(self.still), nv))
         for row, v in zip(self._drive, (*self.drive_at, *self.still), strict=True):
             row[v] = 1.0
-        self._drive_scale = np.array([self.scale[c.v] for c in self.driven])
         self._bent = [(k, c) for k, c in enumerate(self.driven)
                       if c.q < 0 and not isinstance(c, VelocityEntry)]
         self.matrix = np.zeros((nv, nv))
@@ -98,8 +102,6 @@ class SquareSystem:
         if len(self.passive):
             check_passive(asked, self.passive, r, q)
         self._closure = slice(0, r)
-        self._spin = slice(r, r + p)
-        self._drivers = slice(r + p, r + p + len(self.driven))
         self._prescribed = slice(r + p, r + p + d)
         self.factor()
 
@@ -129,19 +131,10 @@ class SquareSystem:
         """Return the sign of the determinant, and smallest over largest pivot, as last factored."""
         return pivots_of(self._lu, self._pivots)
 
-    def solve(self, rhs: Array) -> Array:
-        """Solve the factored system for (nv,) or (nv, k) right-hand sides; unknowns are scaled."""
-        return rows_solved(self._lu, self._pivots, rhs)
-
     @property
     def drive_at(self) -> list[int]:
         """Places of the driven coordinates in the velocity vector."""
         return [c.v for c in self.driven]
-
-    @property
-    def driver_rows(self) -> slice:
-        """Rows of the matrix that prescribe the drivers."""
-        return self._drivers
 
     @property
     def prescribed_rows(self) -> slice:
@@ -153,40 +146,26 @@ class SquareSystem:
         """Rows of the matrix that close the loops."""
         return self._closure
 
+    @property
+    def chosen(self) -> Chosen:
+        """The independent equations, and what fills the system up."""
+        return Chosen(self.rows, self.passive)
+
+    @contextmanager
+    def _rates(self, q: Array) -> Iterator[Rates]:
+        """Acquire what solves for rates at q (nq,) with the equations chosen here."""
+        with kernel_of(self.evaluation.mechanism) as kernel:
+            at = prescribed_places(kernel, self.driven, self.still)
+            rates = rates_of(kernel, tuple(at), len(self.driven))
+            rates.place(q, self.evaluation.turns, self.chosen)
+            yield rates
+
     def driver_rates(self) -> Array:
         """Return (nv, n_drivers): joint velocities per unit speed of each driver."""
-        rhs = np.zeros((len(self.matrix), len(self.driven)))
-        rhs[self._drivers] = np.diag(1.0 / self._drive_scale)
-        return self.scale[:, None] * self.solve(rhs)
+        with self._rates(self.evaluation.q) as rates:
+            return rates.columns()
 
     def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
         """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
-        for k, c in self._bent:
-            drive = drive.copy()
-            drive[k] -= coordinate_bias(self.evaluation.mechanism, c, q, v)
-        return self._answer(self.evaluation.bias(q, v), drive)
-
-    def rates_of(self, bias: Array, drive: Array) -> Array:
-        """Return the joint rates (nv,), of any order, that answer a bias and prescribed rates.
-
-        Args:
-            bias: (n_rows + n_passive,) derivative of the rows at zero joint rates of that order.
-            drive: (n_drivers,) derivatives of the driven coordinates.
-
-        Raises:
-            MechanismFileError: a driven coordinate is a component of a ball or a floating joint.
-        """
-        for _, c in self._bent:
-            self.evaluation.mechanism.driven_coordinate(c.name)  # refuses it
-        return self._answer(bias, drive)
-
-    def _answer(self, bias: Array, drive: Array) -> Array:
-        n = self.evaluation.constraints.n_rows
-        rhs = np.zeros(len(self.matrix))
-        rhs[: len(self.rows)] = -bias[self.rows]
-        rhs[self._spin] = -bias[n:]
-        rhs[self._drivers] = drive / self._drive_scale
-        rates: Array = self.scale * self.solve(rhs)
-        if not self._bent:
-            rates[self.drive_at] = drive  # as asked for, to the last digit
-        return rates
+        with self._rates(q) as rates:
+            return rates.acceleration(v, drive)

@@ -13,17 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, names_of
 from spatial_pin.dimensions.drive import Drive, end_of_range
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import prescribed_at, square_system
+from spatial_pin.rates.determined import Prescription, placed
+from spatial_pin.rates.rates import driven_coordinates, prescribed_at
 
 # Step of differences relative to the dimension, or characteristic length (1 for angles) where
 # it is zero: of eighth order, they leave 1e-21 of it, and round-off 4e-15 over the step.
@@ -226,9 +229,11 @@ def _known(state: State) -> float:
     What closure equations leave of it grows as the smallest pivot, relative to the largest, gets
     small.
     """
+    mechanism = state.mechanism
+    given = Prescription.of(mechanism, driven_coordinates(mechanism, mechanism.drivers), BASE)
     try:
-        with square_system(state, [d.joint for d in state.mechanism.drivers.values()]) as system:
-            return CONFIGURATION_ERROR / system.pivots()[1]
+        with kernel_of(mechanism) as kernel:
+            return CONFIGURATION_ERROR / placed(kernel, state, given).pivot
     except SingularError:
         return CONFIGURATION_ERROR
 

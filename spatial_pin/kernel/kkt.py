@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import weakref
 from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
@@ -50,7 +49,6 @@ class KKT:
                                        len(mass_at[0]), n_masses, mechanism.characteristic_length,
                                        ctypes.byref(handle)))
         self._handle = handle
-        weakref.finalize(self, self._library.kkt_destroy, handle)
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
         self._q, self._turns = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._given, self._needed, self._a = np.empty((4, nv))

@@ -11,7 +11,7 @@ from spatial_pin.kernel.sources import LIBRARY, source_hash
 
 CODES = ("done", "arrays that do not fit together", "no memory left", "a singular system",
          "not converged", "an unsafe step", "not finite")
-DONE, BAD_ARRAYS = 0, 1  # of them
+DONE, BAD_ARRAYS, SINGULAR, UNSAFE, NOT_FINITE = 0, 1, 3, 5, 6  # of them
 INT, REAL, POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 REMEDY = "install the package with pip, or run `python scripts/build_kernel.py` in its source tree"
 
@@ -63,8 +63,11 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.kernel_solve.argtypes = [POINTER] * 4
     found.system_set.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, INT]
     found.rates_create.argtypes = [POINTER, POINTER, INT, POINTER]
-    found.rates_solve.argtypes = [POINTER, POINTER, POINTER, INT, *[POINTER] * 6]
-    found.rates_jacobian.argtypes = [POINTER, POINTER, POINTER, INT, INT, *[POINTER] * 3]
+    found.rates_place.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
+    found.rates_solve.argtypes = [*[POINTER] * 4, INT, POINTER, INT, INT, *[POINTER] * 6]
+    found.rates_columns.argtypes = [POINTER, INT, POINTER]
+    found.rates_acceleration.argtypes = found.rates_answer.argtypes = [POINTER] * 4
+    found.rates_jacobian.argtypes = [POINTER, INT, INT, *[POINTER] * 3]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
     found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, *[POINTER] * 2]
@@ -82,7 +85,6 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_go.argtypes = [POINTER, REAL]
     found.path_prescribe.argtypes = [POINTER, REAL, INT, INT, POINTER, POINTER]
     found.kkt_create.argtypes = [POINTER, POINTER, INT, INT, INT, REAL, POINTER]
-    found.kkt_destroy.restype, found.kkt_destroy.argtypes = None, [POINTER]
     found.kkt_accelerations.argtypes = [*[POINTER] * 7, INT, *[POINTER] * 4]
     found.kkt_solve.argtypes = [POINTER, INT, *[POINTER] * 5]
     found.kkt_entries.restype, found.kkt_entries.argtypes = INT, [POINTER] * 4

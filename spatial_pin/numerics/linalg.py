@@ -201,11 +201,6 @@ def rows_factored(a: Array) -> tuple[Array, dense.Order, bool]:
     return dense.lu(a.T)
 
 
-def rows_solved(lu: Array, order: dense.Order, b: Array) -> Array:
-    """Return the solution of a x = b, (n,) or (n, k), from `rows_factored` of a."""
-    return dense.lu_solve(lu, order, b, transposed=True)
-
-
 class Factors:
     """LU factors of a square matrix (n, n), which may be empty.
 

@@ -8,20 +8,20 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
-from spatial_pin.assembly.square_system import SquareSystem
+from spatial_pin.assembly.holding import BASE, Hold, free_bases
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Constraints, Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates import regular
+from spatial_pin.rates.determined import Prescription, once, placed, refuse_components
 from spatial_pin.rates.prescribed import rate_coordinates
-from spatial_pin.rates.rates import driven_coordinates, system_of
+from spatial_pin.rates.rates import driven_coordinates
 
 
 @checked
@@ -75,21 +75,21 @@ def jacobian(
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
-    found = regular.point_jacobian(state, frame, names, hold,
-                                   lambda: moving_coordinates(mechanism, names, hold))
-    if found is not None:
-        return found
-    driven = moving_coordinates(mechanism, names, hold)
     mechanism = state.mechanism
-    with system_of(state, driven, hold) as system:
-        whole: Array = system.evaluation.frame_jacobian(frame) @ _columns(system, hold)
-        return whole
+    given = _prescribed(mechanism, names, hold)
+    with kernel_of(mechanism) as kernel:
+        rates = placed(kernel, state, given)
+        own = mechanism.model.frames[frame]
+        joint = int(kernel.packed.carriers[own.parentJoint])
+        return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
 
 
-def _columns(system: SquareSystem, hold: Hold) -> Array:
-    """Return the joint velocities (nv, n) per unit speed of what moves, without what is held."""
-    held = held_by(system.evaluation.mechanism, hold, system.driven).coordinates
-    return system.driver_rates()[:, : len(system.driven) - len(held)]
+def _prescribed(
+    mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: Hold
+) -> Prescription:
+    """Return what is prescribed when the columns of a Jacobian belong to drivers."""
+    return once(mechanism, ("jacobian of", drivers), hold, lambda: Prescription.of(
+        mechanism, moving_coordinates(mechanism, drivers, hold), hold))
 
 
 def moving_coordinates(
@@ -159,20 +159,21 @@ def jacobian_rate(
     """
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
-    driven = moving_coordinates(mechanism, drivers, hold)
     mechanism = state.mechanism
-    with system_of(state, driven, hold) as system:
-        moving = _Moving(mechanism, state, frame)
-        still = np.zeros(len(system.driven))
+    given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
+    refuse_components(mechanism, given.driven)
+    moving = _Moving(mechanism, state, frame)
+    with (kernel_of(mechanism) as kernel,
+          evaluation_of(mechanism, state.angles) as evaluation):
+        rates = placed(kernel, state, given)
+        evaluation.update(state.q)
         columns = []
-        for w in _columns(system, hold).T:
+        for w in rates.columns().T:
             turned = _bracket(mechanism, state.v, w)
-            polar = [system.acceleration(state.q, v, still) for v in (state.v + w, state.v - w)]
-            system.evaluation.update(state.q)
-            skew = _row_brackets(system.evaluation, turned, state.v, w)
-            spread = system.rates_of(skew, still)
-            rate = 0.25 * (polar[0] - polar[1]) + 0.5 * spread
-            columns.append(moving.rate(w, turned) + moving.jacobian @ rate)
+            polar = rates.acceleration(state.v + w) - rates.acceleration(state.v - w)
+            spread = rates.answer(_row_brackets(evaluation, turned, state.v, w))
+            columns.append(moving.rate(w, turned)
+                           + moving.jacobian @ (0.25 * polar + 0.5 * spread))
     return np.array(columns).reshape(-1, 6).T
 
 
@@ -261,16 +262,16 @@ def influence(
         SingularError: the drivers do not determine the velocities there.
     """
     state = of_mechanism(mechanism, state)
-    driven = moving_coordinates(mechanism, drivers, hold)
     mechanism = state.mechanism
-    with system_of(state, driven, hold) as system:
-        first = _columns(system, hold)
+    given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
+    with kernel_of(mechanism) as kernel:
+        rates = placed(kernel, state, given)
+        first = rates.columns()
         n = first.shape[1]
-        still = np.zeros(len(system.driven))
         second = np.empty((len(first), n, n))
         for i in range(n):
             for j in range(i + 1):
-                plus, minus = (system.acceleration(state.q, first[:, i] + sign * first[:, j], still)
+                plus, minus = (rates.acceleration(first[:, i] + sign * first[:, j])
                                for sign in (1.0, -1.0))
                 second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
     return Influence(first, second)

@@ -15,13 +15,20 @@ import pinocchio as pin
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, of_mechanism
 from spatial_pin.checks import checked, finite_number
-from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, composed_rates
+from spatial_pin.constraints.closure_equations import (
+    TWIST_MATRIX,
+    Evaluation,
+    composed_rates,
+    evaluation_of,
+)
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.rates import square_system
+from spatial_pin.rates.determined import Prescription, placed, refuse_components
+from spatial_pin.rates.rates import driven_coordinates
 
 
 class Jerks:
@@ -110,9 +117,14 @@ def solve_jerks(
     j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
             for name, x in jerks.items()}
     bodies, columns = _body_jerks(mechanism, state)
-    with square_system(state, jerks, hold) as system:
-        drive = np.array([j_of.get(c.name, 0.0) for c in system.driven])
-        j = system.rates_of(_row_jerks(system.evaluation, state, bodies), drive)
+    given = Prescription.of(mechanism, driven_coordinates(mechanism, jerks), hold)
+    refuse_components(mechanism, given.driven)
+    drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])
+    with (kernel_of(mechanism) as kernel,
+          evaluation_of(mechanism, state.angles) as evaluation):
+        rates = placed(kernel, state, given)
+        evaluation.update(state.q)
+        j = rates.answer(_row_jerks(evaluation, state, bodies), drive)
     return Jerks(state, j, bodies + columns @ j)
 
 

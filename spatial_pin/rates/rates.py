@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
-from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked, mapping, names_of
+from spatial_pin.checks import checked, finite_number, mapping, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.rates import Chosen, Solved
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates import regular
+from spatial_pin.rates.determined import Prescription, chosen_at, once, plan_of
 from spatial_pin.rates.prescribed import (
     check_one_meaning,
     rate_coordinates,
@@ -27,9 +27,7 @@ from spatial_pin.rates.prescribed import (
     siblings,
 )
 
-SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size
-CLOSURE_ROUND_OFF = 2.0 * EPS  # of a closure equation at a configuration closed to round-off
-PATTERNS = (1, 2)  # of the signs of equations' errors: as in `kernel/closing/rates.c`
+SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closing/rate_errors.c`
 
 
 def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
@@ -55,8 +53,8 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     names = list(names)
     usual, still = prescribed_first(state.mechanism, names, hold)
     try:
-        with _system(state, usual, still):
-            return usual
+        chosen_at(state, Prescription(usual, len(usual), still))
+        return usual
     except SingularError:
         return _with_standing(state, _wanted(state.mechanism, names), hold) or usual
 
@@ -113,52 +111,6 @@ def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[C
     return chosen if whole else []
 
 
-@contextmanager
-def square_system(
-    state: State, names: Iterable[str], hold: Hold = BASE
-) -> Iterator[SquareSystem]:
-    """Lend the factored square system of a closed state with `names` prescribed.
-
-    Raises:
-        SingularError: the rates are not determined there.
-    """
-    mechanism = state.mechanism
-    with _system(state, *divided(mechanism, driven_coordinates(mechanism, names), hold)) as system:
-        yield system
-
-
-@contextmanager
-def system_of(state: State, driven: list[Coordinate], hold: Hold = BASE) -> Iterator[SquareSystem]:
-    """Lend the factored square system of a closed state with just these coordinates prescribed.
-
-    Raises:
-        SingularError: the rates are not determined there.
-    """
-    with _system(state, *divided(state.mechanism, driven, hold)) as system:
-        yield system
-
-
-@contextmanager
-def _system(
-    state: State, driven: list[Coordinate], still: tuple[int, ...]
-) -> Iterator[SquareSystem]:
-    """Lend the factored square system of a closed state with coordinates prescribed."""
-    mechanism = state.mechanism
-    with evaluation_of(mechanism, state.angles) as evaluation:
-        try:
-            system = SquareSystem(evaluation, driven, state.q, still)
-            system.check_regular(state.q)
-        except SingularError as error:
-            raise SingularError(str(error), state=state) from None
-        _, pivot = system.pivots()
-        if pivot < SINGULAR_PIVOT:
-            raise SingularError(
-                f"mechanism {mechanism.name!r}: singular configuration, {state}: smallest pivot "
-                f"{pivot:.1e} of the largest; the rates have no reliable digit there", state=state,
-            )
-        yield system
-
-
 def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
     """Yield what may be prescribed when some coordinates are named, the best first.
 
@@ -202,23 +154,21 @@ def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool
         return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
 
 
-@contextmanager
-def _determining(state: State, named: list[Coordinate], hold: Hold) -> Iterator[SquareSystem]:
-    """Lend the square system that determines the rates when some coordinates are named.
+def _tried(
+    state: State, named: list[Coordinate], hold: Hold
+) -> tuple[Prescription, Chosen]:
+    """Return what determines the rates when some coordinates are named.
 
     Raises:
-        SingularError: none does.
+        SingularError: nothing does.
     """
     errors: list[SingularError] = []
     for driven in _choices(state, list(dict.fromkeys(named)), hold):
-        with ExitStack() as stack:
-            try:
-                system = stack.enter_context(system_of(state, driven, hold))
-            except SingularError as error:
-                errors.append(error)
-                continue
-            yield system
-            return
+        given = Prescription.of(state.mechanism, driven, hold)
+        try:
+            return given, chosen_at(state, given)
+        except SingularError as error:
+            errors.append(error)
     raise errors[-1]
 
 
@@ -279,30 +229,65 @@ def solve_rates(
     mechanism = state.mechanism
     speeds = mapping(speeds, "speeds")
     accelerations = mapping(accelerations, "accelerations")
-    clear = regular.solved(state, speeds, accelerations, hold,
-                           lambda: driven_coordinates(mechanism, mechanism.drivers))
-    if clear is not None:
-        return _state_of(state, clear.v, clear.a, clear.lost)
+    clear = _solved(state, speeds, accelerations, hold)
+    found = clear or _solved_as_tried(state, speeds, accelerations, hold)
+    if not found.is_finite:
+        check_finite(found.v, found.a,
+                     f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
+    if clear is None:
+        check_rates(state, found.v)
+    return State(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
+                 angles=state.angles, rate_error=found.lost, released=state.released)
+
+
+def _solved(
+    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+) -> Solved | None:
+    """Return the rates where it is clear what determines them; else None.
+
+    Raises:
+        ValueError: a rate is no finite number.
+    """
+    mechanism = state.mechanism
+    plan = plan_of(mechanism, speeds, accelerations, hold,
+                   lambda: driven_coordinates(mechanism, mechanism.drivers))
+    if plan is None:
+        return None
+    values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
+              for what, rates in (("speed", speeds), ("acceleration", accelerations))]
+    with kernel_of(mechanism) as kernel:
+        rates = plan.given.rates(kernel)
+        for target, own, numbers in zip((rates.speeds, rates.accelerations), plan[1:], values,
+                                        strict=True):
+            target[:] = 0.0
+            for place, value in zip(own, numbers, strict=True):
+                target[place] = value
+        return rates.solve(state.q, state.angles)
+
+
+def _solved_as_tried(
+    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+) -> Solved:
+    """Return the rates where it has to be tried what determines them.
+
+    Raises:
+        SingularError: nothing does.
+        ValueError: a rate is no finite number, is given twice, or is that of what is held.
+    """
+    mechanism = state.mechanism
     v_of = rates_given(mechanism, speeds, "speed")
     a_of = rates_given(mechanism, accelerations, "acceleration")
     check_one_meaning(mechanism, [*v_of, *a_of])
     check_not_held(mechanism, [*v_of, *a_of], hold)
-    with _determining(state, [*v_of, *a_of], hold) as system:
-        drive_v = np.array([v_of.get(c, 0.0) for c in system.driven])
-        drive_a = np.array([a_of.get(c, 0.0) for c in system.driven])
-        rates = system.driver_rates()
-        with np.errstate(over="ignore", invalid="ignore"):
-            v = rates @ drive_v
-            a = system.acceleration(state.q, v, drive_a)
-        check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
-        check_rates(system, v, state)
-        lost = round_off(system, state.q, v)
-    return _state_of(state, v, a, lost)
-
-
-def _state_of(state: State, v: Array, a: Array, lost: float) -> State:
-    return State(state.mechanism, state.q, v, a, closure_error=state.closure_error,
-                 angles=state.angles, rate_error=lost, released=state.released)
+    given, chosen = _tried(state, [*v_of, *a_of], hold)
+    with kernel_of(mechanism) as kernel:
+        rates = given.rates(kernel)
+        for target, of in ((rates.speeds, v_of), (rates.accelerations, a_of)):
+            target[:] = 0.0
+            target[: len(given.driven)] = [of.get(c, 0.0) for c in given.driven]
+        found = rates.solve(state.q, state.angles, chosen)
+    assert found is not None
+    return found
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
@@ -315,58 +300,8 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
-def round_off(system: SquareSystem, q: Array, v: Array, solved: bool = True) -> float:
-    """Return the estimated error of joint rates relative to their size, from the kernel.
-
-    See `lost` in `kernel/closing/rates.c`.
-
-    Args:
-        system: factored at q.
-        q: (nq,) the configuration.
-        v: (nv,) joint velocities.
-        solved: whether they were solved there, not continued across a crossing of branches.
-    """
-    paces = np.abs(system.driver_rates() / system.scale[:, None]) * system.scale[system.drive_at]
-    pace, (_, pivot) = float(paces.max(initial=1.0)), system.pivots()
-    known = SOLUTION_ERROR * pace * max(pace, 1.0 / max(pivot, 1e-300))
-    t = v / system.scale
-    size = float(np.abs(t).max(initial=0.0))
-    if not solved or not size:
-        return min(known, 1.0)
-    return min(max(known, _lost_along(system, q, t / size)), 1.0)
-
-
-def _lost_along(system: SquareSystem, q: Array, t: Array) -> float:
-    """Return how far rates follow a configuration whose equations hold to round-off only.
-
-    Velocities t (nv,) and their accelerations, relative to their size, by `lost_along` of
-    `kernel/closing/rates.c`.
-    """
-    n, still = len(system.rows), np.zeros(len(system.driven))
-    away: Array = np.zeros(len(t))
-    off = 0.0
-    for pattern in PATTERNS:
-        rhs = np.zeros(len(t))
-        rhs[system.closure_rows] = np.where(np.cos(pattern * np.arange(1, n + 1) ** 2) < 0, -1, 1)
-        x = system.solve(rhs)
-        if np.abs(x).max() > off:
-            off = float(np.abs(x).max())
-            away = x / off
-
-    def response(u: Array, along: Array) -> Array:
-        """Return the scaled change of u where q changes along: the polar form of accelerations."""
-        twice = [system.acceleration(q, system.scale * v, still) for v in (u + along, u - along)]
-        change: Array = 0.25 * (twice[0] - twice[1]) / system.scale
-        return change
-
-    first, bend = response(t, away), response(t, t)
-    second = 2.0 * np.abs(response(t, first)).max() + np.abs(response(bend, away)).max()
-    moved = max(np.abs(first).max(), second / max(np.abs(bend).max(), 1.0))
-    return CLOSURE_ROUND_OFF * off * float(moved)
-
-
 def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
-    """Return `round_off` of rates that a driver makes; NaN where it does not determine them.
+    """Return the round-off of rates that a driver makes; NaN where it does not determine them.
 
     Args:
         driver: its name.
@@ -375,32 +310,39 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         held: what stands still, as for `solve_rates`.
     """
     mechanism = state.mechanism
-    if solved:
-        found = regular.solved(state, {driver: 1.0}, {}, held,
-                               lambda: driven_coordinates(mechanism, mechanism.drivers))
-        if found is not None:
-            return found.lost
-    try:
-        with square_system(state, [driver], held) as system:
-            at = system.driven.index(mechanism.prescribed_coordinate(driver))
-            return round_off(system, state.q, system.driver_rates()[:, at], solved)
-    except SingularError:
-        return float(np.nan)
+    given = once(mechanism, ("rates by", driver), held, lambda: Prescription.of(
+        mechanism, driven_coordinates(mechanism, [driver]), held))
+    at = given.driven.index(mechanism.prescribed_coordinate(driver))
+    with kernel_of(mechanism) as kernel:
+        rates = given.rates(kernel)
+        rates.speeds[:], rates.accelerations[:] = 0.0, 0.0
+        rates.speeds[at] = 1.0
+        found = rates.solve(state.q, state.angles) if solved else None
+        if found is None:
+            try:
+                chosen = chosen_at(state, given)
+            except SingularError:
+                return float(np.nan)
+            found = rates.solve(state.q, state.angles, chosen)
+    assert found is not None
+    return found.lost if solved else found.known
 
 
-def check_rates(system: SquareSystem, v: np.ndarray, state: State) -> None:
-    """Refuse velocities that open a loop, as happens where redundant rows become independent.
+def check_rates(state: State, v: Array) -> None:
+    """Refuse velocities (nv,) that open a loop, as where redundant equations become independent.
 
     Raises:
         SingularError: names the closure that would open.
     """
-    evaluation = system.evaluation
-    n = evaluation.constraints.n_rows
-    violation = np.abs(evaluation.jacobian[:n] @ (v / state.mechanism.velocity_scale))
-    largest = np.abs(v / state.mechanism.velocity_scale).max(initial=0.0)
+    mechanism = state.mechanism
+    with evaluation_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        n, labels = evaluation.constraints.n_rows, evaluation.constraints.labels
+        violation = np.abs(evaluation.jacobian[:n] @ (v / mechanism.velocity_scale))
+    largest = np.abs(v / mechanism.velocity_scale).max(initial=0.0)
     if n and violation.max() > TOLERANCES.singular * max(largest, 1e-300):
-        worst = evaluation.constraints.labels[int(violation.argmax())].closure
+        worst = labels[int(violation.argmax())].closure
         raise SingularError(
-            f"mechanism {state.mechanism.name!r}: the prescribed rates would open closure "
+            f"mechanism {mechanism.name!r}: the prescribed rates would open closure "
             f"{worst!r}: they are inconsistent with the loops at {state}", state=state,
         )

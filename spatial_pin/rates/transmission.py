@@ -7,17 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import driven_coordinates, square_system
+from spatial_pin.rates.determined import Prescription, placed
+from spatial_pin.rates.rates import driven_coordinates
 
 
 class Transmission(NamedTuple):
@@ -67,9 +70,11 @@ def transmission(
     mechanism = state.mechanism
     input_ = _input(mechanism, driver)
     angle, at = transmission_angle(mechanism, state, output, input_.name, at)
-    with square_system(state, [input_.name]) as system:
-        column = [c.name for c in system.driven].index(input_.name)
-        ratio = float(system.driver_rates()[mechanism.driven_coordinate(output).v, column])
+    given = Prescription.of(mechanism, driven_coordinates(mechanism, [input_.name]), BASE)
+    with kernel_of(mechanism) as kernel:
+        column = [c.name for c in given.driven].index(input_.name)
+        columns = placed(kernel, state, given).columns()
+    ratio = float(columns[mechanism.driven_coordinate(output).v, column])
     advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
     return Transmission(ratio, advantage, angle, at)
 

@@ -6,23 +6,19 @@
  * with independent closure equations J. The mass matrix M and the joint forces f - b are given: they
  * are Pinocchio's. Unknowns and equations are scaled so that each freedom's own inertia is one, and
  * the largest entry of each equation (Jacobi scaling): light bodies keep their digits beside heavy
- * ones. Of a few unknowns the full matrix is factored, of many a sparse one, whose cost grows with
- * their number.
+ * ones.
  *
  * Equations and pivots are chosen where they are asked for anew, so that answers depend on nothing
  * else. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "choosing.h"
-#include "dense.h"
+#include "factors.h"
 #include "tolerances.h"
 
 #define EPS 2.220446049250313e-16
 #define ROUNDING (128.0 * EPS) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * EPS)     /* of a place, by its distance: some joints, each rounded once */
-/* Unknowns up to which a full matrix is factored faster than a sparse one is put in order. */
-#define FEW_UNKNOWNS 64
 /* Smallest over largest pivot above which equations that are independent in each closure by itself
    surely are so together: the pivot of one that is off the others by d is of the order of d². */
 #define SURE TOLERANCE_HALF_PRECISION
@@ -32,19 +28,15 @@ typedef struct {
     Int n_groups, n_mass;
     const Int *group; /* (n_groups + 1) first equation of each closure */
     const Int *mass_row, *mass_column, *mass_from; /* (n_mass) entries of M, and where they come from */
-    Int n_chosen, n;  /* n: unknowns */
+    Int n_chosen;
     Int *chosen;      /* (n_chosen) independent closure equations, ascending */
     Real *unit;       /* (nv) velocity, by scale, at which the own inertia of a freedom is one */
     Real *size;       /* (n_closure) of each chosen equation, where it was chosen */
-    Int n_entries, *row, *column; /* of the matrix */
-    Real *value;
-    Real *matrix;     /* (n, n) factored, of a few unknowns */
-    Int *order;
-    SparseLU *lu;     /* of many */
-    Real norm, pivot; /* pivot: smallest over largest, 0 if there is no solution */
+    Factors *matrix;
+    Real norm;
     Real length;      /* characteristic */
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
-    Real *x, *left, *scratch;
+    Real *x;          /* (nv + n_chosen) */
     Real *block;        /* to choose among the equations of a closure */
     Int *place, *among; /* the same: columns of it; equations */
 } Kkt;
@@ -63,27 +55,23 @@ static int make_room(Kkt *s)
 {
     Kernel *k = s->k;
     const Int nv = k->nv, nc = k->n_closure, n = nv + (nc < nv ? nc : nv);
-    const Int few = n < FEW_UNKNOWNS ? n : FEW_UNKNOWNS;
-    const Int most = most_in_a_group(s), room = s->n_mass + 2 * k->entry_start[nc];
+    const Int most = most_in_a_group(s);
     struct {
         void **to;
         Int count;
         size_t size;
     } arrays[] = {
         {(void **)&s->chosen, nc, sizeof(Int)},      {(void **)&s->unit, nv, sizeof(Real)},
-        {(void **)&s->size, nc, sizeof(Real)},       {(void **)&s->row, room, sizeof(Int)},
-        {(void **)&s->column, room, sizeof(Int)},    {(void **)&s->value, room, sizeof(Real)},
-        {(void **)&s->matrix, few * few, sizeof(Real)}, {(void **)&s->order, few, sizeof(Int)},
-        {(void **)&s->x, n, sizeof(Real)},           {(void **)&s->left, n, sizeof(Real)},
-        {(void **)&s->scratch, 2 * n, sizeof(Real)}, {(void **)&s->among, nc, sizeof(Int)},
+        {(void **)&s->size, nc, sizeof(Real)},       {(void **)&s->x, n, sizeof(Real)},
         {(void **)&s->block, most * nv, sizeof(Real)}, {(void **)&s->place, nv, sizeof(Int)},
+        {(void **)&s->among, nc, sizeof(Int)},
     };
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         if (!(*arrays[i].to = kernel_memory(k, arrays[i].count, arrays[i].size)))
             return 0;
     for (Int v = 0; v < nv; v++)
         s->place[v] = -1;
-    return (s->lu = lu_new()) != NULL;
+    return (s->matrix = factors_new(k)) != NULL;
 }
 
 static int is_sound(const Kkt *s, Int n_given)
@@ -117,32 +105,21 @@ static int take(Kkt *s, const Int *ints, Int n_given)
     return make_room(s) ? DONE : NO_MEMORY;
 }
 
-/* Frees what the kernel does not own; the kernel may be gone by then. */
-EXPORT void kkt_destroy(Kkt *s)
-{
-    if (s) {
-        lu_free(s->lu);
-        free(s);
-    }
-}
-
-/* Memory for the KKT system of a kernel of a characteristic length. The ints are the first equation
-   of each of n_groups closures and their number, then rows, columns and places of the n_mass entries
-   of M among the n_given. */
+/* Memory for the KKT system of a kernel of a characteristic length, freed with the kernel. The ints
+   are the first equation of each of n_groups closures and their number, then rows, columns and
+   places of the n_mass entries of M among the n_given. */
 EXPORT int kkt_create(Kernel *k, const Int *ints, Int n_groups, Int n_mass, Int n_given,
                       Real length, Kkt **out)
 {
     *out = NULL;
     if (n_groups < 0 || n_mass < 0)
         return BAD_ARRAYS;
-    Kkt *s = calloc(1, sizeof *s);
+    Kkt *s = kernel_memory(k, 1, sizeof *s);
     if (!s)
         return NO_MEMORY;
     s->k = k, s->length = length, s->n_groups = n_groups, s->n_mass = n_mass;
     const int code = take(s, ints, n_given);
-    if (code != DONE)
-        kkt_destroy(s);
-    else
+    if (code == DONE)
         *out = s;
     return code;
 }
@@ -266,81 +243,45 @@ static void measure_equations(Kkt *s)
     }
 }
 
-static void put(Kkt *s, Int row, Int column, Real value)
-{
-    const Int e = s->n_entries++;
-    s->row[e] = row;
-    s->column[e] = column;
-    s->value[e] = value;
-}
-
-static void fill(Kkt *s, const Real *mass)
+static int fill(Kkt *s, const Real *mass)
 {
     const Kernel *k = s->k;
-    s->n = k->nv + s->n_chosen;
-    s->n_entries = 0;
+    const Int n = k->nv + s->n_chosen, room = s->n_mass + 2 * k->entry_start[k->n_closure];
+    if (factors_begin(s->matrix, n, room) != DONE)
+        return NO_MEMORY;
     for (Int e = 0; e < s->n_mass; e++) {
         const Int i = s->mass_row[e], j = s->mass_column[e];
         const Real weight = k->scale[i] * s->unit[i] * (k->scale[j] * s->unit[j]);
-        put(s, i, j, mass[s->mass_from[e]] * weight);
+        factors_put(s->matrix, i, j, mass[s->mass_from[e]] * weight);
     }
     for (Int i = 0; i < s->n_chosen; i++)
         for (Int e = k->entry_start[s->chosen[i]]; e < k->entry_start[s->chosen[i] + 1]; e++) {
             const Int v = k->entry_v[e];
             const Real value = k->entry[e] * s->unit[v] / s->size[i];
-            put(s, k->nv + i, v, value);
-            put(s, v, k->nv + i, value);
+            factors_put(s->matrix, k->nv + i, v, value);
+            factors_put(s->matrix, v, k->nv + i, value);
         }
+    return DONE;
 }
 
 /* The largest sum of the sizes in a row: the matrix is symmetric. */
 static void measure_matrix(Kkt *s)
 {
-    memset(s->x, 0, (size_t)s->n * sizeof(Real));
-    for (Int e = 0; e < s->n_entries; e++)
-        s->x[s->row[e]] += fabs(s->value[e]);
+    const Factors *f = s->matrix;
+    memset(s->x, 0, (size_t)f->n * sizeof(Real));
+    for (Int e = 0; e < f->n_entries; e++)
+        s->x[f->row[e]] += fabs(f->value[e]);
     s->norm = 0.0;
-    for (Int i = 0; i < s->n; i++)
+    for (Int i = 0; i < f->n; i++)
         s->norm = fmax(s->norm, s->x[i]);
-}
-
-static void factor_full(Kkt *s)
-{
-    const Int n = s->n;
-    Real least = INFINITY, most = 0.0;
-    memset(s->matrix, 0, (size_t)(n * n) * sizeof(Real));
-    for (Int e = 0; e < s->n_entries; e++)
-        s->matrix[s->row[e] * n + s->column[e]] = s->value[e];
-    const Int failed = dense_lu(n, s->matrix, s->order);
-    for (Int i = 0; i < n; i++) {
-        least = fmin(least, fabs(s->matrix[i * (n + 1)]));
-        most = fmax(most, fabs(s->matrix[i * (n + 1)]));
-    }
-    s->pivot = failed || !(least > 0.0) || !isfinite(most) ? 0.0 : least / most;
-}
-
-static int factor_sparse(Kkt *s)
-{
-    const int code = lu_analyse(s->lu, s->n, s->n_entries, s->row, s->column, s->value);
-    Real sign, mantissa;
-    Int exponent;
-    s->pivot = 0.0;
-    if (code == DONE && lu_factor(s->lu, s->value))
-        lu_determinant(s->lu, &sign, &s->pivot, &mantissa, &exponent);
-    return code == NO_MEMORY ? NO_MEMORY : DONE;
 }
 
 static int factor(Kkt *s, const Real *mass)
 {
-    fill(s, mass);
+    if (fill(s, mass) != DONE)
+        return NO_MEMORY;
     measure_matrix(s);
-    s->pivot = 1.0;
-    if (!s->n)
-        return DONE;
-    if (s->n > FEW_UNKNOWNS)
-        return factor_sparse(s);
-    factor_full(s);
-    return DONE;
+    return factors_make(s->matrix);
 }
 
 static int factor_anew(Kkt *s, const Real *mass)
@@ -355,47 +296,19 @@ static int choose_and_factor(Kkt *s, const Real *mass)
 {
     int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
     measure_freedoms(s, mass);
-    s->pivot = 0.0;
+    s->matrix->pivot = 0.0;
     for (int way = 0; way < 3; way++) {
         const Int before = s->n_chosen;
         int code = ways[way](s);
         if (code == DONE && s->n_chosen <= s->k->nv && (!way || s->n_chosen != before))
             code = factor_anew(s, mass);
-        if (code != DONE || s->pivot > SURE)
+        if (code != DONE || s->matrix->pivot > SURE)
             return code;
     }
     return DONE;
 }
 
 /* ---------------------------------------------------------------- solutions */
-
-static void solve_factored(Kkt *s, Real *x)
-{
-    if (s->n > FEW_UNKNOWNS)
-        lu_solve(s->lu, x, x);
-    else
-        dense_lu_solve(s->n, s->matrix, s->order, 0, 1, x);
-}
-
-/* x := K^-1 x. Pivots of a sparse matrix are chosen for their places too: once more for the digits
-   that this costs. */
-static void solve_scaled(Kkt *s, Real *x)
-{
-    if (!(s->pivot > 0.0)) {
-        memset(x, 0, (size_t)s->n * sizeof(Real));
-        return;
-    }
-    if (s->n > FEW_UNKNOWNS)
-        memcpy(s->left, x, (size_t)s->n * sizeof(Real));
-    solve_factored(s, x);
-    if (s->n <= FEW_UNKNOWNS)
-        return;
-    for (Int e = 0; e < s->n_entries; e++)
-        s->left[s->row[e]] -= s->value[e] * x[s->column[e]];
-    solve_factored(s, s->left);
-    for (Int i = 0; i < s->n; i++)
-        x[i] += s->left[i];
-}
 
 /* Accelerations and multipliers (n_closure), 0 of equations that are not chosen, for joint forces
    given and needed (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
@@ -408,7 +321,7 @@ static void solve(Kkt *s, const Real *given, const Real *needed, const Real *gam
         x[v] = k->scale[v] * s->unit[v] * (given[v] - needed[v]);
     for (Int i = 0; i < s->n_chosen; i++)
         x[k->nv + i] = -gamma[s->chosen[i]] / s->size[i];
-    solve_scaled(s, x);
+    factors_solve(s->matrix, x);
     for (Int v = 0; v < k->nv; v++)
         a[v] = k->scale[v] * s->unit[v] * x[v];
     memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
@@ -435,8 +348,10 @@ static Real entry_error(const Kkt *s)
 static Real estimated_error(Kkt *s)
 {
     const Int nv = s->k->nv;
-    Real told = ROUNDING / fmax(s->pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
-    if (!s->n || !(s->pivot > 0.0))
+    const Int n = s->matrix->n;
+    const Real pivot = s->matrix->pivot;
+    Real told = ROUNDING / fmax(pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
+    if (!n || !(pivot > 0.0))
         return told;
     for (Int v = 0; v < nv; v++) {
         size = fmax(size, s->unit[v] * fabs(s->x[v]));
@@ -444,11 +359,8 @@ static Real estimated_error(Kkt *s)
         most = fmax(most, fabs(s->x[v]));
     }
     told = fmax(told, entry_error(s));
-    if (s->n <= FEW_UNKNOWNS) {
-        const Real condition =
-            s->norm * dense_inverse_norm(s->n, s->matrix, s->order, s->scratch);
-        told = fmax(told, (Real)s->n * EPS * fmin(condition, 1.0 / EPS));
-    }
+    const Real condition = s->norm * factors_inverse_norm(s->matrix);
+    told = fmax(told, (Real)n * EPS * fmin(condition, 1.0 / EPS));
     return size > 0.0 ? told * largest * most / size : told;
 }
 
@@ -484,7 +396,7 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *t
     equations_bias(k, v);
     solve(s, given, needed, k->bias, a, multipliers);
     forces_of(k, multipliers, closures);
-    facts[0] = s->pivot;
+    facts[0] = s->matrix->pivot;
     facts[1] = estimated_error(s);
     facts[2] = (Real)s->n_chosen;
     return DONE;

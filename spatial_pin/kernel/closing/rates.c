@@ -1,73 +1,53 @@
-/* Velocities and accelerations of all joints at given rates of driven freedoms, where as many
- * closure equations as there have to be are independent of each other, of the drivers and of the
- * idle rotations, and clearly so: K v = drive, K a = drive' - bias(v). Where they are not, the
- * caller has to find out why.
+/* Velocities and accelerations of all joints at given rates of driven freedoms: K v = drive,
+ * K a = drive' - bias(v), and whatever else the same K answers. K holds independent closure
+ * equations, idle rotations, what is driven, and rows that fill it up: passive freedoms that nothing
+ * determines take the least rates.
  *
- * Equations and pivots are chosen anew at every configuration, so that answers depend on nothing
- * else. Where equations are left out, a step of the driven freedoms tells whether they follow from
- * the others beside the configuration too: if not, branches cross there. */
-#include <float.h>
+ * Equations are chosen here where as many as there have to be are independent of each other, of the
+ * drivers and of the idle rotations, and clearly so. Where they are not, the caller has to find out
+ * why, or chooses them. Equations and pivots are chosen anew at every configuration, so that answers
+ * depend on nothing else. Where equations are left out, a step of the driven freedoms tells whether
+ * they follow from the others beside the configuration too: if not, branches cross there. */
 #include <string.h>
 
 #include "choosing.h"
-#include "dense.h"
-#include "kernel.h"
-#include "pins.h"
+#include "rates.h"
 #include "regular.h"
 #include "tolerances.h"
 
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
    relative to the lengths of their rows, where it is clear what is independent. */
 #define WELL TOLERANCE_WELL_CONDITIONED
-/* Of a solution, relative to its size, before pivots magnify it */
-#define SOLUTION_ERROR (8.0 * DBL_EPSILON)
-/* Of a closure equation at a configuration closed to round-off: half of the most that 160 random
-   mechanisms had */
-#define CLOSURE_ROUND_OFF (2.0 * DBL_EPSILON)
-#define PATTERNS 2 /* of their signs: what one of them hides by chance, the other shows */
-/* Freedoms up to which a full matrix is factored faster than a sparse one is put in order. */
-#define FEW_FREEDOMS 40
 
+/* Equations that the caller has chosen, and rows (n_fill, nv) with respect to v / scale that fill
+   the system up; `equations` is NULL where they are to be chosen here. */
 typedef struct {
-    Kernel *k;
-    Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
-    const Int *driven; /* freedoms v, or nv + v for the component that v is of, see pins.h */
-    Pin *pin;         /* (n_driven) of those that are components */
-    Int *chosen;      /* closure equations, ascending */
-    Int *places;      /* among them, of independent ones */
-    Real *matrix;     /* (nv, nv) transposed K, factored; of few freedoms */
-    Int *order;
-    Real *x;          /* (nv) */
-    Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */
-    Real *q;          /* (nq) */
-    Real pivot;       /* smallest over largest */
-    Real even;        /* the same, pivots relative to the lengths of their rows */
-} Rates;
+    const Int *equations;
+    Int n;
+    const Real *fill;
+    Int n_fill;
+} Given;
 
 static int make_room(Rates *r)
 {
     Kernel *k = r->k;
-    const Int size = k->nv <= FEW_FREEDOMS ? k->nv * k->nv : 0;
     r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
     r->places = kernel_memory(k, k->n_closure, sizeof(Int));
-    r->matrix = kernel_memory(k, size, sizeof(Real));
-    r->order = kernel_memory(k, k->nv, sizeof(Int));
     r->x = kernel_memory(k, 5 * k->nv, sizeof(Real));
     r->q = kernel_memory(k, k->nq, sizeof(Real));
-    if (!r->chosen || !r->places || !r->matrix || !r->order || !r->x || !r->q)
+    r->matrix = factors_new(k);
+    if (!r->chosen || !r->places || !r->matrix || !r->x || !r->q)
         return NO_MEMORY;
     r->away = r->x + k->nv, r->along = r->away + k->nv;
     r->change = r->along + k->nv, r->sum = r->change + k->nv;
     return DONE;
 }
 
-/* Memory for rates of a kernel, freed with it; BAD_ARRAYS unless there are at least as many
-   equations and driven freedoms as freedoms. */
+/* Memory for rates of a kernel, freed with it. */
 EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
 {
     *out = NULL;
-    const Int wanted = k->nv - k->n_idle - n_driven;
-    if (n_driven < 0 || wanted < 0 || wanted > k->n_closure)
+    if (n_driven < 0)
         return BAD_ARRAYS;
     Rates *r = kernel_memory(k, 1, sizeof *r);
     Int *copy = kernel_memory(k, n_driven, sizeof(Int));
@@ -79,7 +59,8 @@ EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
             (driven[i] >= k->nv && !pin_of(k, driven[i] - k->nv, pin + i)))
             return BAD_ARRAYS;
     memcpy(copy, driven, (size_t)n_driven * sizeof(Int));
-    r->k = k, r->n_driven = n_driven, r->driven = copy, r->pin = pin, r->wanted = wanted;
+    r->k = k, r->n_driven = n_driven, r->driven = copy, r->pin = pin;
+    r->wanted = k->nv - k->n_idle - n_driven;
     if (make_room(r) != DONE)
         return NO_MEMORY;
     *out = r;
@@ -125,6 +106,8 @@ static int choose_independent(Rates *r)
 static int choose(Rates *r)
 {
     const Int n = r->n_chosen = r->k->n_closure;
+    if (r->wanted < 0)
+        return UNSAFE;
     for (Int i = 0; i < n; i++)
         r->chosen[i] = i;
     if (n > r->wanted)
@@ -136,101 +119,64 @@ static int choose(Rates *r)
 
 /* ---------------------------------------------------------------- the square system */
 
-static void fill_row(Rates *r, Int row, Int equation)
-{
-    const Kernel *k = r->k;
-    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
-        r->matrix[k->entry_v[e] * k->nv + row] = k->entry[e];
-}
-
 static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
 
 static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
 
-/* The row of a driven freedom, or of a component that is none. */
-static void fill_driven(Rates *r, Int i)
+static Int put_equation(Rates *r, Int row, Int equation)
 {
     const Kernel *k = r->k;
-    const Int row = k->nv - r->n_driven + i, first = r->pin[i].v;
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        factors_put(r->matrix, row, k->entry_v[e], k->entry[e]);
+    return row + 1;
+}
+
+/* The row of a driven freedom, or of a component that is none. */
+static Int put_driven(Rates *r, Int row, Int i)
+{
+    const Kernel *k = r->k;
+    const Int first = r->pin[i].v;
     Real gradient[3];
     if (!is_pin(r, i)) {
-        r->matrix[r->driven[i] * k->nv + row] = 1.0;
-        return;
+        factors_put(r->matrix, row, r->driven[i], 1.0);
+        return row + 1;
     }
     pin_row(r->pin + i, k->q, gradient);
     for (int x = 0; x < 3; x++)
-        r->matrix[(first + x) * k->nv + row] = gradient[x] * k->scale[first + x] / driven_scale(r, i);
+        factors_put(r->matrix, row, first + x,
+                    gradient[x] * k->scale[first + x] / driven_scale(r, i));
+    return row + 1;
 }
 
-/* K transposed: equation by equation in the columns. */
-static void fill_matrix(Rates *r)
+static Int put_fill(Rates *r, Int row, const Real *fill)
+{
+    for (Int v = 0; v < r->k->nv; v++)
+        if (fill[v] != 0.0)
+            factors_put(r->matrix, row, v, fill[v]);
+    return row + 1;
+}
+
+/* Factor K, with rows that fill it up, at the evaluated configuration. */
+static int factor(Rates *r, const Real *fill, Int n_fill)
 {
     const Kernel *k = r->k;
-    memset(r->matrix, 0, (size_t)(k->nv * k->nv) * sizeof(Real));
+    const Int room = k->entry_start[k->n_equations] + 3 * r->n_driven + n_fill * k->nv;
+    Int row = 0;
+    if (factors_begin(r->matrix, k->nv, room) != DONE)
+        return NO_MEMORY;
     for (Int i = 0; i < r->n_chosen; i++)
-        fill_row(r, i, r->chosen[i]);
-    for (Int i = 0; i < k->n_idle; i++)
-        fill_row(r, r->n_chosen + i, k->n_closure + i);
+        row = put_equation(r, row, r->chosen[i]);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        row = put_equation(r, row, i);
     for (Int i = 0; i < r->n_driven; i++)
-        fill_driven(r, i);
+        row = put_driven(r, row, i);
+    for (Int i = 0; i < n_fill; i++)
+        row = put_fill(r, row, fill + i * k->nv);
+    return factors_make(r->matrix);
 }
 
-static Real pivot_ratio(const Real *matrix, Int n)
-{
-    Real least = INFINITY, most = 0.0;
-    for (Int i = 0; i < n; i++) {
-        const Real size = fabs(matrix[i * n + i]);
-        least = size < least ? size : least;
-        most = size > most ? size : most;
-    }
-    return most > 0.0 ? least / most : n ? 0.0 : 1.0;
-}
-
-/* Factor the kernel's square system at the evaluated configuration, in an order chosen there. */
-static int factor_system(Rates *r)
-{
-    const int code =
-        system_set(r->k, r->chosen, r->n_chosen, r->driven, r->n_driven, NULL, 0);
-    return code == DONE ? system_factor(r->k) : code;
-}
-
-/* Smallest over largest pivot relative to its row's length: a loop that is short beside the whole
-   mechanism has short rows, however independent they are. */
-static Real even_ratio(Rates *r)
-{
-    const Kernel *k = r->k;
-    Real *length = r->x;
-    memset(length, 0, (size_t)k->nv * sizeof *length);
-    for (Int e = 0; e < k->n_system; e++)
-        length[k->system_row[e]] += k->system_value[e] * k->system_value[e];
-    for (Int i = 0; i < k->nv; i++)
-        length[i] = sqrt(length[i]);
-    return lu_even_ratio(k->lu, length);
-}
-
-/* Factor at the evaluated configuration. */
-static int factor(Rates *r)
-{
-    Kernel *k = r->k;
-    if (k->nv <= FEW_FREEDOMS) {
-        fill_matrix(r);
-        const Int singular = k->nv ? dense_lu(k->nv, r->matrix, r->order) : 0;
-        r->even = r->pivot = singular ? 0.0 : pivot_ratio(r->matrix, k->nv);
-        return DONE;
-    }
-    const int code = factor_system(r);
-    r->pivot = code == DONE ? k->pivot_ratio : 0.0;
-    r->even = code == DONE ? even_ratio(r) : 0.0;
-    return code == SINGULAR ? DONE : code;
-}
-
-static void solve(Rates *r, Real *x)
-{
-    if (r->k->nv > FEW_FREEDOMS)
-        system_solve(r->k, x);
-    else if (r->k->nv)
-        dense_lu_solve(r->k->nv, r->matrix, r->order, 1, 1, x);
-}
+/* Where the right sides of what is driven stand. */
+static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Joint velocities (n, nv) for a unit speed of each of the first n driven freedoms; returns how
    fast the fastest joint is, relative to the driven one. */
@@ -242,8 +188,8 @@ static Real solve_columns(Rates *r, Int n, Real *columns)
         const Real own = driven_scale(r, c);
         Real *x = columns + c * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof(Real));
-        x[k->nv - r->n_driven + c] = 1.0 / own;
-        solve(r, x);
+        x[first_driven(r) + c] = 1.0 / own;
+        factors_solve(r->matrix, x);
         for (Int v = 0; v < k->nv; v++) {
             pace = fabs(x[v]) * own > pace ? fabs(x[v]) * own : pace;
             x[v] *= k->scale[v];
@@ -252,122 +198,45 @@ static Real solve_columns(Rates *r, Int n, Real *columns)
     return pace;
 }
 
-/* x += factor times the second derivatives of the equations, and of driven components, at joint
-   velocities v. */
-static void add_bias(Rates *r, const Real *v, Real factor, Real *x)
+/* x += factor times derivatives (n_equations) of the equations. */
+static void add_equations(const Rates *r, const Real *derivative, Real factor, Real *x)
+{
+    for (Int i = 0; i < r->n_chosen; i++)
+        x[i] += factor * derivative[r->chosen[i]];
+    for (Int i = 0; i < r->k->n_idle; i++)
+        x[r->n_chosen + i] += factor * derivative[r->k->n_closure + i];
+}
+
+void rates_add_bias(Rates *r, const Real *v, Real factor, Real *x)
 {
     Kernel *k = r->k;
     equations_bias(k, v);
-    for (Int i = 0; i < r->n_chosen; i++)
-        x[i] += factor * k->bias[r->chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        x[r->n_chosen + i] += factor * k->bias[k->n_closure + i];
+    add_equations(r, k->bias, factor, x);
     for (Int i = 0; i < r->n_driven; i++)
         if (is_pin(r, i))
-            x[k->nv - r->n_driven + i] += factor * pin_bias(r->pin + i, k->q, v) / driven_scale(r, i);
+            x[first_driven(r) + i] += factor * pin_bias(r->pin + i, k->q, v) / driven_scale(r, i);
+}
+
+/* Joint rates (nv) of any order, for the right sides of the equations in r->x and rates (n_driven)
+   of what is driven. */
+static void answer(Rates *r, const Real *drive, Real *out)
+{
+    const Kernel *k = r->k;
+    for (Int i = 0; i < r->n_driven; i++)
+        r->x[first_driven(r) + i] += drive[i] / driven_scale(r, i);
+    factors_solve(r->matrix, r->x);
+    for (Int i = 0; i < k->nv; i++)
+        out[i] = k->scale[i] * r->x[i];
+    for (Int i = 0; i < r->n_driven; i++)
+        if (!is_pin(r, i))
+            out[r->driven[i]] = drive[i]; /* as asked for, to the last digit */
 }
 
 static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
 {
-    Kernel *k = r->k;
-    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
-    add_bias(r, v, -1.0, r->x);
-    for (Int i = 0; i < r->n_driven; i++)
-        r->x[k->nv - r->n_driven + i] += acceleration[i] / driven_scale(r, i);
-    solve(r, r->x);
-    for (Int i = 0; i < k->nv; i++)
-        a[i] = k->scale[i] * r->x[i];
-    for (Int i = 0; i < r->n_driven; i++)
-        if (!is_pin(r, i))
-            a[r->driven[i]] = acceleration[i]; /* as asked for, to the last digit */
-}
-
-/* ---------------------------------------------------------------- what round-off leaves */
-
-static Real largest(const Real *x, Int n)
-{
-    Real found = 0.0;
-    for (Int i = 0; i < n; i++)
-        found = fmax(found, fabs(x[i]));
-    return found;
-}
-
-/* How far off the configuration may be, relative to the round-off of a closure equation: where
-   these are off by one, some this way, some that way. Returns its size, `away` (nv) its direction. */
-static Real direction_off(Rates *r, Real *away)
-{
-    const Int nv = r->k->nv;
-    Real most = 0.0;
-    memset(away, 0, (size_t)nv * sizeof(Real));
-    for (int pattern = 1; pattern <= PATTERNS; pattern++) {
-        memset(r->x, 0, (size_t)nv * sizeof(Real));
-        for (Int i = 0; i < r->n_chosen; i++)
-            r->x[i] = cos((Real)(pattern * (i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
-        solve(r, r->x);
-        const Real size = largest(r->x, nv);
-        if (!(size > most))
-            continue;
-        most = size;
-        for (Int v = 0; v < nv; v++)
-            away[v] = r->x[v] / size;
-    }
-    return most;
-}
-
-/* Change of the velocities t where the configuration changes along u, both relative to the scale:
-   the polar form (a(t + u) - a(t - u)) / 4 of the accelerations, which are quadratic. Into r->x;
-   returns its size. */
-static Real response(Rates *r, const Real *t, const Real *u)
-{
-    const Kernel *k = r->k;
-    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
-    for (int sign = 1; sign >= -1; sign -= 2) {
-        for (Int v = 0; v < k->nv; v++)
-            r->sum[v] = k->scale[v] * (t[v] + sign * u[v]);
-        add_bias(r, r->sum, -0.25 * sign, r->x);
-    }
-    solve(r, r->x);
-    return largest(r->x, k->nv);
-}
-
-/* How far velocities and accelerations, relative to their size, follow a configuration that is off
-   by so much along `away`. Where branches cross, joints move no faster than the driver, and rates
-   are uncertain all the same: velocities by the square of what a pivot magnifies, accelerations by
-   its third power. */
-static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocity)
-{
-    const Kernel *k = r->k;
-    Real size = 0.0, *t = r->along, *change = r->change;
-    for (Int v = 0; v < k->nv; v++)
-        size = fmax(size, fabs(velocity[v]) / k->scale[v]);
-    if (!(size > 0.0))
-        return 0.0;
-    for (Int v = 0; v < k->nv; v++)
-        t[v] = velocity[v] / k->scale[v] / size;
-    const Real first = response(r, t, away);
-    if (!(first > 0.0))
-        return 0.0;
-    for (Int v = 0; v < k->nv; v++)
-        change[v] = r->x[v] / first;
-    const Real second = 2.0 * first * response(r, t, change);
-    response(r, t, t); /* a(2 t) / 4: the acceleration at constant speed of the driver */
-    const Real bend = largest(r->x, k->nv);
-    memcpy(change, r->x, (size_t)k->nv * sizeof(Real));
-    const Real third = response(r, change, away);
-    return off * fmax(first, (second + third) / fmax(bend, 1.0));
-}
-
-/* Round-off of the velocities v and of accelerations, relative to their size. Next to a limit
-   position at a small distance e of the driver, joints move 1/sqrt(e) times as fast as the driver
-   (`pace`); a configuration known to round-off times that gives rates to that squared. A short link
-   leaves as much of it as its pivot. */
-static Real lost(Rates *r, const Real *v, Real pace)
-{
-    const Real known = SOLUTION_ERROR * pace * fmax(pace, 1.0 / fmax(r->pivot, 1e-300));
-    const Real grown = direction_off(r, r->away);
-    if (!(2.0 * CLOSURE_ROUND_OFF * grown * grown * grown > known))
-        return known; /* which is more than what could be found out */
-    return fmin(1.0, fmax(known, lost_along(r, CLOSURE_ROUND_OFF * grown, r->away, v)));
+    memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
+    rates_add_bias(r, v, -1.0, r->x);
+    answer(r, acceleration, a);
 }
 
 /* ---------------------------------------------------------------- what Python calls */
@@ -384,27 +253,51 @@ static int follow_beside(Rates *r, const Real *q)
     Kernel *k = r->k;
     if (r->n_chosen == k->n_closure || r->n_chosen == k->nv)
         return 1;
-    int code = factor_system(r);
+    int code = system_set(k, r->chosen, r->n_chosen, r->driven, r->n_driven, NULL, 0);
+    if (code == DONE)
+        code = system_factor(k);
     if (code == DONE)
         code = stays_closed(k, q, equations_error(k), r->q);
     evaluate(k, q);
-    return code == DONE && factor(r) == DONE;
+    return code == DONE;
 }
 
-/* Evaluate, choose and factor at q; UNSAFE where equations are not clearly independent. */
-static int place(Rates *r, const Real *q, const Real *turns)
+/* Choose equations and factor at the evaluated q; UNSAFE where they are not clearly independent. */
+static int choose_and_factor(Rates *r, const Real *q)
+{
+    int code = choose(r);
+    if (code == DONE)
+        code = factor(r, NULL, 0);
+    if (code != DONE)
+        return code;
+    if (!(r->matrix->pivot > TOLERANCE_SINGULAR || factors_even_ratio(r->matrix) > WELL))
+        return UNSAFE;
+    return follow_beside(r, q) ? DONE : UNSAFE;
+}
+
+/* Factor the equations that the caller has chosen. */
+static int take_and_factor(Rates *r, const Given *given)
+{
+    const Kernel *k = r->k;
+    if (given->n < 0 || given->n > k->n_closure || given->n_fill < 0 ||
+        given->n + given->n_fill != r->wanted)
+        return BAD_ARRAYS;
+    for (Int i = 0; i < given->n; i++)
+        if (!within(given->equations[i], k->n_closure))
+            return BAD_ARRAYS;
+    r->n_chosen = given->n;
+    memcpy(r->chosen, given->equations, (size_t)given->n * sizeof(Int));
+    const int code = factor(r, given->fill, given->n_fill);
+    return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
+}
+
+/* Evaluate and factor at q. */
+static int place(Rates *r, const Real *q, const Real *turns, const Given *given)
 {
     Kernel *k = r->k;
     memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
     evaluate(k, q);
-    int code = choose(r);
-    if (code == DONE)
-        code = factor(r);
-    if (code != DONE)
-        return code;
-    if (!(r->pivot > TOLERANCE_SINGULAR || r->even > WELL))
-        return UNSAFE;
-    return follow_beside(r, q) ? DONE : UNSAFE;
+    return given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
 }
 
 static int are_finite(const Real *x, Int n)
@@ -415,15 +308,57 @@ static int are_finite(const Real *x, Int n)
     return 1;
 }
 
-/* Rates at q with speeds and accelerations (n_driven) of the driven freedoms.
+/* Evaluate and factor at q, for what is asked afterwards: DONE; UNSAFE or SINGULAR where there are no
+   rates. The n `equations` and n_fill rows that fill the system up are the caller's, or chosen here
+   where `equations` is NULL. pivot: smallest over largest. */
+EXPORT int rates_place(Rates *r, const Real *q, const Real *turns, const Int *equations, Int n,
+                       const Real *fill, Int n_fill, Real *pivot)
+{
+    const Given given = {equations, n, fill, n_fill};
+    const int code = place(r, q, turns, &given);
+    *pivot = r->matrix->pivot;
+    return code;
+}
+
+/* Joint velocities (n, nv) at that place for a unit speed of each of the first n driven freedoms. */
+EXPORT int rates_columns(Rates *r, Int n, Real *columns)
+{
+    if (n < 0 || n > r->n_driven)
+        return BAD_ARRAYS;
+    solve_columns(r, n, columns);
+    return DONE;
+}
+
+/* Accelerations (nv) there at joint velocities (nv), for those (n_driven) of what is driven. */
+EXPORT int rates_acceleration(Rates *r, const Real *v, const Real *drive, Real *a)
+{
+    solve_acceleration(r, v, drive, a);
+    return are_finite(a, r->k->nv) ? DONE : NOT_FINITE;
+}
+
+/* Joint rates (nv) there, of any order, of which the equations have these derivatives (n_equations)
+   where joints have none, and what is driven has rates (n_driven): no component. */
+EXPORT int rates_answer(Rates *r, const Real *derivative, const Real *drive, Real *out)
+{
+    memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
+    add_equations(r, derivative, -1.0, r->x);
+    answer(r, drive, out);
+    return are_finite(out, r->k->nv) ? DONE : NOT_FINITE;
+}
+
+/* Rates at q, by `rates_place`, with speeds and accelerations (n_driven) of the driven freedoms.
 
    n_moving: the first driven freedoms, of which columns (n_moving, nv) are wanted: the others stand
-   still; v, a: (nv); facts: (2) smallest over largest pivot, and the pace of the fastest joint. */
-EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, Int n_moving, const Real *speed,
+   still; v, a: (nv); facts: (3) smallest over largest pivot, round-off of the rates by their size, and
+   what of it is known without the velocities. */
+EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, const Int *equations, Int n,
+                       const Real *fill, Int n_fill, Int n_moving, const Real *speed,
                        const Real *acceleration, Real *columns, Real *v, Real *a, Real *facts)
 {
     const Int nv = r->k->nv;
-    const int code = n_moving < 0 || n_moving > r->n_driven ? BAD_ARRAYS : place(r, q, turns);
+    if (n_moving < 0 || n_moving > r->n_driven)
+        return BAD_ARRAYS;
+    const int code = rates_place(r, q, turns, equations, n, fill, n_fill, facts);
     if (code != DONE)
         return code;
     const Real pace = solve_columns(r, n_moving, columns);
@@ -435,8 +370,8 @@ EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, Int n_moving,
         if (!is_pin(r, i))
             v[r->driven[i]] = speed[i];
     solve_acceleration(r, v, acceleration, a);
-    facts[0] = r->pivot;
-    facts[1] = lost(r, v, pace);
+    facts[2] = rates_known_round_off(r, pace);
+    facts[1] = rates_round_off(r, v, facts[2]);
     return are_finite(v, nv) && are_finite(a, nv) ? DONE : NOT_FINITE;
 }
 
@@ -456,17 +391,14 @@ static void twist(const Kernel *k, Int joint, const Real *point, const Real *v, 
     add3(1.0, around, linear);
 }
 
-/* The closed-loop Jacobian (6, n) of a point fixed in a joint's body, for the first n driven
+/* The closed-loop Jacobian (6, n) there of a point fixed in a joint's body, for the first n driven
    freedoms: linear above angular, world axes. `local` (3) in the joint's axes; columns as above. */
-EXPORT int rates_jacobian(Rates *r, const Real *q, const Real *turns, Int n, Int joint,
-                          const Real *local, Real *columns, Real *jacobian)
+EXPORT int rates_jacobian(Rates *r, Int n, Int joint, const Real *local, Real *columns,
+                          Real *jacobian)
 {
     const Kernel *k = r->k;
     if (n < 0 || n > r->n_driven || joint < 0 || joint >= k->n_joints)
         return BAD_ARRAYS;
-    const int code = place(r, q, turns);
-    if (code != DONE)
-        return code;
     solve_columns(r, n, columns);
     Real point[3];
     rotate3(k->R + 9 * joint, local, point);

@@ -52,6 +52,9 @@ typedef struct SparseLU SparseLU;
 /* A component of a ball or floating joint, see pins.h. */
 typedef struct Pin Pin;
 
+/* A square matrix and its factors, see factors.h. */
+typedef struct Factors Factors;
+
 typedef struct Kernel {
     /* ---- the tree: joint 0 is the ground, parents come before children ---- */
     Int n_joints, nq, nv;
@@ -129,6 +132,8 @@ typedef struct Kernel {
     Int evaluations, factorisations; /* counted since creation */
     void **owned; /* memory to be freed */
     Int n_owned, owned_room;
+    Factors **factors; /* (n_factors) to be freed too */
+    Int n_factors;
 } Kernel;
 
 /* ---- model.c ---- */

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "factors.h"
 #include "pins.h"
 
 #ifndef SOURCE_HASH
@@ -237,7 +238,10 @@ EXPORT void kernel_destroy(Kernel *k)
         return;
     for (Int i = 0; i < k->n_owned; i++)
         free(k->owned[i]);
+    for (Int i = 0; i < k->n_factors; i++)
+        factors_free(k->factors[i]);
     free(k->owned);
+    free(k->factors);
     free(k->fill);
     free(k->system_row);
     free(k->system_column);

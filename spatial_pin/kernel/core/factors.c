@@ -1,0 +1,160 @@
+/* Factors of a square matrix with few or many unknowns: the one place that chooses how.
+ *
+ * Of a few unknowns the full matrix is factored, transposed: pivots are sought among the unknowns of
+ * an equation, so that equations of other sizes do not change them. Of many a sparse one, whose cost
+ * grows with their number, in an order chosen anew each time: answers depend on nothing else. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "dense.h"
+#include "factors.h"
+
+/* Unknowns up to which a full matrix is factored faster than a sparse one is put in order. */
+#define FEW_UNKNOWNS 64
+
+static int is_full(const Factors *f) { return f->n <= FEW_UNKNOWNS; }
+
+Factors *factors_new(Kernel *k)
+{
+    Factors **more = realloc(k->factors, (size_t)(k->n_factors + 1) * sizeof *more);
+    if (!more)
+        return NULL;
+    k->factors = more;
+    Factors *f = calloc(1, sizeof *f);
+    if (f && !(f->lu = lu_new())) {
+        free(f);
+        f = NULL;
+    }
+    if (f)
+        k->factors[k->n_factors++] = f;
+    return f;
+}
+
+void factors_free(Factors *f)
+{
+    void *all[] = {f->row, f->column, f->value, f->matrix, f->order, f->left, f->scratch};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        free(all[i]);
+    lu_free(f->lu);
+    free(f);
+}
+
+/* Give an array room for n things; 0 if there is no memory. */
+static int widen(void **array, Int n, size_t size)
+{
+    void *more = realloc(*array, (size_t)(n > 0 ? n : 1) * size);
+    if (more)
+        *array = more;
+    return more != NULL;
+}
+
+int factors_begin(Factors *f, Int n, Int n_entries)
+{
+    const Int few = n < FEW_UNKNOWNS ? n : FEW_UNKNOWNS;
+    f->n = n;
+    f->n_entries = 0;
+    f->pivot = 0.0;
+    if (n_entries > f->entry_room || !f->row) {
+        if (!widen((void **)&f->row, n_entries, sizeof(Int)) ||
+            !widen((void **)&f->column, n_entries, sizeof(Int)) ||
+            !widen((void **)&f->value, n_entries, sizeof(Real)))
+            return NO_MEMORY;
+        f->entry_room = n_entries;
+    }
+    if (n > f->room || !f->left) {
+        if (!widen((void **)&f->matrix, few * few, sizeof(Real)) ||
+            !widen((void **)&f->order, few, sizeof(Int)) ||
+            !widen((void **)&f->left, n, sizeof(Real)) ||
+            !widen((void **)&f->scratch, 2 * n, sizeof(Real)))
+            return NO_MEMORY;
+        f->room = n;
+    }
+    return DONE;
+}
+
+void factors_put(Factors *f, Int row, Int column, Real value)
+{
+    const Int e = f->n_entries++;
+    f->row[e] = row;
+    f->column[e] = column;
+    f->value[e] = value;
+}
+
+static void factor_full(Factors *f)
+{
+    const Int n = f->n;
+    Real least = INFINITY, most = 0.0;
+    memset(f->matrix, 0, (size_t)(n * n) * sizeof(Real));
+    for (Int e = 0; e < f->n_entries; e++)
+        f->matrix[f->column[e] * n + f->row[e]] = f->value[e];
+    const Int failed = dense_lu(n, f->matrix, f->order);
+    for (Int i = 0; i < n; i++) {
+        least = fmin(least, fabs(f->matrix[i * (n + 1)]));
+        most = fmax(most, fabs(f->matrix[i * (n + 1)]));
+    }
+    f->pivot = failed || !(least > 0.0) || !isfinite(most) ? 0.0 : least / most;
+}
+
+static int factor_sparse(Factors *f)
+{
+    const int code = lu_analyse(f->lu, f->n, f->n_entries, f->row, f->column, f->value);
+    Real sign, mantissa;
+    Int exponent;
+    f->pivot = 0.0;
+    if (code == DONE && lu_factor(f->lu, f->value))
+        lu_determinant(f->lu, &sign, &f->pivot, &mantissa, &exponent);
+    return code == NO_MEMORY ? NO_MEMORY : DONE;
+}
+
+int factors_make(Factors *f)
+{
+    f->pivot = 1.0;
+    if (!f->n)
+        return DONE;
+    if (!is_full(f))
+        return factor_sparse(f);
+    factor_full(f);
+    return DONE;
+}
+
+/* Pivots of a sparse matrix are chosen for their places too: once more for the digits that this
+   costs. */
+static void solve_sparse(const Factors *f, Real *x)
+{
+    memcpy(f->left, x, (size_t)f->n * sizeof(Real));
+    lu_solve(f->lu, x, x);
+    for (Int e = 0; e < f->n_entries; e++)
+        f->left[f->row[e]] -= f->value[e] * x[f->column[e]];
+    lu_solve(f->lu, f->left, f->left);
+    for (Int i = 0; i < f->n; i++)
+        x[i] += f->left[i];
+}
+
+void factors_solve(const Factors *f, Real *x)
+{
+    if (!(f->pivot > 0.0))
+        memset(x, 0, (size_t)f->n * sizeof(Real));
+    else if (!is_full(f))
+        solve_sparse(f, x);
+    else if (f->n)
+        dense_lu_solve(f->n, f->matrix, f->order, 1, 1, x);
+}
+
+Real factors_even_ratio(Factors *f)
+{
+    if (is_full(f) || !(f->pivot > 0.0))
+        return f->pivot;
+    memset(f->left, 0, (size_t)f->n * sizeof(Real));
+    for (Int e = 0; e < f->n_entries; e++)
+        f->left[f->row[e]] += f->value[e] * f->value[e];
+    for (Int i = 0; i < f->n; i++)
+        f->left[i] = sqrt(f->left[i]);
+    return lu_even_ratio(f->lu, f->left);
+}
+
+Real factors_inverse_norm(const Factors *f)
+{
+    if (!is_full(f) || !f->n || !(f->pivot > 0.0))
+        return 0.0;
+    return dense_inverse_norm(f->n, f->matrix, f->order, f->scratch);
+}
