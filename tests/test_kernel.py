@@ -307,14 +307,25 @@ def use_rates(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[i
         return {end}
     moving = int(rng.integers(-1, count + 2))
     speed = np.ones((2, count))
-    columns, v, facts = np.empty((count, nv)), np.empty((2, nv)), np.empty(2)
+    columns, v, facts = np.empty((count, nv)), np.empty((2, nv)), np.empty(3)
     jacobian, local = np.empty((6, count)), rng.normal(size=3)
     joint = int(wild_places(n, rng, 1)[0])
-    return {c.rates_solve(rates, address(q), address(turns), moving, address(speed[0]),
+    closed, idle = int(ints[5]), int(ints[6])
+    chosen = wild_places(closed, rng, int(rng.integers(0, max(closed, 0) + 1)))
+    fill = rng.normal(size=(max(nv - idle - count - len(chosen), 0), nv))
+    given = ((None, 0, None, 0) if rng.random() < 0.5 else
+             (address(chosen), len(chosen), address(fill), len(fill)))
+    bias = np.ones(max(closed + idle, 0))
+    return {c.rates_columns(rates, moving, address(columns)),
+            c.rates_solve(rates, address(q), address(turns), *given, moving, address(speed[0]),
                           address(speed[1]), address(columns), address(v[0]), address(v[1]),
                           address(facts)),
-            c.rates_jacobian(rates, address(q), address(turns), moving, joint, address(local),
-                             address(columns), address(jacobian))}
+            c.rates_place(rates, address(q), address(turns), *given, address(facts)),
+            c.rates_columns(rates, moving, address(columns)),
+            c.rates_acceleration(rates, address(v[0]), address(speed[0]), address(v[1])),
+            c.rates_answer(rates, address(bias), address(speed[0]), address(v[1])),
+            c.rates_jacobian(rates, moving, joint, address(local), address(columns),
+                             address(jacobian))}
 
 
 def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:

@@ -297,7 +297,9 @@ static int place(Rates *r, const Real *q, const Real *turns, const Given *given)
     Kernel *k = r->k;
     memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
     evaluate(k, q);
-    return given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
+    const int code = given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
+    r->is_placed = code == DONE;
+    return code;
 }
 
 static int are_finite(const Real *x, Int n)
@@ -323,7 +325,7 @@ EXPORT int rates_place(Rates *r, const Real *q, const Real *turns, const Int *eq
 /* Joint velocities (n, nv) at that place for a unit speed of each of the first n driven freedoms. */
 EXPORT int rates_columns(Rates *r, Int n, Real *columns)
 {
-    if (n < 0 || n > r->n_driven)
+    if (!r->is_placed || n < 0 || n > r->n_driven)
         return BAD_ARRAYS;
     solve_columns(r, n, columns);
     return DONE;
@@ -332,6 +334,8 @@ EXPORT int rates_columns(Rates *r, Int n, Real *columns)
 /* Accelerations (nv) there at joint velocities (nv), for those (n_driven) of what is driven. */
 EXPORT int rates_acceleration(Rates *r, const Real *v, const Real *drive, Real *a)
 {
+    if (!r->is_placed)
+        return BAD_ARRAYS;
     solve_acceleration(r, v, drive, a);
     return are_finite(a, r->k->nv) ? DONE : NOT_FINITE;
 }
@@ -340,6 +344,8 @@ EXPORT int rates_acceleration(Rates *r, const Real *v, const Real *drive, Real *
    where joints have none, and what is driven has rates (n_driven): no component. */
 EXPORT int rates_answer(Rates *r, const Real *derivative, const Real *drive, Real *out)
 {
+    if (!r->is_placed)
+        return BAD_ARRAYS;
     memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
     add_equations(r, derivative, -1.0, r->x);
     answer(r, drive, out);
@@ -397,7 +403,7 @@ EXPORT int rates_jacobian(Rates *r, Int n, Int joint, const Real *local, Real *c
                           Real *jacobian)
 {
     const Kernel *k = r->k;
-    if (n < 0 || n > r->n_driven || joint < 0 || joint >= k->n_joints)
+    if (!r->is_placed || n < 0 || n > r->n_driven || joint < 0 || joint >= k->n_joints)
         return BAD_ARRAYS;
     solve_columns(r, n, columns);
     Real point[3];

@@ -17,6 +17,7 @@ typedef struct Rates {
     Real *x;          /* (nv) */
     Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */
     Real *q;          /* (nq) */
+    int is_placed;    /* whether K is that of a configuration */
 } Rates;
 
 /* x += factor times the second derivatives of the equations, and of driven components, at joint
