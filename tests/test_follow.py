@@ -35,6 +35,15 @@ def test_every_sample_is_what_its_drivers_assemble_to(name):
         assert turned.max() < 1e-12
 
 
+def test_what_is_held_by_name_stands_where_it_stood():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    values = dict(list(legs(mechanism, state).items())[:2])
+    free = sp.follow(mechanism, values, TIMES, guess=state)
+    held = sp.follow(mechanism, values, TIMES, guess=state, hold=["base", "slide_4", "leg_5"])
+    np.testing.assert_allclose(held.q, free.q, atol=1e-13)
+
+
 def test_rates_are_those_of_the_spline_through_the_values():
     mechanism = sp.load("stewart")
     state = sp.assemble(mechanism)
