@@ -73,7 +73,8 @@ if TYPE_CHECKING:
     from spatial_pin.reduction.differences import Verification
     from spatial_pin.reduction.reduce import Reduced, reduce
     from spatial_pin.reduction.report import Omission
-    from spatial_pin.workspace_map.workspace import Borders, Workspace, workspace
+    from spatial_pin.workspace_map.result import Borders, Workspace
+    from spatial_pin.workspace_map.workspace import workspace
 
 __version__ = "0.1.0"
 
@@ -89,6 +90,7 @@ _offer({  # imported when they are first asked for
     "Reduced.verify": "reduction.verification:verification",
     "Tradeoff.plot": "accuracy.tradeoff_view:plot",
     "Tradeoff.table": "accuracy.tradeoff_view:table",
+    "Workspace.curves": "workspace_map.curves:curves",
     "Workspace.plot": "workspace_map.picture:plot",
 })
 
@@ -136,7 +138,8 @@ _ON_USE = {
     "reduction.report": "Omission",
     "view": "Look Viewer export_html live movie plot report screenshot show",
     "view.scene.layers.arrows": "Vectors",
-    "workspace_map.workspace": "Borders Workspace workspace",
+    "workspace_map.result": "Borders Workspace",
+    "workspace_map.workspace": "workspace",
 }
 _MODULES = {name: module for module, names in _ON_USE.items() for name in names.split()}
 

@@ -23,7 +23,7 @@ LAYERS = {
     "": ["errors", "lazy", "methods", "outputs", "progress", "checks", "settings", "units",
          "kernel.sources", "kernel.library", "numerics", "operators", "mechanism", "formats",
          "constraints", "kernel", "assembly", "rates", "mobility", "continuation", "motion",
-         "proximity", "workspace_map", "inverse_kinematics", "dimensions", "dynamics",
+         "proximity", "inverse_kinematics", "workspace_map", "dimensions", "dynamics",
          "reduction", "accuracy", "synthesis", "view", "cli", "__main__"],
     "formats": ["xacro", "meshes", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],

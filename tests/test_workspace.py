@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import itertools
+import json
 from concurrent.futures import ProcessPoolExecutor
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pinocchio as pin
 import pytest
 from mechanisms import closure, driver, guess, load, point, turning
 
 import spatial_pin as sp
+from spatial_pin.cli.running import main
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.meshcat_commands import scene
 from spatial_pin.workspace_map import workspace as module
@@ -164,16 +167,21 @@ def test_a_delta_gets_where_three_spheres_meet():
     np.testing.assert_allclose(part.points[part.reached], where[part.reached], atol=1e-10)
 
 
+def stewart_feet_and_tops():
+    """Return the balls (6, 3) on the ground and on the platform of the library's Gough platform."""
+    ways = np.repeat(np.deg2rad([0.0, 120.0, 240.0]), 2)
+    side = np.tile([-1.0, 1.0], 3)
+    feet, tops = ways + side * np.deg2rad(20), ways + side * np.deg2rad(45)
+    return tuple(r * np.column_stack([np.cos(x), np.sin(x), 0 * x])
+                 for r, x in ((0.30, feet), (0.18, tops)))
+
+
 def test_legs_of_a_gough_platform_are_as_long_as_its_poses_say():
     mechanism = sp.load("stewart")
     ranges = {f"leg_{k}": (0.36, 0.42) for k in (1, 3, 6)}
     found = sp.workspace(mechanism, "platform", ranges, points=5)
     assert found.reached.all()
-    ways = np.repeat(np.deg2rad([0.0, 120.0, 240.0]), 2)
-    side = np.tile([-1.0, 1.0], 3)
-    feet, tops = ways + side * np.deg2rad(20), ways + side * np.deg2rad(45)
-    feet, tops = (r * np.column_stack([np.cos(x), np.sin(x), 0 * x])
-                  for r, x in ((0.30, feet), (0.18, tops)))
+    feet, tops = stewart_feet_and_tops()
     balls = found.points[:, None] + np.einsum("nij,kj->nki", found.rotations, tops)
     lengths = np.linalg.norm(balls - feet, axis=2)
     home = sp.assemble(mechanism, {}).coordinate("slide_2").value
@@ -181,6 +189,187 @@ def test_legs_of_a_gough_platform_are_as_long_as_its_poses_say():
     wanted[:, [0, 2, 5]] = found.drivers
     np.testing.assert_allclose(lengths, wanted, atol=1e-12)
     assert (found.task, found.directions, found.n_drivers) == ("pose", 6, 6)
+
+
+def shell_radii(mechanism, height):
+    """Return the circles (6, 2) centres, inner and outer radii (6,), of a level platform."""
+    feet, tops = stewart_feet_and_tops()
+    limits = [mechanism.coordinate(f"slide_{k}").q for k in range(1, 7)]
+    low, high = (x[limits] for x in (mechanism.model.lowerPositionLimit,
+                                     mechanism.model.upperPositionLimit))
+    return ((feet - tops)[:, :2], np.sqrt(np.maximum(low**2 - height**2, 0.0)),
+            np.sqrt(high**2 - height**2))
+
+
+def area_between(centres, inner, outer):
+    """Return the area inside of all outer circles and outside of all inner ones: by its arcs."""
+    total = 0.0
+    circles = [*zip(centres, outer, [1] * 6, strict=True),
+               *((c, r, -1) for c, r in zip(centres, inner, strict=True) if r > 0.0)]
+    for k, (c, r, side) in enumerate(circles):
+        cuts = [0.0, 2 * np.pi]
+        for j, (other, radius, _) in enumerate(circles):
+            way = other - c
+            d = np.linalg.norm(way)
+            if j != k and abs(r - radius) < d < r + radius:
+                half = np.arccos((r**2 + d**2 - radius**2) / (2 * r * d))
+                mean = np.arctan2(way[1], way[0])
+                cuts += [(mean - half) % (2 * np.pi), (mean + half) % (2 * np.pi)]
+        for a, b in itertools.pairwise(sorted(cuts)):
+            middle = c + r * np.array([np.cos((a + b) / 2), np.sin((a + b) / 2)])
+            if all(s * np.linalg.norm(middle - o) <= s * x + 1e-12
+                   for j, (o, x, s) in enumerate(circles) if j != k):
+                total += side * 0.5 * (r * r * (b - a) + r * c[0] * (np.sin(b) - np.sin(a))
+                                       - r * c[1] * (np.cos(b) - np.cos(a)))
+    return total
+
+
+def area_of(polygon):
+    """Return the area of a polygon (m, 2)."""
+    x, y = polygon.T
+    return 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
+def test_a_gough_platform_that_keeps_its_orientation_stays_between_spherical_shells():
+    mechanism = sp.load("stewart")
+    found = sp.workspace(mechanism, "platform", {"x": (-0.25, 0.25), "y": (-0.25, 0.25)},
+                         points=17)
+    centres, inner, outer = shell_radii(mechanism, sp.assemble(mechanism).placement(
+        "platform").translation[2])
+    far = np.linalg.norm(found.drivers[:, None] - centres, axis=2)
+    inside = ((far >= inner) & (far <= outer)).all(axis=1)
+    np.testing.assert_array_equal(found.reached, inside)
+    np.testing.assert_allclose(found.points[inside, :2], found.drivers[inside], atol=1e-12)
+    np.testing.assert_allclose(found.rotations[inside], np.broadcast_to(
+        np.eye(3), (np.count_nonzero(inside), 3, 3)), atol=1e-12)
+    assert (found.task, found.n_drivers, found.names) == ("pose", 6, ("x", "y"))
+    curves = found.curves(tolerance=1e-5)
+    (edge,) = curves
+    assert edge.is_closed and edge.is_boundary and len(set(edge.why)) == 6
+    far = np.linalg.norm(edge.drivers[:, None] - centres, axis=2)
+    np.testing.assert_allclose(np.minimum(np.abs(far - outer), np.abs(far - inner)).min(axis=1),
+                               0.0, atol=1e-10)
+    changes = [k for k in range(1, len(edge.why)) if edge.why[k] != edge.why[k - 1]]
+    both = np.sort(np.abs(far - outer)[changes], axis=1)[:, 1]  # corners are on two circles
+    np.testing.assert_allclose(both, 0.0, atol=1e-9)
+    exact = area_between(centres, inner, outer)
+    size = mechanism.characteristic_length
+    length = np.linalg.norm(np.diff(edge.drivers, axis=0), axis=1).sum()
+    assert abs(area_of(edge.drivers) - exact) < 1e-5 * size * length
+    state = found.state(int(np.flatnonzero(inside)[0]))
+    assert state.mechanism is mechanism and state.closure_error < 1e-12
+    assert "joint limit: upper limit" in str(found)
+
+
+def test_poses_turn_by_cardan_angles():
+    mechanism = sp.load("stewart")
+    found = sp.workspace(mechanism, "platform", {"z": (0.34, 0.38), "turn_z": (-0.3, 0.3)},
+                         points=3)
+    assert found.reached.all()
+    for row in range(9):
+        z, angle = found.drivers[row]
+        np.testing.assert_allclose(found.points[row], [0.0, 0.0, z], atol=1e-12)
+        turn = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        np.testing.assert_allclose(found.rotations[row, :2, :2], turn, atol=1e-12)
+    reached = sp.reach(mechanism, {"platform": pin.SE3(found.rotations[2], found.points[2])})
+    np.testing.assert_allclose(found.columns()["leg_4 [m]"][2],
+                               reached.coordinate("slide_4").value, atol=1e-12)
+
+
+def test_a_five_bar_gets_to_points_between_two_circles_of_each_arm(bars):
+    found = sp.workspace(bars, "tip", {"x": (-0.1, 0.3), "y": (0.05, 0.3)}, points=21, sheets=True)
+    far = np.stack([np.linalg.norm(found.drivers - base, axis=1)
+                    for base in ((0.0, 0.0), (GROUND, 0.0))])
+    inside = ((far > ROD - ARM) & (far < ROD + ARM)).all(axis=0)
+    np.testing.assert_array_equal(found.reached, inside)
+    np.testing.assert_allclose(found.points[inside, :2], found.drivers[inside], atol=1e-12)
+    # the other working modes: each elbow has two places
+    assert len(found.sheets) == 3
+    signs = set()
+    for sheet in (found, *found.sheets):
+        np.testing.assert_array_equal(sheet.reached, inside)
+        row = int(np.flatnonzero(inside)[7])
+        signs.add(tuple(np.sign(np.sin([sheet.state(row).coordinate(f"elbow{k}").value
+                                        for k in (1, 2)]))))
+    assert len(signs) == 4
+    for curve in found.curves():
+        far = np.stack([np.linalg.norm(curve.drivers - base, axis=1)
+                        for base in ((0.0, 0.0), (GROUND, 0.0))])
+        if curve.is_boundary:  # circles
+            off = np.minimum(np.abs(far - ROD - ARM), np.abs(far - ROD + ARM)).min(axis=0)
+            np.testing.assert_allclose(off, 0.0, atol=1e-10)
+    assert sum(curve.is_boundary for curve in found.curves()) >= 1
+
+
+def test_where_the_motors_of_a_five_bar_lose_the_tip_is_a_coupler_curve(bars):
+    """There both rods are in line: each elbow on its circle, the tip in the middle or beyond."""
+    grid = {"x": (-0.1, 0.3), "y": (-0.1, 0.3)}
+    found = sp.workspace(bars, "tip", grid, points=25)
+    inner = [c for c in found.curves() if not c.is_boundary]
+    assert inner
+    for curve in inner:
+        for place in curve.points[:: len(curve) // 5 + 1]:
+            near = found.state(int(np.nanargmin(np.linalg.norm(found.points - place, axis=1))))
+            ways = []
+            for k, base in ((1, (0.0, 0.0)), (2, (GROUND, 0.0))):
+                way = place[:2] - base
+                d = np.linalg.norm(way)
+                half = np.arccos(np.clip((ARM**2 + d**2 - ROD**2) / (2 * ARM * d), -1.0, 1.0))
+                side = -np.sign(np.sin(near.coordinate(f"elbow{k}").value))
+                angle = np.arctan2(way[1], way[0]) + side * half
+                ways.append(way - ARM * np.array([np.cos(angle), np.sin(angle)]))
+            sine = (ways[0][0] * ways[1][1] - ways[0][1] * ways[1][0]) / ROD**2
+            assert abs(sine) < 1e-9
+
+
+def test_curves_of_a_five_bar_are_those_of_its_closed_form(found):
+    curves = found.curves(tolerance=1e-4)
+    inner = np.concatenate([c.drivers for c in curves if not c.is_boundary])
+    apart = np.linalg.norm(np.subtract(*elbows(inner)), axis=1)
+    inner = inner[apart > 1e-3]  # where both elbows meet the closed form has no tip
+    np.testing.assert_allclose(np.abs(sines(inner)).min(axis=1), 0.0, atol=1e-9)
+    edges = np.concatenate([c.drivers for c in curves if c.is_boundary])
+    apart = np.linalg.norm(np.subtract(*elbows(edges)), axis=1)
+    np.testing.assert_allclose(np.minimum(apart, np.abs(apart - 2 * ROD)), 0.0, atol=1e-10)
+    # as far as every place on lines of the grid is on a curve, and as near as is said
+    places = np.concatenate([found.boundary.drivers, found.singular.drivers])
+    pieces = [np.stack([c.drivers[:-1], c.drivers[1:]], axis=1) for c in curves]
+    first, last = np.concatenate(pieces).swapaxes(0, 1)
+    for place in places:
+        way = last - first
+        part = np.clip(np.einsum("ij,ij->i", place - first, way)
+                       / np.maximum(np.einsum("ij,ij->i", way, way), 1e-30), 0.0, 1.0)
+        assert np.linalg.norm(first + part[:, None] * way - place, axis=1).min() < 1e-4
+    assert found.aspects.max() >= 1
+
+
+def test_a_section_of_a_delta_ends_where_its_arms_and_rods_are_in_line():
+    mechanism = sp.load("delta")
+    found = sp.workspace(mechanism, "platform", {"x": (-1.5, 1.5), "y": (-1.5, 1.5)}, points=15,
+                         limits=False, on_crossing="straight")
+    side, top, arm, rod = 0.567, 0.076, 0.524, mechanism.dimensions["ll"]
+    yaw = np.deg2rad([-90.0, 30.0, 150.0])
+    out = side * np.sqrt(3) / 6 - top * np.sqrt(3) / 3
+    height = found.points[found.reached][0, 2]
+
+    def rooms(points):
+        """How far each arm is from reaching (3, N): distance in its plane to the rod's end."""
+        rows = []
+        for a in yaw:
+            along = points @ [np.cos(a), np.sin(a)] - out
+            across = points @ [-np.sin(a), np.cos(a)]
+            within = np.sqrt(np.maximum(rod**2 - across**2, 0.0))
+            far = np.hypot(along, height)
+            rows.append(np.minimum(arm + within - far, far - np.abs(arm - within)))
+        return np.array(rows)
+
+    inside = (rooms(found.drivers) > 0.0).all(axis=0)
+    assert np.count_nonzero(found.reached & ~inside) == 0
+    assert np.count_nonzero(found.reached) > 0.5 * np.count_nonzero(inside)
+    edges = [c for c in found.curves() if c.is_boundary and "limit" in c.why]
+    assert edges
+    for curve in edges:
+        np.testing.assert_allclose(np.abs(rooms(curve.drivers)).min(axis=0), 0.0, atol=1e-8)
 
 
 def test_joint_limits_are_kept_and_named():
@@ -198,12 +387,72 @@ def test_joint_limits_are_kept_and_named():
     assert np.count_nonzero(free.reached) > np.count_nonzero(found.reached)
 
 
+BALLS = """<robot name="balls">
+<link name="post"><visual><origin xyz="1 0.5 0"/><geometry><sphere radius="0.1"/></geometry>
+</visual></link><link name="first"><visual><origin xyz="0 0 9"/><geometry><sphere radius="0.1"/>
+</geometry></visual></link><link name="second"><visual><origin xyz="1 0 0"/><geometry>
+<sphere radius="0.05"/></geometry></visual></link>
+<joint name="turn" type="continuous"><parent link="post"/><child link="first"/><axis xyz="0 0 1"/>
+</joint><joint name="lift" type="prismatic"><parent link="first"/><child link="second"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.05])
+def test_links_keep_apart_and_are_named(tmp_path, apart):
+    (tmp_path / "balls.urdf").write_text(BALLS)
+    mechanism = sp.load(tmp_path / "balls.urdf")
+    found = sp.workspace(mechanism, "second", {"turn": (-1.0, 2.0)}, points=31, clearance=apart)
+    far = np.hypot(1.0, 0.5)
+    half = np.arccos((1.0 + far**2 - (0.15 + apart) ** 2) / (2.0 * far))
+    first = np.arctan2(0.5, 1.0) - half
+    np.testing.assert_array_equal(found.reached, found.drivers[:, 0] < first)
+    assert found.boundary.drivers[:, 0] == pytest.approx([first], abs=2e-7)
+    words = "links touch" if not apart else "nearer than 0.05 m"
+    assert found.boundary.why == (f"{words}: post and second",)
+    with pytest.raises(sp.SpatialPinError, match=words):
+        sp.workspace(mechanism, "second", {"turn": (0.42, 0.5)}, points=2, clearance=apart,
+                     guess={"turn": 0.46})
+
+
+def test_the_command_line_says_and_writes_it(tmp_path, capfd):
+    names = {name: str(tmp_path / name) for name in ("t.csv", "c.csv", "p.png", "p.html", "t.json")}
+    assert main(["workspace", "stewart", "platform", "x=-0.25..0.25", "y=-250mm..250mm",
+                 "--points", "7", "--csv", names["t.csv"], "--curves", names["c.csv"], "--picture",
+                 names["p.png"], "--html", names["p.html"], "--json", names["t.json"]]) == 0
+    out = capfd.readouterr().out
+    assert "7 x 7 values of x, y" in out and out.count("wrote") == 5
+    with open(names["t.csv"], encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 49 and {"x [m]", "leg_1 [m]", "aspect", "why"} <= set(rows[0])
+    with open(names["c.csv"], encoding="utf-8") as file:
+        assert len(list(csv.DictReader(file))) > 50
+    assert main(["workspace", "rssr", "coupler", "crank=0..90deg", "--points", "5", "--json",
+                 "-"]) == 0
+    columns = json.loads(capfd.readouterr().out)["columns"]
+    assert columns["crank [rad]"] == pytest.approx(np.linspace(0.0, np.pi / 2, 5))
+
+
+@pytest.mark.parametrize(("words", "code", "told"), [
+    (["crank=0"], 2, "NAME=LO..HI"), (["crank=0..1", "crank=0..2"], 2, "two ranges"),
+    (["crank=0..1m"], 1, "crank is in rad"), (["x=0deg..1"], 1, "x is in m"),
+    (["crunk=0..1"], 1, "crunk"), (["crank=0..1", "--picture", "p.doc"], 1, "--picture"),
+])
+def test_the_command_line_refuses_in_words(capfd, words, code, told):
+    try:
+        found = main(["workspace", "rssr", "coupler", *words])
+    except SystemExit as error:
+        found = error.code
+    err = capfd.readouterr().err
+    assert found == code and told in err and "Traceback" not in err
+
+
 def test_workers_change_nothing(bars, found):
     with ProcessPoolExecutor(2) as pool:
         other = sp.workspace(bars, "tip", BARS, points=25, executor=pool)
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(other, name), getattr(found, name))
     assert other.why == found.why
+    np.testing.assert_array_equal(other.aspects, found.aspects)
     for name, side in itertools.product(("drivers", "points"), ("boundary", "singular")):
         np.testing.assert_array_equal(getattr(getattr(other, side), name),
                                       getattr(getattr(found, side), name))
@@ -277,6 +526,15 @@ def test_a_report_a_table_and_pictures_are_made_of_it(bars, found, tmp_path):
         scene(film(sp.assemble(sp.load("four_bar"))), sp.Look(workspace=found))
 
 
+@pytest.mark.parametrize(("given", "words"), [
+    ({"at": {"left": 1.0}}, "leaves 1 coordinates"), ({"at": {"lift": 1.0}}, "no coordinate of"),
+    ({"tolerance": 0.0}, "tolerance"),
+])
+def test_a_section_that_there_is_not_is_refused(found, given, words):
+    with pytest.raises(ValueError, match=words):
+        found.curves(**given)
+
+
 @pytest.mark.parametrize(("change", "error", "words"), [
     ({"frame": "tap"}, LookupError, "did you mean 'tip'"),
     ({"ranges": {"lift": (0, 1)}}, LookupError, "lift"),
@@ -288,6 +546,11 @@ def test_a_report_a_table_and_pictures_are_made_of_it(bars, found, tmp_path):
     ({"points": 500}, ValueError, "200000 at most"),
     ({"points": {"left": 5}}, ValueError, "they are wanted of"),
     ({"task": "place"}, ValueError, "task"),
+    ({"ranges": {"x": (0.0, 0.1), "left": (0.5, 1.0)}}, ValueError, "not of both"),
+    ({"ranges": {"x": (0.0, 0.1), "tip.x": (0.5, 1.0)}}, ValueError, "twice"),
+    ({"ranges": {"x": (0.0, 0.1), "z": (0.0, 1.0)}}, ValueError, "z of 'tip' cannot change"),
+    ({"ranges": {"turn_z": (0.0, 0.1)}, "task": "position"}, ValueError, "orientation is free"),
+    ({"clearance": -1.0}, ValueError, "clearance"),
 ])
 def test_bad_input_is_refused_in_words(bars, change, error, words):
     given = {"frame": "tip", "ranges": BARS, "points": 5} | change

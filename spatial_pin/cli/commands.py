@@ -18,10 +18,13 @@ from spatial_pin.formats.files import library_titles
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.report import assembly_summary, info, motion_summary
 from spatial_pin.operators import OPERATORS
-from spatial_pin.outputs import write_text
+from spatial_pin.outputs import write_columns, write_text
 from spatial_pin.units import Quantity
 from spatial_pin.view import Viewer
 from spatial_pin.view.page.plots import default_outputs
+from spatial_pin.workspace_map.curves import curve_columns
+from spatial_pin.workspace_map.poses import PARTS
+from spatial_pin.workspace_map.result import unit_of
 
 
 def _fitting(mechanism: sp.Mechanism, values: Mapping[str, float]) -> dict[str, float]:
@@ -222,6 +225,49 @@ def _reach_path(
     _write(options, sp.reach_path(
         mechanism, {**targets, **_fitting(mechanism, standing)}, times, state,
         hold=["base", *options.hold], progress=True))
+
+
+def _workspace(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    ranges = dict(options.ranges)
+    if len(ranges) < len(options.ranges):
+        options.usage_error("a name is given two ranges")
+    for k in (0, 1):
+        _fitting(mechanism, {name: span[k] for name, span in ranges.items()})
+        for name, span in ranges.items():
+            unit = unit_of(mechanism, name) if name in PARTS else ""
+            if unit and not span[k].is_for(unit):
+                raise ValueError(f"{name} is in {unit}, not in {span[k].unit}")
+    found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
+                         guess=_guess(options), task=options.task, limits=options.limits,
+                         on_crossing=options.on_crossing, clearance=options.clearance,
+                         sheets=options.sheets, progress=True)
+    if options.json != "-":
+        print(found)
+    for path in _mapped(options, found):
+        if options.json != "-":
+            print(f"wrote {path}")
+
+
+def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:
+    """Write what was asked for of a workspace, and yield the files."""
+    if options.csv:
+        yield found.to_csv(options.csv)
+    if options.curves:
+        yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
+    if options.picture:
+        found.plot(options.picture, plane=options.plane, at=options.at)
+        yield options.picture
+    if options.html:
+        yield sp.export_html(sp.assemble(found.mechanism, {}, _guess(options)), options.html,
+                             look=sp.Look(workspace=found))
+    if options.json:
+        columns = {name: [None if x != x else x for x in np.asarray(column).tolist()]
+                   for name, column in found.columns().items()}
+        _write_json({"mechanism": found.mechanism.name, "frame": found.frame,
+                     "columns": columns}, options.json)
+        if options.json != "-":
+            yield options.json
 
 
 def _beginning(
@@ -426,6 +472,7 @@ RUNS = {
     "sweep": _sweep,
     "follow": _follow,
     "reach": _reach,
+    "workspace": _workspace,
     "simulate": _simulate,
     "tradeoff": _tradeoff,
     "limits": _limits,

@@ -133,6 +133,35 @@ def _reach_options(sub: argparse.ArgumentParser) -> None:
     _result_options(sub)
 
 
+def _workspace_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("frame", metavar="FRAME", help="link, frame or joint whose points are wanted")
+    sub.add_argument("ranges", nargs="+", type=_range, metavar="NAME=LO..HI",
+                     help="drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, "
+                          "turn_x, turn_y, turn_z, as x=-0.2..0.2")
+    sub.add_argument("--points", type=_count, help="how many values each of them has")
+    sub.add_argument("--task", choices=("position", "pose"),
+                     help="what dexterity is of; of a grid of poses, whether the orientation is "
+                          "kept")
+    sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
+                     help="keep the joint limits")
+    sub.add_argument("--on-crossing", choices=("stop", "straight"), default="stop",
+                     help="what to do where branches cross (stop)")
+    sub.add_argument("--clearance", type=_quantity, metavar="DISTANCE",
+                     help="links that are not joined keep this distance; 0: they do not touch")
+    sub.add_argument("--sheets", action="store_true",
+                     help="look for other branches over the same grid")
+    _guess_option(sub)
+    sub.add_argument("--csv", metavar="F", help="write a row for every point of the grid")
+    sub.add_argument("--curves", metavar="F",
+                     help="write boundary and singular curves of a grid of two (.csv)")
+    sub.add_argument("--picture", metavar="F", help="write a figure (.png, .svg, .pdf)")
+    sub.add_argument("--plane", choices=("xy", "xz", "yz"), help="that the figure shows")
+    sub.add_argument("--at", type=_quantity, metavar="VALUE",
+                     help="where the plane of a cross-section is")
+    sub.add_argument("--html", metavar="F", help="write a page with the mechanism and its points")
+    sub.add_argument("--json", metavar="F", help="write the table as JSON (- for the screen)")
+
+
 def _simulate_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--duration", type=_quantity, required=True, help="how long, as 10 or 500ms")
     sub.add_argument("--rows", type=_count, default=1001, help="number of rows (1001)")
@@ -289,6 +318,14 @@ def _setting(text: str) -> tuple[str, float]:
     return name, _quantity(value)
 
 
+def _range(text: str) -> tuple[str, tuple[float, float]]:
+    name, equals, value = text.partition("=")
+    low, dots, high = value.partition("..")
+    if not (name and equals and dots):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LO..HI")
+    return name, (_quantity(low), _quantity(high))
+
+
 def _target(text: str) -> tuple[str, Any]:
     try:
         return read_target(text)
@@ -311,6 +348,7 @@ COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {  
     "follow": ("follow one branch as several drivers go along a table", _follow_options),
     "reach": ("find the configuration, or the motion, in which frames are where they should be",
               _reach_options),
+    "workspace": ("where a frame gets to over ranges of drivers or poses", _workspace_options),
     "simulate": ("let it move under gravity, springs and efforts", _simulate_options),
     "tradeoff": ("measure what accuracy settings cost and lose on a motion of it",
                  _tradeoff_options),

@@ -15,7 +15,8 @@ from spatial_pin.cli.commands import RUNS
 from spatial_pin.cli.parser import options_of
 from spatial_pin.outputs import figure_suffix
 
-FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf")  # options that name a file to write
+FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
+         "picture", "curves")  # options that name a file to write
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,8 +54,8 @@ def _check_files(options: argparse.Namespace) -> None:
         path = getattr(options, name, None)
         if not path or (name == "json" and path == "-"):
             continue
-        if name == "plot":
-            figure_suffix(Path(path), "--plot")
+        if name in ("plot", "picture"):
+            figure_suffix(Path(path), f"--{name}")
         folder = Path(path).parent
         if Path(path).is_dir():
             raise ValueError(f"--{name} {path}: this is a folder; give the name of a file")

@@ -161,6 +161,15 @@ class Distances:
                 best = found
         return best
 
+    def touching(self, tolerance: float) -> tuple[str, str] | None:
+        """Return the first pair of links no farther apart than that, at the last `place`."""
+        for pair, (first, second) in enumerate(self._parts):
+            apart = np.linalg.norm(self._middles[first] - self._middles[second], axis=1)
+            if ((apart - self._radii[first] - self._radii[second]).min() <= tolerance
+                    and self.least(pair).distance <= tolerance):
+                return self.pairs[pair]
+        return None
+
     def _frame(self, k: int) -> coal.Transform3s:
         if k not in self._frames:
             solid, rotation = self.solids[k], self._rotations[k]

@@ -8,6 +8,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array, row_space, singular_values
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -97,16 +98,42 @@ class Cell(NamedTuple):
     sign: int
 
 
-def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
-    """Return the edges of the grid along which the determinant changes its sign."""
+def determinant_signs(filling: Filling, task: Task) -> NDArray[np.int8] | None:
+    """Return the determinant's sign at each point of the grid; None where there is none."""
     if not task.is_square or "jacobians" not in filling.data:
-        return []
+        return None
     jacobians = filling.data["jacobians"]
     determinants = np.full(filling.shape, np.nan)
     known = ~np.isnan(jacobians).any(axis=(-2, -1))
     determinants[known] = np.linalg.det(task.matrices(jacobians[known]))
-    sign = signs(determinants)
-    cells = []
+    return signs(determinants)
+
+
+def aspects_of(filling: Filling, task: Task) -> NDArray[np.intp]:
+    """Return numbers of the parts of the grid that hang together without a change of sign.
+
+    Where there is no determinant they are those of the points that are reached; -1 elsewhere.
+    """
+    from scipy.ndimage import label  # on use: it takes a while to import
+
+    found = np.full(filling.shape, -1)
+    sign = determinant_signs(filling, task)
+    parts = [filling.reached] if sign is None else [
+        filling.reached & (sign == x) for x in (1, -1, 0)]
+    count = 0
+    for part in parts:
+        labels, n = label(part)
+        found[part] = labels[part] - 1 + count
+        count += n
+    return found
+
+
+def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
+    """Return the edges of the grid along which the determinant changes its sign."""
+    sign = determinant_signs(filling, task)
+    cells: list[Cell] = []
+    if sign is None:
+        return cells
     for axis in range(sign.ndim):
         first, last = (np.take(sign, range(k, sign.shape[axis] - 1 + k), axis=axis)
                        for k in (0, 1))
@@ -118,7 +145,12 @@ def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
 
 
 def located(task: Task, asked: Asked, cells: Sequence[Cell]) -> list[Border | None]:
-    """Return where the determinant vanishes along edges; None where the branch ends before."""
+    """Return where the determinant vanishes along edges; None where the branch ends before.
+
+    Of a grid of poses it is the one of the drivers' speeds by the frame's: where it vanishes the
+    drivers do not determine the pose. Beside its zero that of the frame's by the drivers' changes
+    its sign through infinity.
+    """
     return [_vanishing(task, asked._replace(limits=False), cell) for cell in cells]
 
 
@@ -132,8 +164,11 @@ def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
         motion, n, _ = motion_along(asked, run, np.array([value]))
         if motion is None or n < 2:
             return np.nan
-        found = task.matrices(natural_jacobians(asked, [motion.state(1)]))
-        return cell.sign * float(np.linalg.det(found[0]))
+        jacobians = natural_jacobians(asked, [motion.state(1)])
+        if np.isnan(jacobians).any():  # drivers do not determine the pose: there it is infinite
+            return 0.0 if asked.is_posed else np.nan
+        found = float(np.linalg.det(task.matrices(jacobians)[0]))
+        return cell.sign * (1.0 / found if asked.is_posed else found)
 
     ends = np.array([begin + LOCATED * (to - begin), to])
     first, last = map(determinant, ends)
@@ -146,7 +181,8 @@ def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
     if motion is None or n < 2:
         return None
     place = begun(run, float(value), motion, 1)
-    return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR)
+    return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR, place.q,
+                  place.angles)
 
 
 def work_of(task: Task) -> partial[list[Border | None]]:

@@ -1,4 +1,4 @@
-"""Filling a grid of drivers from one point of it, line by line."""
+"""Filling a grid of drivers or poses from one point of it, line by line."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.lines import Asked, Followed, Run, followed
 
 LINES_TOGETHER = 16  # runs that are sent to a worker at a time: the mechanism goes with them
@@ -25,11 +27,14 @@ class Border(NamedTuple):
         drivers: (k,) values of the grid's coordinates.
         point: (3,) of the frame.
         why: what it is.
+        q, angles: a configuration there, or just before; None where none is known.
     """
 
     drivers: Array
     point: Array
     why: str
+    q: Array | None = None
+    angles: Array | None = None
 
 
 class Filling:
@@ -62,6 +67,15 @@ class Filling:
             self.data[name][index] = values[row]
         self.reached[index] = True
         self.why.pop(index, None)
+
+    def holds(self, index: Index, other: Followed) -> bool:
+        """Whether a configuration is the one at a point of the grid, with all frames there."""
+        if not self.reached[index]:
+            return False
+        mechanism = self.asked.mechanism
+        places = [_places(mechanism.model, q) for q in (self.data["q"][index], other.q[0])]
+        off = np.abs(places[0] - places[1]).max() / mechanism.characteristic_length
+        return bool(off < TOLERANCES.half_precision)
 
     def at(self, index: Index) -> Array:
         """Return the values (k,) of the grid's coordinates at a point."""
@@ -115,14 +129,14 @@ class Filling:
             if not self.reached[index]:  # by the way that comes from the other side
                 self.place(index, found, row)
                 new += 1
-        if found.end is not None:
+        if (end := found.end) is not None:
             self._ended |= {(axis, step, way[0]), (axis, step, way[m])}
             drivers = self.at(way[m])
-            drivers[axis] = found.end.value
-            self.borders.append(Border(drivers, found.end.point, found.end.why))
+            drivers[axis] = end.value
+            self.borders.append(Border(drivers, end.point, end.why, end.q, end.angles))
             for index in way[m + 1 :]:
                 if not self.reached[index]:
-                    self.why.setdefault(index, found.end.why)
+                    self.why.setdefault(index, end.why)
         return new
 
     def words(self, index: Index, is_whole: bool) -> str:
@@ -130,6 +144,13 @@ class Filling:
         if self.reached[index]:
             return ""
         return self.why.get(index, NOT_CONNECTED if is_whole else NOT_LOOKED_AT)
+
+
+def _places(model: pin.Model, q: Array) -> Array:
+    """Return where the origins of all frames are (n, 3): idle rotations do not move them."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    return np.array([at.translation for at in data.oMf])
 
 
 def spread(

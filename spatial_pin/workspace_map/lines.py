@@ -1,4 +1,4 @@
-"""Following one branch along the lines of a grid of drivers: what one worker does."""
+"""Following one branch along the lines of a grid of drivers or poses: what one worker does."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -14,8 +15,11 @@ from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.proximity.distances import Distances
+from spatial_pin.proximity.search import PLACE_ERROR
 from spatial_pin.rates.jacobians import jacobian, moving_coordinates
 
+PLACE_OF_TOUCH = 1e-6  # part of a cell to which a place is known where links come too near
 LOST = "lost"  # why a branch ends where the numbers give out
 NOWHERE = np.full(3, np.nan)  # a point that is not known
 NEAR_END = 1e-6  # of the last step: an end is looked at from there, where rates are finite
@@ -27,12 +31,15 @@ class Asked(NamedTuple):
     """What is asked for, the same for all lines.
 
     Attributes:
-        mechanism: the mechanism.
+        mechanism: what is followed: the mechanism, or its copy whose coordinates are poses.
         names: coordinates that span the grid.
         frame: whose points are wanted.
         columns: coordinates that Jacobians are taken with respect to; None: all drivers.
         limits: whether joint limits are kept.
         on_crossing: what to do at branch points, as `sweep` has it.
+        standing: coordinates that stand still besides.
+        body: the mechanism itself.
+        apart: least distance of links that are not joined that is kept [m]; None: none is.
     """
 
     mechanism: Mechanism
@@ -41,6 +48,21 @@ class Asked(NamedTuple):
     columns: tuple[str, ...] | None
     limits: bool
     on_crossing: str
+    standing: tuple[str, ...]
+    body: Mechanism
+    apart: float | None = None
+
+    @property
+    def is_posed(self) -> bool:
+        """Whether the grid is one of poses."""
+        return self.body is not self.mechanism
+
+    def own(self, state: State) -> State:
+        """Return a configuration of the mechanism itself."""
+        if not self.is_posed:
+            return state
+        return State(self.body, state.q[: self.body.model.nq], closure_error=state.closure_error,
+                     angles=state.angles)
 
 
 class Run(NamedTuple):
@@ -69,11 +91,14 @@ class End(NamedTuple):
         why: "limit", "branch point", "singular", "lost", or "joint limit: " and which.
         value: of the coordinate that changes.
         point: (3,) of the frame there; NaN where it could not be followed up to there.
+        q, angles: the last configuration before it that is known; None where none is.
     """
 
     why: str
     value: float
     point: Array
+    q: Array | None = None
+    angles: Array | None = None
 
 
 class Followed(NamedTuple):
@@ -98,7 +123,8 @@ class Followed(NamedTuple):
 
 def followed(asked: Asked, runs: Sequence[Run]) -> list[Followed]:
     """Return what is found along some runs."""
-    return [_along(asked, run) for run in runs]
+    distances = None if asked.apart is None else Distances(asked.body)
+    return [_along(asked, run, distances) for run in runs]
 
 
 def motion_along(
@@ -110,12 +136,12 @@ def motion_along(
         The motion, whose first row is the beginning; how many of its rows count; and why there
         are no more of them.
     """
-    others = {name: float(x) for k, (name, x) in enumerate(zip(asked.names, run.at, strict=True))
-              if k != run.axis}
+    others = [name for k, name in enumerate(asked.names) if k != run.axis]
     start = State(asked.mechanism, run.q, closure_error=run.error, angles=run.angles)
     values = np.append(run.at[run.axis], values)
     try:
-        motion = sweep(asked.mechanism, asked.names[run.axis], values, guess=start, hold=others,
+        motion = sweep(asked.mechanism, asked.names[run.axis], values, guess=start,
+                       hold=[BASE, *others, *asked.standing],
                        on_limit="stop", on_crossing=asked.on_crossing)
     except SpatialPinError as error:
         kept: Motion | None = getattr(error, "motion", None)
@@ -132,8 +158,55 @@ def motion_along(
     return motion, n, end
 
 
-def _along(asked: Asked, run: Run) -> Followed:
+def touching(asked: Asked, distances: Distances, q: Array) -> str:
+    """Return which links are nearer to each other than is allowed, in words; empty if none."""
+    assert asked.apart is not None
+    distances.place(q[: asked.body.model.nq])
+    links = distances.touching(asked.apart + PLACE_ERROR * asked.body.characteristic_length)
+    if links is None:
+        return ""
+    return f"{'links touch' if not asked.apart else f'nearer than {asked.apart:.9g} m'}: " + (
+        " and ".join(links))
+
+
+def _apart(
+    asked: Asked, run: Run, distances: Distances, motion: Motion, n: int, end: End | None
+) -> tuple[int, End | None]:
+    """Return how many rows of a motion count, and why no more, where links are to keep apart.
+
+    They are looked at at points of the grid; the place before one at which they come too near is
+    searched by halves.
+    """
+    for row in range(1, n):
+        words = touching(asked, distances, motion.q[row])
+        if not words:
+            continue
+        last = begun(run, float(motion.swept[row - 1]), motion, row - 1)
+        good, bad = float(motion.swept[row - 1]), float(motion.swept[row])
+        cell = abs(bad - good)
+        q, angles, point = last.q, last.angles, NOWHERE
+        while abs(bad - good) > PLACE_OF_TOUCH * cell:
+            middle = 0.5 * (good + bad)
+            there, count, _ = motion_along(asked, last, np.array([middle]))
+            if there is None or count < 2:
+                break
+            found = touching(asked, distances, there.q[1])
+            if found:
+                bad, words = middle, found
+            else:
+                good, q, angles = middle, there.q[1], there.angles[1]
+                point = there.frame(asked.frame).position[1]
+        return row, End(words, good, point, q, angles)
+    return n, end
+
+
+def _along(asked: Asked, run: Run, distances: Distances | None) -> Followed:
     motion, n, end = motion_along(asked, run, run.values)
+    is_near = False
+    if motion is not None and distances is not None:
+        whole = n
+        n, end = _apart(asked, run, distances, motion, n, end)
+        is_near = n < whole
     if motion is None or n < 2:
         n_angles, none = len(run.angles), np.empty((0, 3))
         rows = Followed(np.empty((0, len(run.q))), np.empty((0, n_angles)), np.empty(0), none,
@@ -146,7 +219,9 @@ def _along(asked: Asked, run: Run) -> Followed:
             motion.q, motion.angles, motion.closure_error, frame.position, frame.rotation))
         rows = Followed(q, angles, errors, points, turns, natural_jacobians(asked, states), end)
         last = begun(run, float(motion.swept[n - 1]), motion, n - 1)
-    return rows if end is None else rows._replace(end=_seen(asked, last, end))
+    if end is None or is_near:
+        return rows._replace(end=end)
+    return rows._replace(end=_seen(asked, last, end))
 
 
 def begun(run: Run, value: float, motion: Motion, row: int) -> Run:
@@ -175,18 +250,18 @@ def _seen(asked: Asked, last: Run, end: End) -> End:
     if motion is None or n < 4:
         return end
     places = motion.frame(asked.frame).position
-    return end._replace(point=TO_END @ places[1:4])
+    return end._replace(point=TO_END @ places[1:4], q=motion.q[3], angles=motion.angles[3])
 
 
 def natural_jacobians(asked: Asked, states: Sequence[State]) -> Array:
     """Return (m, 6, c) Jacobians, lengths divided by the characteristic length; NaN if singular."""
-    mechanism = asked.mechanism
+    mechanism = asked.body
     moving = moving_coordinates(mechanism, asked.columns, "base")
     scale = mechanism.velocity_scale[[c.v for c in moving]]
     found = np.full((len(states), 6, len(moving)), np.nan)
     for k, state in enumerate(states):
         try:
-            found[k] = jacobian(mechanism, state, asked.frame, asked.columns) * scale
+            found[k] = jacobian(mechanism, asked.own(state), asked.frame, asked.columns) * scale
         except SpatialPinError:  # drivers do not determine the velocities there
             continue
     found[:, :3] /= mechanism.characteristic_length

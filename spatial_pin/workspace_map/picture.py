@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.checks import finite_number, positive_number
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import literal, save_figure
-from spatial_pin.workspace_map.workspace import Workspace
+from spatial_pin.workspace_map.result import Curve, Workspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,10 +48,14 @@ def plot(
     dots = axes.scatter(points[seen, x], points[seen, y], c=found.dexterity[found.reached][seen],
                         s=float(np.clip(4e4 / max(n, 1), 3.0, 40.0)), linewidths=0, cmap="viridis")
     figure.colorbar(dots, label=f"dexterity ({found.task}) [-]")
+    curves = _curves(found) if at is None else ()
     for borders, colour, label in ((found.boundary, BOUNDARY, "the branch ends"),
                                    (found.singular, SINGULAR, "the determinant vanishes")):
         places = borders.points[sides.holds(borders.points)]
-        if len(places):
+        lines = [c.points for c in curves if c.is_boundary == (borders is found.boundary)]
+        for k, line in enumerate(lines):
+            axes.plot(line[:, x], line[:, y], color=colour, lw=1.6, label="" if k else label)
+        if len(places) and not lines:
             axes.scatter(places[:, x], places[:, y], s=7, color=colour, linewidths=0, label=label)
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]", aspect="equal")
     axes.set_title(literal(f"{found.mechanism.name}: {found.frame}{sides.words}"), color=INK)
@@ -58,6 +64,15 @@ def plot(
     if path is not None:
         save_figure(figure, path)
     return figure
+
+
+def _curves(found: Workspace) -> tuple[Curve, ...]:
+    """Return the curves of a grid of two coordinates, where they can be followed."""
+    if len(found.names) != 2:
+        return ()
+    with contextlib.suppress(SpatialPinError):  # along a component of a ball
+        return found.curves()
+    return ()
 
 
 class _Slab:

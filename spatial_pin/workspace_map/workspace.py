@@ -1,34 +1,31 @@
-"""Where a frame can get to as drivers go over a grid, and how well they move it there."""
+"""Where a frame can get to as drivers, or its own pose, go over a grid, and how well it moves."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, finite_array, mapping, whole_number
+from spatial_pin.checks import checked, positive_number
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.methods import method
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import named_path, write_columns
 from spatial_pin.progress import progress_bar
+from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.workspace_map.dexterity import (
     TASKS,
+    Task,
+    aspects_of,
     crossed_cells,
     grid_of,
     measures,
@@ -36,174 +33,30 @@ from spatial_pin.workspace_map.dexterity import (
     work_of,
 )
 from spatial_pin.workspace_map.filling import Border, Filling, spread
-from spatial_pin.workspace_map.lines import Asked, Followed, natural_jacobians
+from spatial_pin.workspace_map.lines import Asked, touching
+from spatial_pin.workspace_map.poses import posed
+from spatial_pin.workspace_map.ranges import read_ranges
+from spatial_pin.workspace_map.result import Borders, Workspace
+from spatial_pin.workspace_map.sheets import one_of, other_starts
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-# points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
-MOST_POINTS = 200_000
-USUAL, FINEST = 10_000, 41  # points of a grid where none are asked for, and of one coordinate
 # points of the grid that are tried first, the nearest ones to the assembled state
 STARTS_TRIED = 64
 
 
-@dataclass(frozen=True, eq=False)
-class Borders:
-    """Places on the lines of a grid: where the branch ends, or a determinant vanishes.
+class Source(NamedTuple):
+    """What a workspace was made of: from there curves go on.
 
     Attributes:
-        drivers: (m, k) values of the grid's coordinates [rad or m].
-        points: (m, 3) of the frame [m]; NaN where the branch could not be followed up to there.
-        why: what each is, in words.
+        asked: what was asked for.
+        ticks: values by coordinate.
+        borders: where the branch ends, and where a determinant vanishes, on lines of the grid.
+        task: what is asked of the frame.
     """
 
-    drivers: Array
-    points: Array
-    why: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.why)
-
-
-@dataclass(frozen=True, eq=False)
-class Workspace:
-    """Where a frame gets to over a grid of drivers, on one branch.
-
-    The N points of the grid are in rows, the last coordinate fastest.
-
-    Attributes:
-        mechanism: the mechanism.
-        frame: whose points these are.
-        names: the k coordinates that span the grid.
-        shape: how many values each has.
-        drivers: (N, k) their values [rad or m].
-        reached: (N,) whether the branch gets there.
-        points: (N, 3) of the frame in the world [m]; NaN where it is not reached.
-        rotations: (N, 3, 3) of the frame, likewise.
-        dexterity: (N,) least singular value of the closed-loop Jacobian in natural units (radians,
-            characteristic lengths) relative to the largest: 1 all directions alike, 0 singular;
-            NaN where it is not reached.
-        least: (N,) that least singular value [-].
-        why: why a point is not reached: "limit", "branch point", "singular", "lost" (the numbers
-            gave out), "joint limit: " and which, "no way along the grid", "not looked at"; empty
-            where it is.
-        boundary: where the branch ends on lines of the grid.
-        singular: where the determinant of the Jacobian vanishes on lines of the grid.
-        task: "position" or "pose", what the Jacobian is of.
-        directions: in how many directions the frame moves.
-        n_drivers: by how many drivers; a determinant there is only if these are as many.
-        is_whole: whether all was looked at, and nothing cut it short (Ctrl-C).
-    """
-
-    mechanism: Mechanism
-    frame: str
-    names: tuple[str, ...]
-    shape: tuple[int, ...]
-    drivers: Array
-    reached: NDArray[np.bool_]
-    points: Array
-    rotations: Array
-    dexterity: Array
-    least: Array
-    why: tuple[str, ...]
-    boundary: Borders
-    singular: Borders
-    task: str
-    directions: int
-    n_drivers: int
-    is_whole: bool
-    _rows: Mapping[str, Array]
-
-    @property
-    def condition(self) -> Array:
-        """The condition numbers (N,) of the Jacobian: 1/dexterity."""
-        with np.errstate(divide="ignore"):
-            return 1.0 / self.dexterity
-
-    def state(self, row: int) -> State:
-        """Return the configuration at a point of the grid.
-
-        Raises:
-            SpatialPinError: it is not reached, or there is no such point.
-        """
-        if not -len(self.reached) <= row < len(self.reached):
-            raise SpatialPinError(f"there is no point {row}: the grid has {len(self.reached)}")
-        if not self.reached[row]:
-            raise SpatialPinError(f"point {row} of the grid is not reached: {self.why[row]}")
-        return State(self.mechanism, self._rows["q"][row], angles=self._rows["angles"][row],
-                     closure_error=float(self._rows["errors"][row]))
-
-    def columns(self) -> dict[str, Any]:
-        """Return the table that `to_csv` writes: values by heading."""
-        units = [self.mechanism.prescribed_coordinate(name).unit for name in self.names]
-        turns = np.array([pin.log3(r) if known else np.full(3, np.nan)
-                          for r, known in zip(self.rotations, self.reached, strict=True)])
-        table: dict[str, Any] = {f"{name} [{unit}]": x for name, unit, x in zip(
-            self.names, units, self.drivers.T, strict=True)}
-        table |= {f"{self.frame}.{x} [m]": p for x, p in zip("xyz", self.points.T, strict=True)}
-        table |= {f"{self.frame}.r{x} [rad]": r for x, r in zip("xyz", turns.T, strict=True)}
-        return table | {"reached": self.reached.astype(int), "dexterity [-]": self.dexterity,
-                        "least singular value [-]": self.least, "why": np.array(self.why)}
-
-    @checked
-    def to_csv(self, path: str | Path) -> Path:
-        """Write a row for every point of the grid; returns the path.
-
-        Raises:
-            OSError: it cannot be written; what was there before stays.
-        """
-        return write_columns(named_path(path), self.columns())
-
-    @checked
-    def plot(
-        self, path: str | Path | None = None, *, plane: str | None = None,
-        at: float | None = None, thickness: float | None = None,
-    ) -> Figure:
-        """Draw points in a plane, coloured by dexterity, with boundary and singular curves.
-
-        Args:
-            path: where to save it; None: not.
-            plane: "xy", "xz" or "yz" of the world; default the one in which points are spread
-                most.
-            at: draw a cross-section: the third coordinate [m]; None: all points.
-            thickness: of the cross-section [m]; default a twentieth of how far points are spread.
-
-        Returns:
-            A matplotlib figure.
-
-        Raises:
-            ValueError: there is no such plane, or the thickness is not above zero.
-        """
-        figure: Figure = method("Workspace.plot")(self, path, plane, at, thickness)
-        return figure
-
-    def __str__(self) -> str:
-        n, total = int(self.reached.sum()), len(self.reached)
-        lines = [f"{self.mechanism.name}: {self.frame} over {' x '.join(map(str, self.shape))} "
-                 f"values of {', '.join(self.names)}: {n} of {total} points reached"
-                 f"{'' if self.is_whole else ', cut short'}"]
-        for why, count in Counter(filter(None, self.why)).most_common():
-            lines.append(f"  not reached: {count} ({why})")
-        low, high = (f(self.points[self.reached], axis=0) for f in (np.min, np.max))
-        lines += [f"  {x} from {a:.6g} to {b:.6g} m"
-                  for x, a, b in zip("xyz", low, high, strict=True)]
-        if not np.isnan(self.dexterity).all():
-            best, worst = int(np.nanargmax(self.dexterity)), int(np.nanargmin(self.dexterity))
-            lines.append(f"  dexterity ({self.task}, {self.directions} directions by "
-                         f"{self.n_drivers} drivers): {self.dexterity[worst]:.3g} at "
-                         f"{self._named(worst)} to {self.dexterity[best]:.3g} at "
-                         f"{self._named(best)}")
-        ends = ", ".join(f"{count} {why}" for why, count in Counter(self.boundary.why).items())
-        lines.append(f"  boundary on lines of the grid: {ends or 'none'}")
-        lines.append(f"  the determinant vanishes at {len(self.singular)} places on them"
-                     if self.directions == self.n_drivers else "  it has no determinant: "
-                     "singular places between points of the grid are not looked for")
-        return "\n".join(lines)
-
-    def _named(self, row: int) -> str:
-        return ", ".join(f"{name} = {x:.6g}" for name, x in zip(
-            self.names, self.drivers[row].tolist(), strict=True))
+    asked: Asked
+    ticks: list[Array]
+    borders: list[Border]
+    task: Task
 
 
 @checked
@@ -217,10 +70,12 @@ def workspace(
     task: str | None = None,
     limits: bool = True,
     on_crossing: str = "stop",
+    clearance: float | None = None,
+    sheets: bool = False,
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Workspace:
-    """Return where a frame gets to as drivers go over a grid, and how well they move it there.
+    """Return where a frame gets to over a grid of drivers or poses, and how well it is moved.
 
     The mechanism is assembled, follows its branch to the nearest point of the grid, and from
     there the lines of the grid, along all coordinates in turn, until no more is reached. Where the
@@ -228,94 +83,99 @@ def workspace(
     `sweep`; where the determinant of the closed-loop Jacobian changes its sign between two
     points, to 1e-9 of their distance. Ctrl-C ends it with what was found until then.
 
+    Of a grid of poses each point is a place where the frame is to be: the drivers follow, as by
+    `reach_path`. What is not given of its pose stands where the guess has it, as far as it can
+    change for itself: a Gough platform keeps its orientation.
+
     Args:
         mechanism: the mechanism.
         frame: link, frame or joint.
         ranges: (least, largest) by driver, or coordinate of a joint [rad or m]; other drivers stand
-            where the guess has them.
+            where the guess has them. Or of the frame's pose: "x", "y", "z" [m] of its origin in the
+            world, "turn_x", "turn_y", "turn_z" [rad], Cardan angles about its own axes, one after
+            the other, from the orientation that the guess has; below a right angle.
         points: how many values each has, or by name; default some 10 000 in all, and 41 at most.
         guess: where to assemble, as for `assemble`: it decides on the branch.
         task: whether dexterity is of the frame's "position" or its "pose"; default the one which
-            has a direction for each driver, position first.
+            has a direction for each driver, position first. Of a grid of poses, whether its
+            orientation is kept ("pose") or free.
         limits: whether joint limits are kept.
         on_crossing: "stop" where branches cross, beyond which the drivers do not determine where
             the mechanism goes, or "straight" to follow the one that goes straight on.
+        clearance: least distance [m] that links which are not joined keep, as `sp.clearance`
+            measures it; 0: they do not touch. None: nobody looks.
+        sheets: whether other branches are looked for: other assembly modes that lie over the grid,
+            or, where it is one of poses, other ways to reach them. Each is one of `sheets`.
         executor: where lines are followed (any `concurrent.futures` executor, a Dask client's too);
             default in this process. The answer is the same.
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Raises:
         AssemblyError: the guess does not close.
-        SpatialPinError: the branch leads to no point of the grid near the assembled state.
+        SpatialPinError: the branch leads to no point of the grid near the assembled state; the
+            pose leaves freedoms open.
         UnknownNameError: there is no such frame, or driver.
         ValueError: bounds are no two numbers, the first the smaller one, or there are too many
-            points, 200 000 at most, or fewer than 2 of a coordinate.
+            points, 200 000 at most, or fewer than 2 of a coordinate; ranges are of drivers and of
+            poses, or of parts of a pose that cannot change each for itself.
     """
     needed(mechanism)
     mechanism.frame_id(mechanism.placed(frame))
     if task is not None:
         check_choice("task", task, tuple(TASKS))
     check_choice("on_crossing", on_crossing, ("stop", "straight"))
-    names, ticks = _ticks(mechanism, ranges, points)
+    if clearance is not None and clearance != 0.0:
+        clearance = positive_number(clearance, "clearance")
+    names, ticks, is_posed = read_ranges(mechanism, frame, ranges, points)
     start = assembled(mechanism, {}, guess)
-    mechanism = start.mechanism
-    columns = _columns(mechanism, start, frame, names)
-    asked = Asked(mechanism, names, frame, columns, limits, on_crossing)
-    filling = Filling(asked, ticks)
-    _begin(filling, start)
-    with progress_bar(filling.reached.size, f"{mechanism.name}: workspace", progress) as bar:
+    asked, start, task = _asked(start, frame, names, task, is_posed)
+    asked = asked._replace(limits=limits, on_crossing=on_crossing, apart=clearance)
+    first = Filling(asked, ticks)
+    _begin(first, start)
+    found = [(first, list[Border]())]
+    is_whole = False
+    with progress_bar(first.reached.size, f"{mechanism.name}: workspace", progress) as bar:
         bar.update(1)
-        singular: list[Border] = []
-        is_whole = False
         try:
-            filling.fill(executor, bar.update)
-            for border in _crossings(filling, task, executor):
-                singular.append(border)
+            _fill(*found[0], task, executor, bar.update)
+            for index, other in other_starts(first) if sheets else ():
+                if any(filling.holds(index, other) for filling, _ in found):
+                    continue
+                bar.reset()
+                found.append((Filling(asked, ticks), []))
+                found[-1][0].place(index, other, 0)
+                _fill(*found[-1], task, executor, bar.update)
             is_whole = True
         except KeyboardInterrupt:  # what was found until then is the answer
             pass
-    return _workspace(filling, task, singular, is_whole)
+    others = tuple(_workspace(*x, task, names, is_whole) for x in found[1:])
+    return _workspace(*found[0], task, names, is_whole, others)
 
 
-def _ticks(
-    mechanism: Mechanism, ranges: Mapping[str, Any], points: int | Mapping[str, int] | None
-) -> tuple[tuple[str, ...], list[Array]]:
-    """Return names of coordinates, and the values of each."""
-    spans: dict[str, tuple[str, float, float]] = {}
-    for name, span in mapping(ranges, "ranges").items():
-        coordinate = mechanism.prescribed_coordinate(name).name
-        if coordinate in spans:
-            raise ValueError(f"{coordinate!r} is given two ranges")
-        low, high = finite_array(span, (2,), f"range of {name!r}").tolist()
-        if not low < high:
-            raise ValueError(f"range of {name!r} is {low:.9g} to {high:.9g}: the first is to be "
-                             "the smaller one")
-        spans[coordinate] = name, low, high
-    if not spans:
-        raise ValueError("ranges is empty: give (least, largest) for every driver that moves")
-    counts = _counts([name for name, *_ in spans.values()], points)
-    total = int(np.prod([float(n) for n in counts]))
-    if total > MOST_POINTS:
-        raise ValueError(f"the grid has {' x '.join(map(str, counts))} = {total} points; "
-                         f"{MOST_POINTS} at most: give fewer `points`")
-    return (tuple(name for name, *_ in spans.values()),
-            [np.linspace(low, high, n)
-             for (_, low, high), n in zip(spans.values(), counts, strict=True)])
+def _asked(
+    start: State, frame: str, names: tuple[str, ...], task: str | None, is_posed: bool
+) -> tuple[Asked, State, str | None]:
+    """Return what is asked for, where to begin with it, and the task."""
+    mechanism = start.mechanism
+    if not is_posed:
+        columns = _columns(mechanism, start, frame, names)
+        return Asked(mechanism, names, frame, columns, True, "stop", (), mechanism), start, task
+    copy = posed(start, frame, names, task)
+    columns = _columns(mechanism, start, frame, ())
+    whole = tuple(copy.coordinates[name] for name in names)
+    standing = tuple(copy.coordinates[name] for name in copy.standing)
+    return (Asked(copy.state.mechanism, whole, frame, columns, True, "stop", standing, mechanism),
+            copy.state, copy.task)
 
 
-def _counts(names: list[str], points: int | Mapping[str, int] | None) -> list[int]:
-    if points is None:
-        return [min(FINEST, int(USUAL ** (1.0 / len(names)) + 1e-9))] * len(names)
-    if isinstance(points, Mapping):
-        if set(points) != set(names):
-            raise ValueError(f"points are given of {', '.join(map(repr, points)) or 'nothing'}; "
-                             f"they are wanted of {', '.join(map(repr, names))}")
-        counts = [whole_number(points[name], f"points of {name!r}") for name in names]
-    else:
-        counts = [whole_number(points, "points")] * len(names)
-    if min(counts) < 2:
-        raise ValueError(f"points is {min(counts)}; a range needs 2 at least")
-    return counts
+def _fill(
+    filling: Filling, singular: list[Border], task: str | None, executor: Executor | None,
+    tell: Any,
+) -> None:
+    """Fill a grid from its first point, and add where its determinant vanishes to a list."""
+    filling.fill(executor, tell)
+    for border in _crossings(filling, task, executor):
+        singular.append(border)
 
 
 def _columns(
@@ -346,11 +206,13 @@ def _begin(filling: Filling, start: State) -> None:
     grid = grid_of(filling.ticks)
     far = np.linalg.norm((grid - here) / steps, axis=1)
     error: object = "joint limits are passed"
+    distances = None if asked.apart is None else Distances(asked.body)
     for row in np.argsort(far, kind="stable")[:STARTS_TRIED].tolist():
         ways = {name: np.array([a, b]) for name, a, b in zip(
             asked.names, here.tolist(), grid[row].tolist(), strict=True)}
         try:
-            motion = follow(mechanism, ways, guess=start, on_crossing="raise")
+            motion = follow(mechanism, ways, guess=start, hold=[BASE, *asked.standing],
+                            on_crossing="raise")
         except SpatialPinError as caught:
             error = caught
             continue
@@ -358,11 +220,12 @@ def _begin(filling: Filling, start: State) -> None:
         if beyond:
             error = f"{next(iter(beyond))} is beyond its joint limit"
             continue
+        near = "" if distances is None else touching(asked, distances, motion.q[1])
+        if near:
+            error = near
+            continue
         index = np.unravel_index(row, shape)
-        at = motion.frame(asked.frame)
-        found = Followed(motion.q[1:], motion.angles[1:], motion.closure_error[1:],
-                         at.position[1:], at.rotation[1:],
-                         natural_jacobians(asked, [motion.state(1)]), None)
+        found = one_of(asked, motion.state(1))
         filling.place(tuple(int(i) for i in index), found, 0)
         return
     raise SpatialPinError(
@@ -388,21 +251,25 @@ def _crossings(
 
 
 def _workspace(
-    filling: Filling, task: str | None, singular: list[Border], is_whole: bool
+    filling: Filling, singular: list[Border], task: str | None, names: tuple[str, ...],
+    is_whole: bool, sheets: tuple[Workspace, ...] = (),
 ) -> Workspace:
     asked, jacobians = filling.asked, _flat(filling, "jacobians")
     found = task_of(jacobians, task)
     dexterity, least = measures(found, jacobians)
     why = tuple(filling.words(index, is_whole) for index in np.ndindex(*filling.shape))
+    rows = {name: _flat(filling, name) for name in ("q", "angles", "errors")}
+    rows["q"] = rows["q"][:, : asked.body.model.nq]
     return Workspace(
-        mechanism=asked.mechanism, frame=asked.frame, names=asked.names, shape=filling.shape,
+        mechanism=asked.body, frame=asked.frame, names=names, shape=filling.shape,
         drivers=grid_of(filling.ticks), reached=filling.reached.ravel(),
         points=_flat(filling, "points"), rotations=_flat(filling, "rotations"),
         dexterity=dexterity, least=least, why=why,
-        boundary=_borders(filling.borders, len(asked.names)),
-        singular=_borders(singular, len(asked.names)), task=found.name,
+        boundary=_borders(filling.borders, len(names)), singular=_borders(singular, len(names)),
+        aspects=aspects_of(filling, found).ravel(), sheets=sheets, task=found.name,
         directions=len(found.directions), n_drivers=found.n_drivers, is_whole=is_whole,
-        _rows={name: _flat(filling, name) for name in ("q", "angles", "errors")})
+        _rows=rows, _source=Source(asked, list(filling.ticks), [*filling.borders, *singular],
+                                   found))
 
 
 def _borders(found: list[Border], k: int) -> Borders:

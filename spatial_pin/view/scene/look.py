@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.proximity.clearance import Clearance
     from spatial_pin.view.scene.layers.arrows import Vectors
-    from spatial_pin.workspace_map.workspace import Workspace
+    from spatial_pin.workspace_map.result import Workspace
 
 
 @dataclass(frozen=True)

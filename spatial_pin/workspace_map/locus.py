@@ -1,0 +1,307 @@
+"""Following a curve on a section of a grid: a branch ends on it, or a determinant vanishes.
+
+On the closed configurations over a section of the grid, a surface, a curve is where a function
+vanishes: the room of a joint before its limit, or the last number g of the bordered system
+
+    [A  b] [v]   [0]
+    [c  0] [g] = [1]
+
+whose square matrix A loses its rank there [Govaerts2000]: A takes the motions of the mechanism to
+the coordinates of the grid (limit positions) or to what is asked of the frame (a determinant that
+vanishes). With b and c the singular vectors at the last point, g is about A's least singular value,
+with a sign. It does not matter which basis of the motions A is written in. Curves are followed by
+pseudo-arclength on the surface, where limit positions are no special places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.mechanism.joint_limits import JointLimit
+from spatial_pin.numerics.linalg import Array, aligned, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.workspace_map.section import BESIDE, LIMIT, Section
+
+RANGE = "range"  # where a curve leaves the grid
+CORNER = "corner"  # where two limit positions meet: beyond it is another sheet
+CROSSING = "branch point"  # where loops lose their rank
+ON_CURVE = 1e-12  # of the function, in natural units, at a point of a curve
+SMALL_MOVE = 1e-5  # rad, lengths: central differences of g are good to its square
+FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.1, 1e-7  # rad, characteristic lengths
+ALONG = 0.95  # least cosine between the directions at both ends of a step: 18 degrees
+MOST_POINTS = 20_000  # of a curve
+LEVEL = 1e-9  # slope of a function, in natural units, that gives no direction
+AT_CORNER = 1e-10  # rad, lengths: a corner is known to that
+
+
+class Spot(NamedTuple):
+    """A point of a curve.
+
+    Attributes:
+        q, angles: the configuration.
+        t, normal: (nv,) directions along the curve, and across it on the surface, in scaled
+            velocities.
+        slope: of the function along the normal.
+        motions: (m, nv) of the mechanism there.
+        border: (m,) and (nv,) what borders the matrix there; None on a joint limit.
+        y: (k + 3,) coordinates of the grid and point of the frame, in natural units.
+        dy: (k + 3,) how they change along the curve.
+    """
+
+    q: Array
+    angles: Array
+    t: Array
+    normal: Array
+    slope: float
+    motions: Array
+    border: tuple[Array, Array] | None
+    y: Array
+    dy: Array
+
+
+class Walk(NamedTuple):
+    """What was walked along a curve.
+
+    Attributes:
+        spots: at least the first one.
+        end: why it goes no further: a limit's words, `LIMIT`, `RANGE`, `CORNER`, `CROSSING`,
+            "closed" or "lost".
+    """
+
+    spots: list[Spot]
+    end: str
+
+
+class Locus:
+    """A curve on a section, as it is followed.
+
+    Args:
+        section: the surface.
+        why: what it is: `LIMIT`, `SINGULAR` or a joint limit in words.
+        tolerance: of the polyline [rad, characteristic lengths].
+    """
+
+    def __init__(self, section: Section, why: str, tolerance: float) -> None:
+        self.section, self.why, self.tolerance = section, why, tolerance
+        self._limit = section.limits.get(why)
+        self.border: tuple[Array, Array] | None = None
+
+    def value(self, q: Array) -> float:
+        """Return the function that vanishes on it."""
+        if self._limit is not None:
+            return float(self._limit.room(q)) / self._limit.size
+        whole = self.bordered(self.section.motions(q))
+        right = np.zeros(len(whole))
+        right[-1] = 1.0
+        return float(np.linalg.solve(whole, right)[-1])
+
+    def bordered(self, motions: Array) -> Array:
+        """Return the bordered matrix (m + 1, m + 1) where the equations stand."""
+        assert self.border is not None
+        b, c = self.border
+        return np.block([[self.section.matrix(self.why, motions), b[:, None]],
+                         [(motions @ c)[None], np.zeros((1, 1))]])
+
+    def spot(self, q: Array, along: Array | None) -> Spot | None:
+        """Return the point at q, directed as `along`; None where it has no direction."""
+        s = self.section
+        motions = s.motions(q)
+        angles = s.evaluation.angles.copy()
+        if self._limit is None:
+            svd = decompose(s.matrix(self.why, motions), 0.0)
+            self.border = svd.u[:, -1], svd.vt[-1] @ motions
+        plane = s.plane(motions)
+        slopes = self._slopes(q, plane)
+        size = float(np.linalg.norm(slopes))
+        if not size > LEVEL:
+            return None
+        normal, t = slopes @ plane / size, np.array([-slopes[1], slopes[0]]) @ plane / size
+        if along is not None and t @ along < 0.0:
+            t = -t
+        return Spot(q, angles, t, normal, size, motions, self.border, *s.seen(q, t))
+
+    def _slopes(self, q: Array, plane: Array) -> Array:
+        """Return the derivatives (2,) of the function along two motions; NaN if not known."""
+        if self._limit is not None:
+            limit = self._limit
+            found: Array = -limit.side * plane[:, limit.v]
+            return found
+        ends = [[self.section.moved(q, sign * SMALL_MOVE * way) for sign in (1, -1)]
+                for way in plane]
+        return np.array([np.nan if a is None or b is None else
+                         (self.value(a) - self.value(b)) / (2.0 * SMALL_MOVE) for a, b in ends])
+
+    def settled(self, q: Array | None, normal: Array, slope: float) -> Array | None:
+        """Return the configuration on the curve that is reached along a normal, by secants."""
+        if q is None:
+            return None
+        x, f = 0.0, self.value(q)
+        there: Array | None = q
+        for _ in range(10):
+            if abs(f) <= ON_CURVE:
+                return there
+            step = -f / slope
+            if not abs(step) < LARGEST_STEP:
+                return None
+            x += step
+            there, last = self.section.moved(q, x * normal), f
+            if there is None:
+                return None
+            f = self.value(there)
+            if f != last and abs(f) > ON_CURVE:
+                slope = (f - last) / step
+        return there if abs(f) <= 1e3 * ON_CURVE else None
+
+    def beginning(self, q: Array) -> Spot | None:
+        """Return the point of the curve near a configuration."""
+        spot: Spot | None = self.spot(q, None)
+        for _ in range(6):
+            if spot is None:
+                return None
+            there = self.settled(spot.q, spot.normal, spot.slope)
+            if there is None:  # far off: half of the way first
+                way = -0.5 * self.value(spot.q) / spot.slope
+                there = self.section.moved(spot.q, np.clip(way, -0.1, 0.1) * spot.normal)
+                spot = None if there is None else self.spot(there, None)
+                continue
+            return self.spot(there, None)
+        return None
+
+    def at(self, spot: Spot, length: float) -> Array | None:
+        """Return the configuration on the curve ahead of a point."""
+        self.border = spot.border
+        return self.settled(self.section.moved(spot.q, length * spot.t), spot.normal, spot.slope)
+
+
+def walk(locus: Locus, start: Spot) -> Walk:
+    """Follow a curve from a point on, along its direction."""
+    spots, length = [start], FIRST_STEP
+    while len(spots) < MOST_POINTS:
+        spot = spots[-1]
+        locus.section.evaluation.turns[:] = spot.angles
+        there, length = _ahead(locus, spot, length)
+        if there is None:
+            return Walk(spots, "lost")
+        taken = float((pin.difference(locus.section.evaluation.model, spot.q, there.q)
+                       / locus.section.scale) @ spot.t)
+        stop = _stop(locus, spot, there, taken)
+        if stop is not None:
+            end, last = stop
+            return Walk(spots if last is None else [*spots, last], end)
+        if len(spots) > 2 and _passes(spot, there, start):
+            return Walk([*spots, start], "closed")
+        spots.append(there)
+        length = _next(locus, spot, there, length)
+    return Walk(spots, "lost")
+
+
+def _ahead(locus: Locus, spot: Spot, length: float) -> tuple[Spot | None, float]:
+    """Return the next point, and how long the step to it is."""
+    while length >= SMALLEST_STEP:
+        q = locus.at(spot, length)
+        there = None if q is None else locus.spot(q, spot.t)
+        if (there is not None and there.t @ spot.t > ALONG
+                and _bend(spot, there) <= locus.tolerance):
+            return there, length
+        if q is not None and there is None:  # curves cross: a little further
+            q = locus.at(spot, 1.1 * length)
+            there = None if q is None else locus.spot(q, spot.t)
+            if there is not None and there.t @ spot.t > ALONG:
+                return there, 1.1 * length
+        length *= 0.5
+    return None, length
+
+
+def _bend(spot: Spot, there: Spot) -> float:
+    """Return how far a curve goes from the straight piece between two points, nearly.
+
+    An arc whose tangents make an angle a with its chord goes from it by a quarter of a times the
+    chord's length.
+    """
+    chord = there.y - spot.y
+    length = float(np.linalg.norm(chord))
+    out = 0.0
+    for way in (spot.dy, there.dy):
+        size = float(np.linalg.norm(way))
+        if length and size:
+            across = way / size - chord * float(way @ chord) / (size * length * length)
+            out = max(out, 0.25 * length * float(np.linalg.norm(across)))
+    return out
+
+
+def _next(locus: Locus, spot: Spot, there: Spot, length: float) -> float:
+    """Return the length of the next step: the bend goes as its square."""
+    bend = max(_bend(spot, there), TOLERANCES.nothing * locus.tolerance)
+    return min(length * float(np.clip(0.9 * np.sqrt(locus.tolerance / bend), 0.3, 2.0)),
+               LARGEST_STEP)
+
+
+def _passes(spot: Spot, there: Spot, start: Spot) -> bool:
+    """Whether a step passes where the curve was begun; joints may have turned wholly round."""
+    chord, way = there.y - spot.y, start.y - spot.y
+    length = float(np.linalg.norm(chord))
+    along = float(way @ chord) / max(length, TOLERANCES.nothing)
+    off = float(np.linalg.norm(way - along * chord / max(length, TOLERANCES.nothing)))
+    return 0.0 < along <= length and off < 0.1 * length and bool(start.dy @ chord > 0.0)
+
+
+def _stop(
+    locus: Locus, spot: Spot, there: Spot, length: float
+) -> tuple[str, Spot | None] | None:
+    """Return what ends a curve within a step, and the point there (None: where the step begins)."""
+    found = [(_root(locus, spot, function, length), why)
+             for why, function in _ends(locus, spot, there)]
+    if not found:
+        return None
+    at, why = min(found)
+    q = locus.at(spot, at) if at > 0.0 else None
+    if why in (LIMIT, CORNER) and q is not None and locus.section.is_branch_point(q):
+        why, q = CROSSING, locus.at(spot, (1.0 - BESIDE) * at)
+    return why, None if q is None else locus.spot(q, spot.t)
+
+
+def _ends(
+    locus: Locus, spot: Spot, there: Spot
+) -> Iterator[tuple[str, Callable[[Array], float]]]:
+    """Yield what becomes negative within a step: words, and function of the configuration."""
+    s = locus.section
+
+    def margin(q: Array) -> float:
+        free = list(s.free)
+        values = s.values(q)[free]
+        return float(min((values - s.low[free]).min(), (s.high[free] - values).min()))
+
+    def room(limit: JointLimit) -> Callable[[Array], float]:
+        return lambda q: float(limit.room(q)) / limit.size
+
+    def turned(q: Array, sign: float = 0.0) -> float:
+        motions = aligned(s.motions(q), spot.motions)
+        a = locus.bordered(motions) if locus.why == LIMIT else s.matrix(LIMIT, motions)
+        return (sign or before) * float(np.linalg.det(a))
+
+    if margin(there.q) < -AT_CORNER:
+        yield RANGE, margin
+    for words, limit in s.limits.items():
+        if words != locus.why and room(limit)(there.q) < -AT_CORNER:
+            yield words, room(limit)
+    locus.border = spot.border
+    before = float(np.sign(turned(spot.q, 1.0)))
+    if turned(there.q) < 0.0:
+        yield CORNER if locus.why == LIMIT else LIMIT, turned
+
+
+def _root(locus: Locus, spot: Spot, function: Callable[[Array], float], length: float) -> float:
+    """Return where on a step a function falls through zero; zero where it begins there."""
+    from scipy.optimize import brentq  # on use: it takes a tenth of a second to import
+
+    def value(x: float) -> float:
+        q = locus.at(spot, x) if x else spot.q
+        return np.nan if q is None else function(q)
+
+    if value(0.0) <= AT_CORNER or not value(length) < 0.0:
+        return 0.0
+    return float(brentq(value, 0.0, length, xtol=1e-14, rtol=1e-14))
