@@ -50,8 +50,8 @@ class OneDriver:
             if c.q >= 0:
                 q[c.q] = value
 
-    def prescribe(self, path: Path, s: float) -> None:
-        """Let a path go on from a leading value."""
+    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
+        """Let a path go on from a leading value; see `DriversLaw`."""
 
 
 class DriversLaw(OneDriver):
@@ -76,6 +76,8 @@ class DriversLaw(OneDriver):
         c[..., :n], c[-1, :, n:] = law.c, self._start[n:]
         self.law = PPoly(c, law.x)
         self._rates, self._bends = self.law.derivative(), self.law.derivative(2)
+        self._standing = {c.v: float(q[c.q]) for c in mechanism.coordinate_table.values()
+                          if c.q >= 0}
 
     def values(self, s: float) -> Array:
         """Return the values (k,) of what is driven."""
@@ -92,9 +94,16 @@ class DriversLaw(OneDriver):
         found: Array = self._bends(s)
         return found
 
-    def prescribe(self, path: Path, s: float) -> None:
-        """Let a path go on from a parameter, along the law; entries of the velocity stand."""
+    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
+        """Let a path go on from a parameter, along the law.
+
+        Args:
+            path: of the kernel.
+            s: the parameter.
+            still: places in the velocity vector that stand still, where coordinates have values.
+        """
         coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
         all_driven = np.zeros((len(coefficients), path.n_driven, coefficients.shape[-1]))
         all_driven[:, : len(self.driven)] = coefficients
+        all_driven[:, len(self.driven) :, 0] = [self._standing.get(v, 0.0) for v in still]
         path.prescribe(s, self.law.x, all_driven)

@@ -154,5 +154,5 @@ class Start:
         driven = prescribed_places(self.kernel, self.driven, self.still)
         path = Path(self.kernel, chosen, driven, fill, self.accuracy)
         if self._law is not None:
-            self.leading.prescribe(path, s)
+            self.leading.prescribe(path, s, self.still)
         return path if path.start(q, angles, choose) else None
