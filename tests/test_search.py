@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 import spatial_pin as sp
 from spatial_pin.synthesis.problem import Found
-from spatial_pin.synthesis.search import SAME, searched
+from spatial_pin.synthesis.search import SAME_SOLUTION, searched
 from spatial_pin.synthesis.settling import Samples
 
 # the four minima of Himmelblau's function, all zero, and those of one with a little slope beside
@@ -218,5 +218,6 @@ def test_solutions_nearer_than_a_thousandth_of_the_bounds_are_one(monkeypatch):
     solve = Himmelblau.solve
     for away, n in ((0.9, 1), (1.2, 2)):
         monkeypatch.setattr(Himmelblau, "solve", lambda self, x, rng=None, a=away: replace(
-            solve(self, np.array([2.9, 2.1])), x=MINIMA[0] + (rng is None) * a * SAME * WIDTH))
+            solve(self, np.array([2.9, 2.1])),
+            x=MINIMA[0] + (rng is None) * a * SAME_SOLUTION * WIDTH))
         assert len(searched(Spec(), starts=3).found) == n

@@ -16,7 +16,7 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
-ENOUGH = 0.01  # of the tolerance at which a prediction is left as it is: what is left grows
+UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; what is left grows
 CLOSED_PART = 0.03  # of the tolerance, which points are closed to: the rest is their rates'
 BETWEEN = 1e-8  # tolerance from which on samples are interpolated between points of the path,
 NODE_RESIDUAL = 1e-13  # which are closed to this: second derivatives between them divide it by h²
@@ -97,7 +97,7 @@ class Path:
         loose = accuracy.tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed
         between = accuracy.tolerance if loose else 0.0
         closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
-        asked = _Accuracy(ENOUGH * closed, CLOSED_PART * closed, max(LEFT, wanted),
+        asked = _Accuracy(UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted),
                           np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * accuracy.tolerance),
                           between, accuracy.order, corrections)
         handle = ctypes.c_void_p()

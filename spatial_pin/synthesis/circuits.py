@@ -19,13 +19,13 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-STEP = 0.05  # from sample to sample of a curve: some two hundred are a turn of a four-bar
-MOST_SAMPLES = 4000  # of one curve: two hundred radians, thirty turns, which gears may take
+SAMPLE_STEP = 0.05  # from sample to sample of a curve: some two hundred are a turn of a four-bar
+MOST_CURVE_SAMPLES = 4000  # of one curve: two hundred radians, thirty turns, which gears may take
 BORDERS = ("limit", "branch point")  # which the driver cannot lead across
 # Samples of a curve may be this many times as far from a place on it as from each other: at most
 # half a step, but bodies move by other parts of it before and after.
-NEAR = 2.0
-MOST_CORRECTIONS = 20  # of the way to a place: each leaves about a hundredth of the error
+ON_CIRCUIT = 2.0
+MOST_CORRECTIONS_TO_PLACE = 20  # of the way to a place: each leaves about a hundredth of the error
 
 
 class Place(NamedTuple):
@@ -48,7 +48,7 @@ class Circuit:
 
     Attributes:
         driver: its name.
-        motion: samples of the curve, `STEP` apart.
+        motion: samples of the curve, `SAMPLE_STEP` apart.
         is_closed: whether it was followed until it came back.
         borders: limits and branch points, in the order of the curve.
         turn: by how much the driver goes on while it goes round once [rad or m].
@@ -60,7 +60,8 @@ class Circuit:
 
     def __init__(self, mechanism: Mechanism, driver: str, state: State) -> None:
         self.driver = driver
-        self.motion = trace(mechanism, driver, state, step=STEP, most_rows=MOST_SAMPLES)
+        self.motion = trace(mechanism, driver, state, step=SAMPLE_STEP,
+                            most_rows=MOST_CURVE_SAMPLES)
         events = self.motion.events
         ends_at_first = all(event.kind != "not closed" for event in events)
         self.borders: list[Event] = sorted(
@@ -89,7 +90,7 @@ class Circuit:
         for row in self._near(target):
             found = self._ahead(row, target)
             if found is not None:
-                return self._classified(row + found[0] / STEP, *found[1:])
+                return self._classified(row + found[0] / SAMPLE_STEP, *found[1:])
         return None
 
     def rows_of(self, branch: int) -> tuple[NDArray[np.intp], Array]:
@@ -106,7 +107,7 @@ class Circuit:
 
     def may_meet(self, other: Circuit) -> bool:
         """Whether both have a branch point at what may be the same place."""
-        return any(np.abs(self._places[i] - other._places[j]).max() < NEAR * max(
+        return any(np.abs(self._places[i] - other._places[j]).max() < ON_CIRCUIT * max(
             self._spacing(i), other._spacing(j))
             for i in self._branch_points() for j in other._branch_points())
 
@@ -129,7 +130,7 @@ class Circuit:
         """Return samples near to placements, the nearest first."""
         gaps = np.abs(self._places - target).reshape(len(self._places), -1).max(axis=1, initial=0.0)
         return [k for k in np.argsort(gaps, kind="stable").tolist()
-                if gaps[k] <= NEAR * self._spacing(k) + TOLERANCES.half_precision]
+                if gaps[k] <= ON_CIRCUIT * self._spacing(k) + TOLERANCES.half_precision]
 
     def _ahead(self, row: int, target: Array) -> tuple[float, float, float] | None:
         """Return how far ahead of a sample bodies are at placements, and value and slope there.
@@ -155,14 +156,14 @@ class Circuit:
 
         It is where the curve meets the plane through these, normal to how bodies move.
         """
-        h = TOLERANCES.trial_step * STEP
+        h = TOLERANCES.trial_step * SAMPLE_STEP
         ends = [end for x in (h, -h) if (end := curve.ahead(point, x)) is not None]
         if len(ends) < 2:
             return None
         after, before = (self._at(curve.evaluation, end) for end in ends)
         along = (after - before) / (2.0 * h)
         length = 0.0
-        for _ in range(MOST_CORRECTIONS):
+        for _ in range(MOST_CORRECTIONS_TO_PLACE):
             q: Array | None = curve.ahead(point, length)
             if q is None:
                 return None

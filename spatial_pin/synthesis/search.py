@@ -27,10 +27,10 @@ METHODS = ("multistart", "evolution", "local")
 # Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
 # no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
 # some 1e-5 from the solution.
-SAME = 1e-3
+SAME_SOLUTION = 1e-3
 POPULATION = 15  # of an evolution, by number that is looked for: SciPy's own
 GENERATIONS = 50  # at most: it is to find valleys, in which local solutions go on
-APART = 0.1  # part of the ranges, by which places of an evolution are in other valleys at a guess
+OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
 RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
 VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
 
@@ -214,7 +214,7 @@ def _apart(places: Array, values: Array, most: int) -> list[Array]:
     while left.size and len(found) < most:
         best = places[left[0]]
         found.append(best)
-        left = left[np.abs(places[left] - best).max(axis=1) > APART]
+        left = left[np.abs(places[left] - best).max(axis=1) > OTHER_VALLEY]
     return found
 
 
@@ -291,7 +291,7 @@ def _distinct(problem: Sought, found: Sequence[Found]) -> list[Found]:
     spinning = _spinning(problem.mechanism) if len(best) > 1 else set()
     for one in best:
         mark = _mark(problem, one, spinning)
-        if all(np.abs(mark - other).max(initial=0.0) > SAME for other, _ in kept):
+        if all(np.abs(mark - other).max(initial=0.0) > SAME_SOLUTION for other, _ in kept):
             kept.append((mark, one))
     return [one for _, one in kept]
 

@@ -24,7 +24,7 @@ import pinocchio as pin
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, aligned, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.section import BESIDE, LIMIT, Section
+from spatial_pin.workspace_map.section import CURVE_ENDS_BESIDE, LIMIT, Section
 
 RANGE = "range"  # where a curve leaves the grid
 CORNER = "corner"  # where two limit positions meet: beyond it is another sheet
@@ -260,7 +260,7 @@ def _stop(
     at, why = min(found)
     q = locus.at(spot, at) if at > 0.0 else None
     if why in (LIMIT, CORNER) and q is not None and locus.section.is_branch_point(q):
-        why, q = CROSSING, locus.at(spot, (1.0 - BESIDE) * at)
+        why, q = CROSSING, locus.at(spot, (1.0 - CURVE_ENDS_BESIDE) * at)
     return why, None if q is None else locus.spot(q, spot.t)
 
 

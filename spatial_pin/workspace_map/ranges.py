@@ -13,7 +13,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.workspace_map.poses import pose_parts
 
 # points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
-MOST_POINTS = 200_000
+MOST_GRID_POINTS = 200_000
 USUAL, FINEST = 10_000, 41  # points of a grid where none are asked for, and of one coordinate
 
 
@@ -43,9 +43,9 @@ def read_ranges(
         raise ValueError("ranges is empty: give (least, largest) for every driver that moves")
     counts = _counts([name for name, *_ in spans.values()], points)
     total = int(np.prod([float(n) for n in counts]))
-    if total > MOST_POINTS:
+    if total > MOST_GRID_POINTS:
         raise ValueError(f"the grid has {' x '.join(map(str, counts))} = {total} points; "
-                         f"{MOST_POINTS} at most: give fewer `points`")
+                         f"{MOST_GRID_POINTS} at most: give fewer `points`")
     ticks: list[Array] = [np.linspace(low, high, n)
              for (_, low, high), n in zip(spans.values(), counts, strict=True)]
     return parts or tuple(name for name, *_ in spans.values()), ticks, parts is not None

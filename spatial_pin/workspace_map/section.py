@@ -18,7 +18,7 @@ from spatial_pin.workspace_map.dexterity import TASKS, Task
 from spatial_pin.workspace_map.lines import Asked
 
 LIMIT = "limit"
-BESIDE = 1e-4  # part of a step, or rank: so near to a branch point a curve ends
+CURVE_ENDS_BESIDE = 1e-4  # part of a step, or rank: so near to a branch point a curve ends
 
 
 class Section:
@@ -77,7 +77,7 @@ class Section:
         """Whether the loops' equations have lost their rank."""
         self.evaluation.update(q)
         s = decompose(self.evaluation.jacobian[:, self._loose], 0.0).s
-        return bool(s[int(self._loose.sum()) - len(self.grid) - 1] < BESIDE * s[0])
+        return bool(s[int(self._loose.sum()) - len(self.grid) - 1] < CURVE_ENDS_BESIDE * s[0])
 
     def matrix(self, why: str, motions: Array) -> Array:
         """Return the square matrix that loses its rank on a curve, where the equations stand."""

@@ -14,7 +14,7 @@ from spatial_pin.proximity.distances import Distances
 from spatial_pin.workspace_map.filling import Filling, Index
 from spatial_pin.workspace_map.lines import Asked, Followed, natural_jacobians, touching
 
-LOOKED_AT = 3  # values of each coordinate, spread over its range, where modes are looked for
+SEEDS_A_COORDINATE = 3  # values of each, spread over its range, where modes are looked for
 MOST_LOOKED_AT = 30  # points in all
 PATIENCE = 200  # starts that find nothing new after which no more modes are looked for at a point
 
@@ -47,7 +47,7 @@ def other_starts(filling: Filling) -> Iterator[tuple[Index, Followed]]:
 def _looked_at(filling: Filling) -> list[Index]:
     """Return points of a grid, the first one that is reached first, then some all over it."""
     first = tuple(np.argwhere(filling.reached)[0].tolist())
-    each = [sorted({round(x) for x in np.linspace(0, n - 1, LOOKED_AT + 2)[1:-1]})
+    each = [sorted({round(x) for x in np.linspace(0, n - 1, SEEDS_A_COORDINATE + 2)[1:-1]})
             for n in filling.shape]
     spread = [tuple(x) for x in np.stack(np.meshgrid(*each, indexing="ij"), -1).reshape(
         -1, len(each)).tolist()]
