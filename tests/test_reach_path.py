@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from test_reach import arm, at
 
@@ -250,11 +251,52 @@ def test_where_legs_would_not_determine_the_platform_targets_do():
     angles = np.linspace(0.0, 1.7, 61)
     poses = [pin.SE3(home.rotation @ pin.exp3(a * UP), home.translation) for a in angles]
     motion = sp.reach_path(mechanism, {"platform": poses}, angles, start)
-    assert not [e for e in motion.events if e.kind != "joint limit"]
+    (event,) = (e for e in motion.events if e.kind != "joint limit")
+    assert event.kind == "singular" and "drivers alone" in event.text
+    assert event.value == pytest.approx(np.pi / 2, abs=1e-12)
+    assert event.row == np.searchsorted(angles, np.pi / 2)
     assert np.abs(motion.frame("platform").rotation - [p.rotation for p in poses]).max() < 1e-12
     force = sp.kinetostatics(mechanism, motion).efforts["leg_1"]
     assert angles[np.abs(force).argmax()] == pytest.approx(np.pi / 2, abs=0.03)
     assert force[0] * force[-1] < 0.0
+
+
+@pytest.mark.parametrize(("samples", "within"), [(2, 1e-6), (5, 1e-11), (42, 1e-11)])
+def test_where_drivers_alone_would_not_do_is_where_lines_of_legs_are_dependent(samples, within):
+    """A turn about a leaning axis; two samples are joined by a polynomial, not by the turn."""
+    mechanism, start, home = platform()
+    axis = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
+
+    def lines(angle):
+        """Plücker coordinates of the legs."""
+        tops = home.rotation @ pin.exp3(angle * axis)
+        feet = [start.placement(f"cylinder_{k}").translation for k in range(1, 7)]
+        arms = [home.actInv(start.placement(f"platform_{k}").translation) for k in range(1, 7)]
+        rows = []
+        for foot, arm_ in zip(feet, arms, strict=True):
+            top = home.translation + tops @ arm_
+            rows.append(np.concatenate([top - foot, np.cross(top, top - foot)]))
+        return float(np.linalg.det(rows))
+
+    angles = np.linspace(1.2, 1.7, samples)
+    poses = [pin.SE3(home.rotation @ pin.exp3(a * axis), home.translation) for a in angles]
+    first = sp.reach(mechanism, {"platform": poses[0]}, start, limits=False)
+    motion = sp.reach_path(mechanism, {"platform": poses}, angles, first)
+    (event,) = (e for e in motion.events if e.kind == "singular")
+    assert event.value == pytest.approx(brentq(lines, 1.2, 1.7, xtol=1e-14), abs=within)
+
+
+def test_motions_that_drivers_determine_have_no_such_events():
+    """Of equations that are all independent, and of plane loops with many to spare."""
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    up = start.placement("platform").translation + np.outer(np.linspace(0, 0.3, 9), UP)
+    assert not sp.reach_path(mechanism, {"platform": up}, None, start).events
+    mechanism = sp.load("excavator")
+    start = sp.assemble(mechanism)
+    down = start.placement("teeth").translation - np.outer(np.linspace(0, 0.8, 9), UP)
+    motion = sp.reach_path(mechanism, {"teeth": down, "bucket": 2.1}, None, start)
+    assert not motion.events and len(motion) == 9
 
 
 def test_first_targets_out_of_reach_are_told_as_reach_tells_them():

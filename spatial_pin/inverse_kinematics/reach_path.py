@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,12 @@ from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError, SingularError, SpatialPinError
+from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
 from spatial_pin.inverse_kinematics.reach import EXACT, reach
 from spatial_pin.inverse_kinematics.solving import Solver
 from spatial_pin.inverse_kinematics.target_coordinates import (
     Chain,
+    Copy,
     chain_of,
     copy_at,
     stretches_of,
@@ -55,7 +58,8 @@ def reach_path(
 
     What ends the path is that the targets can go no further, or do not determine the motion. A
     configuration in which the drivers would not determine it, as a Gough platform's that is turned
-    by a right angle, is passed; efforts grow without bound towards it.
+    by a right angle, is passed, with an event of kind "singular"; efforts grow without bound
+    towards it.
 
     Where there are more freedoms than the targets ask for, they do not determine the motion: each
     sample is then reached from the one before with the least motion, within joint limits, and the
@@ -161,21 +165,50 @@ def _followed(
     mechanism = state.mechanism
     model, here, done = mechanism.model, state, 0
     samples = Samples.empty(len(s), model.nq, model.nv, len(state.angles))
+    lost = list[tuple[float, int]]()
     title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
     standing = _standing(mechanism, hold)
     for stretch in stretches_of(chains, len(s)):
         copy = copy_at(here, chains, stretch)
         own = s[stretch.first : stretch.last + 1]
-        found = along(copy.state, copy.names, standing, law_of(own, stretch.course), own, accuracy,
-                      title, progress)
+        law = law_of(own, stretch.course)
+        found = along(copy.state, copy.names, standing, law, own, accuracy, title, progress)
         done = stretch.first + found.done
         into = samples.between(stretch.first, done)
         for part, new in zip(into, found.samples.between(0, found.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
+        between = partial(_between, copy, model.nq, standing, law, own, found.samples)
+        lost += [(at, row + stretch.first) for at, row in driver_singularities(
+            _states(mechanism, into), into.q, own[: found.done], hold, between)]
         if found.stop is not None:
-            return Followed(samples, done, found.stop)
+            return Followed(samples, done, found.stop, undriven=lost)
         here = State(mechanism, into.q[-1], closure_error=into.error[-1], angles=into.angles[-1])
-    return Followed(samples, done, None)
+    return Followed(samples, done, None, undriven=lost)
+
+
+def _states(mechanism: Mechanism, samples: Samples) -> Iterator[State]:
+    """Yield the first, the last and the middle sample."""
+    n = len(samples.q)
+    for k in sorted({0, n - 1, n // 2}, key=(0, n - 1, n // 2).index) if n else ():
+        yield State(mechanism, samples.q[k], closure_error=samples.error[k],
+                    angles=samples.angles[k])
+
+
+def _between(
+    copy: Copy, nq: int, standing: list[str], law: Any, s: Array, samples: Samples, k: int,
+    at: float,
+) -> Array:
+    """Return the configuration (nq,) at a parameter behind sample k of a stretch.
+
+    That of the sample where the finest accuracy does not lead on from it.
+    """
+    start = State(copy.state.mechanism, samples.q[k], closure_error=samples.error[k],
+                  angles=samples.angles[k])
+    if at <= s[k]:
+        return start.q[:nq]
+    found = along(start, copy.names, standing, law, np.array([s[k], at]),
+                  Accuracy.named("reference"), "", False)
+    return np.array(found.samples.q[found.done - 1, :nq])
 
 
 def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:

@@ -115,12 +115,15 @@ class Followed(NamedTuple):
         done: how many.
         stop: what ended it before the last; None if nothing did.
         crossed: branch points passed, each with the number of the sample behind it.
+        undriven: the same of configurations in which the drivers alone do not determine a motion
+            that targets do.
     """
 
     samples: Samples
     done: int
     stop: Arrival | None
     crossed: Sequence[tuple[float, int]] = ()
+    undriven: Sequence[tuple[float, int]] = ()
 
 
 def along(
@@ -181,6 +184,7 @@ def finished(
     motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
     motion.events += [_crossed(value, row, times is None) for value, row in followed.crossed]
+    motion.events += [_undriven(value, row, times is None) for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
     if stop is not None:
         motion.events.append(_event(stop, followed.done, times is None, who))
@@ -280,6 +284,12 @@ def _crossed(value: float, row: int, is_timeless: bool) -> Event:
     return Event("branch point", value, row,
                  f"branch point at {_where(value, is_timeless)}: branches cross; followed the one "
                  "that goes straight on")
+
+
+def _undriven(value: float, row: int, is_timeless: bool) -> Event:
+    return Event("singular", value, row,
+                 f"the drivers alone do not determine the motion at {_where(value, is_timeless)}: "
+                 "efforts grow without bound towards it")
 
 
 def _error(
