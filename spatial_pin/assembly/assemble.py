@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +17,11 @@ from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.within_limits import beyond_words
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.checks import checked, mapping
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.closure_equations import (
+    Evaluation,
+    constraints_of,
+    evaluation_of,
+)
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -122,14 +126,16 @@ def assembled(
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
     named = {name: value for name, value in start.named.items() if name not in held}
-    angles = guess.angles if isinstance(guess, State) else 0.0
-    with _evaluations_of(mechanism, angles) as evaluations:
+    angles = guess.angles if isinstance(guess, State) and (
+        guess.angles.size == constraints_of(mechanism).n_angles) else 0.0
+    with (evaluation_of(mechanism, angles) as evaluation,
+          _of_whole(mechanism, evaluation.turns) as whole):
         def searched(accuracy: Accuracy) -> Search:
-            search = Search(Closing(*evaluations, held, standing, named, accuracy), limits)
+            search = Search(Closing(evaluation, whole, held, standing, named, accuracy), limits)
             search.run(start.q, release)
             if search.best is None and standing and release and not search.is_near:
                 search = Search(Closing(
-                    *evaluations, held, {}, standing | named, accuracy, said), limits)
+                    evaluation, whole, held, {}, standing | named, accuracy, said), limits)
                 search.run(start.q)
             return search
 
@@ -143,20 +149,11 @@ def assembled(
     return state
 
 
-@contextmanager
-def _evaluations_of(
-    mechanism: Mechanism, angles: Array | float
-) -> Iterator[tuple[Evaluation, Evaluation | None]]:
-    """Lend the evaluations of a mechanism and of its whole, if it has one."""
+def _of_whole(mechanism: Mechanism, turns: Array) -> AbstractContextManager[Evaluation | None]:
+    """Lend the evaluation of the whole of a mechanism, whose screws count from `turns`, if any."""
     if mechanism.whole is None:
-        with evaluation_of(mechanism, angles) as evaluation:
-            yield evaluation, None
-        return
-    with evaluation_of(mechanism) as evaluation:
-        own = evaluation.turns.size
-        evaluation.turns[:] = angles if np.size(angles) in (1, own) else 0.0
-        with evaluation_of(mechanism.whole, all_angles(mechanism, evaluation.turns)) as whole:
-            yield evaluation, whole
+        return nullcontext()
+    return evaluation_of(mechanism.whole, all_angles(mechanism, turns))
 
 
 def tell(state: State) -> None:
@@ -229,9 +226,10 @@ def _at_home(
 
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
-    with _evaluations_of(mechanism, 0.0) as evaluations:
+    with (evaluation_of(mechanism) as evaluation,
+          _of_whole(mechanism, evaluation.turns) as whole):
         search = Search(Closing(
-            *evaluations, {}, drivers, start.named, accuracy_of(None)), False)
+            evaluation, whole, {}, drivers, start.named, accuracy_of(None)), False)
         search.attempt(start.q)
     if search.best is not None:
         return {}
@@ -254,10 +252,8 @@ def _result(search: Search, said: Mapping[str, float]) -> State:
     """
     if search.best is None:
         raise failure(search)
-    closing, q = search.closing, search.best[1]
-    closing.evaluate(q)
-    mechanism, evaluation = closing.mechanism, closing.evaluation
-    names = {d.joint: d.name for d in mechanism.drivers.values()}
+    mechanism, q, seen = search.mechanism, search.best[1], search.examined
     gone = gone_from(mechanism, q, said)
-    return State(mechanism, q, closure_error=evaluation.closure_error, angles=evaluation.angles,
+    names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
+    return State(mechanism, q, closure_error=seen.error, angles=seen.angles,
                  released={names[c]: x for c, x in gone.items()})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.closer import Closed, Closer, closer_of
+from spatial_pin.kernel.closer import Closed, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_gradient
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -66,21 +66,7 @@ def closed(
 ) -> Closed:
     """Do as `close` without an evaluation; `turns` are those that it would have."""
     with closer_of(mechanism, pinned) as closer:
-        return closed_by(closer, q, free, turns, tolerance, iterations, pinned, cut)
-
-
-def closed_by(
-    closer: Closer,
-    q: Array,
-    free: NDArray[np.bool_],
-    turns: Array,
-    tolerance: float,
-    iterations: int = DAMPED_STEPS,
-    pinned: Mapping[str, float] = NOTHING,
-    cut: float = TOLERANCES.rank,
-) -> Closed:
-    """Do as `closed` with the closer that the caller has acquired, the same names pinned."""
-    return finite(closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut))
+        return finite(closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut))
 
 
 def finite(found: Closed) -> Closed:

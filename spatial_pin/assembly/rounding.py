@@ -31,10 +31,10 @@ from spatial_pin.constraints.closure_equations import (
     constraints_of,
     evaluation_of,
 )
+from spatial_pin.kernel.closer import Examined, closer_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Equations
-from spatial_pin.numerics.dense import independence
 from spatial_pin.numerics.linalg import Array, null_space, singular_values, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
@@ -97,17 +97,27 @@ class Rounded(NamedTuple):
     cut: float
 
 
-def may_be_rounded(evaluation: Evaluation, gap: float) -> bool:
-    """Whether some equations at the evaluation, closed, are nearly, but not quite, others."""
-    jacobian = evaluation.jacobian[: evaluation.constraints.n_rows]
-    if not jacobian.size or not gap:
+def may_be_rounded(
+    evaluation: Evaluation, q: Array, gap: float, seen: Examined | None = None
+) -> bool:
+    """Whether some equations at q (nq,), closed, are nearly, but not quite, others.
+
+    Args:
+        evaluation: of the mechanism, its screws counting turns as at q.
+        q: the configuration.
+        gap: the largest closure error that they may keep [-].
+        seen: what was found at q, if something was.
+    """
+    if not gap or not evaluation.constraints.n_rows:
         return False
-    memo, place = evaluation.mechanism.memo, (evaluation.q.tobytes(), gap)
-    known: tuple[tuple[bytes, float], bool] | None = memo.get("may be rounded")
-    if known is None or known[0] != place:  # a motion begins where loops have been closed
-        known = place, _nearly_depend(_evened(jacobian), min(gap, SOFT))
-        memo["may be rounded"] = known
-    return known[1]
+    if seen is None:
+        with closer_of(evaluation.mechanism) as closer:
+            seen = closer.examine(q, evaluation.turns)
+    if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
+        return False
+    evaluation.update(q)
+    rows = _evened(evaluation.jacobian[: evaluation.constraints.n_rows])
+    return _nearly_depend(rows, min(gap, SOFT))
 
 
 def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
@@ -137,8 +147,8 @@ def as_meant(mechanism: Mechanism, gap: float) -> Mechanism:
     """
     free, q = np.ones(mechanism.model.nv, dtype=bool), _guess(mechanism)
     with evaluation_of(mechanism) as evaluation:
-        _, error = close(evaluation, q, free, CLOSED)
-        if error <= CLOSED and not may_be_rounded(evaluation, gap):
+        q, error = close(evaluation, q, free, CLOSED)
+        if error <= CLOSED and not may_be_rounded(evaluation, q, gap):
             return mechanism
     return rounded(mechanism, gap) or mechanism
 
@@ -156,7 +166,7 @@ def closed_there(mechanism: Mechanism, q: Array) -> Mechanism:
     with evaluation_of(mechanism) as evaluation:
         evaluation.update(q)
         if mechanism.whole is not None or evaluation.closure_error > gap or (
-                evaluation.closure_error <= CLOSED and not may_be_rounded(evaluation, gap)):
+                evaluation.closure_error <= CLOSED and not may_be_rounded(evaluation, q, gap)):
             return mechanism
     return rounded(mechanism, gap) or mechanism
 
@@ -214,12 +224,8 @@ def _closes(evaluation: Evaluation, q: Array) -> bool:
 def _nearly_depend(rows: Array, part: float) -> bool:
     """Whether singular values of rows are small but not zero: below a part of the largest.
 
-    Of rows that are clearly independent, and others that clearly follow from them, the longest left
-    first, there are none: that costs as much as there are loops, singular values their cube.
+    Their cost is the cube of the number of loops: `may_be_rounded` spares them where it can.
     """
-    found = independence(rows, len(rows), TOLERANCES.rank)
-    if found.least > INDEPENDENT and found.left_out < TOLERANCES.tight:
-        return False
     s = singular_values(rows)
     return bool(np.any((s > TOLERANCES.rank * s[0]) & (s < part * s[0])))
 

@@ -23,8 +23,7 @@ about a line fixed in it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -367,13 +366,23 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
     return found
 
 
-@contextmanager
-def evaluation_of(mechanism: Mechanism, angles: Array | float = 0.0) -> Iterator[Evaluation]:
-    """Lend an `Evaluation` of a mechanism, its screws counting turns from `angles` (n_angles,)."""
-    with acquired(mechanism, "evaluation",
-                  lambda: Evaluation(constraints_of(mechanism))) as evaluation:
-        evaluation.turns[:] = angles
-        yield evaluation
+class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evaluation
+    """Acquire an `Evaluation` of a mechanism, its screws counting turns from some angles.
+
+    Args:
+        mechanism: the mechanism.
+        angles: (n_angles,) of its screws [rad].
+    """
+
+    def __init__(self, mechanism: Mechanism, angles: Array | float = 0.0) -> None:
+        super().__init__(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism)))
+        self._angles = angles
+
+    def __enter__(self) -> Evaluation:
+        """Return the evaluation."""
+        found = super().__enter__()
+        found.turns[:] = self._angles
+        return found
 
 
 # columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row

@@ -14,9 +14,11 @@ from spatial_pin.kernel.kernel import Kernel, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
+LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
 
 
 class Closed(NamedTuple):
@@ -31,6 +33,25 @@ class Closed(NamedTuple):
     q: Array
     error: float
     may_be_mirrored: bool
+
+
+class Examined(NamedTuple):
+    """What a configuration is like.
+
+    Attributes:
+        error: its closure error.
+        angles: (n_angles,) of screw closures, counting turns [rad].
+        may_be_mirrored: as of `Closed`.
+        least: of its closure equations, the columns of their derivatives made alike: the length
+            of what is left of the last one that is independent, relative to the first one's.
+        left_out: likewise of the longest of those that follow from others.
+    """
+
+    error: float
+    angles: Array
+    may_be_mirrored: bool
+    least: float
+    left_out: float
 
 
 class Closer:
@@ -59,17 +80,20 @@ class Closer:
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
             ctypes.byref(handle)))
         self.handle = handle
-        self._q, self._free = np.empty(kernel.nq), np.empty(kernel.nv, np.int64)
-        self._turns, self._pinned = np.empty(kernel.n_angles), np.empty(len(pins))
-        self._error, self._mirrored = np.empty(1), np.empty(1, np.int64)
+        self._q, self._pinned = np.empty(kernel.nq), np.empty(len(pins))
+        self._first, self._free = np.empty((2, kernel.nv), np.int64)
+        self._turns, self._angles = np.empty((2, kernel.n_angles))
+        self._error, self._mirrored = np.empty(3), np.empty(1, np.int64)
         self.knows_mirrors = rotations.shape[1] == sum(
             c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
-        self._at = [address(x) for x in (self._q, self._free, self._pinned, self._turns)]
+        self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
+            address(x) for x in (self._q, self._first, self._free, self._pinned, self._turns))
         self._ends = address(self._error), address(self._mirrored)
+        self._facts = address(self._error), address(self._angles), address(self._mirrored)
 
     def close(
         self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
-        pinned: Iterable[float], cut: float,
+        pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None = None,
     ) -> Closed:
         """Close the loops from q (nq,), to the least residual that is reached.
 
@@ -81,32 +105,48 @@ class Closer:
             iterations: damped steps at most.
             pinned: values of the pinned coordinates, in the order of their names.
             cut: size of the equations, by the largest, below which they move nothing.
+            first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
         """
-        self._take(free, turns, pinned)
         self._q[:] = q
-        self._library.closer_close(self.handle, 1, *self._at, tolerance, iterations, cut,
-                                   *self._ends)
-        return Closed(self._q.copy(), self._error.item(),
-                      not self.knows_mirrors or bool(self._mirrored[0]))
+        self._close(1, self._at_q, free, turns, tolerance, iterations, pinned, cut, first,
+                    *self._ends)
+        return Closed(self._q.copy(), self._error.item(0),
+                      not self.knows_mirrors or self._mirrored.item() != 0)
 
     def close_all(
         self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
-        pinned: Iterable[float], cut: float,
+        pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None = None,
     ) -> list[Closed]:
         """Close each row of q (m, nq) by itself, as `close` does."""
-        self._take(free, turns, pinned)
         q, errors = np.array(q, order="C"), np.empty(len(q))
         mirrored = np.empty(len(q), np.int64)
-        self._library.closer_close(self.handle, len(q), address(q), *self._at[1:], tolerance,
-                                   iterations, cut, address(errors), address(mirrored))
+        self._close(len(q), address(q), free, turns, tolerance, iterations, pinned, cut, first,
+                    address(errors), address(mirrored))
         return [Closed(*row) for row in zip(
             q, errors.tolist(), ((mirrored != 0) | (not self.knows_mirrors)).tolist(),
             strict=True)]
 
-    def _take(self, free: NDArray[np.bool_], turns: Array, pinned: Iterable[float]) -> None:
+    def _close(
+        self, m: int, q: int, free: NDArray[np.bool_], turns: Array, tolerance: float,
+        iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
+        error: int, mirrored: int,
+    ) -> None:
         self._free[:], self._turns[:] = free, turns
+        if first is not None:
+            self._first[:] = first
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
+        self._library.closer_close(
+            self.handle, m, q, None if first is None else self._at_first, self._at_free, *self._at,
+            self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, error, mirrored)
+
+    def examine(self, q: Array, turns: Array) -> Examined:
+        """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
+        self._q[:], self._turns[:] = q, turns
+        check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
+        error, least, left_out = self._error.tolist()
+        return Examined(error, self._angles.copy(),
+                        not self.knows_mirrors or self._mirrored.item() != 0, least, left_out)
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -117,7 +157,7 @@ class Closer:
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
         self._free[:] = free
-        self._library.closer_descend(self.handle, len(q), address(q), self._at[1], tolerance,
+        self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
                                      iterations, address(errors))
         return q, errors
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,8 +134,6 @@ def check(code: int) -> None:
         raise SpatialPinError(f"the kernel ended with {CODES[code]}")
 
 
-@contextmanager
-def kernel_of(mechanism: Mechanism) -> Iterator[Kernel]:
-    """Lend a kernel of a mechanism, as if newly made."""
-    with acquired(mechanism, "kernel", lambda: Kernel(mechanism)) as kernel:
-        yield kernel
+def kernel_of(mechanism: Mechanism) -> acquired[Kernel]:
+    """Acquire a kernel of a mechanism, as if newly made."""
+    return acquired(mechanism, "kernel", lambda: Kernel(mechanism))

@@ -70,7 +70,9 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.rates_jacobian.argtypes = [POINTER, INT, INT, *[POINTER] * 3]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
-    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 4, REAL, INT, REAL, *[POINTER] * 2]
+    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL,
+                                   *[POINTER] * 2]
+    found.closer_examine.argtypes = [POINTER] * 6
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
     found.dimensions_close.argtypes = [POINTER, POINTER, POINTER, INT, POINTER]
     found.dimensions_evaluate.argtypes = [POINTER, POINTER, INT, *[POINTER] * 7]

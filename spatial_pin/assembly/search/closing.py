@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, closed_by, finite
+from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
 from spatial_pin.assembly.search.whole_turns import periodic, turned_angles, with_places
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.kernel.closer import Closed, Closer
+from spatial_pin.kernel.closer import LOOSE, Closed, Examined, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -26,7 +26,7 @@ OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
 # A branch this near to the guess [rad, characteristic lengths] is not questioned: guesses have two
 # or three digits.
 NEAR_GUESS = 1e-2
-ACCEPTED, LOOSE = TOLERANCES.closed, TOLERANCES.nothing
+ACCEPTED = TOLERANCES.closed
 
 
 class Closing:
@@ -64,8 +64,7 @@ class Closing:
         left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), tuple(self.named))
         self.pinned = {name: self.held[name] for name in left.pinned}
         self.still, self.free = left.still, left.free
-        self.first, self.has_first = left.first, left.has_first
-        self.closer: Closer | None = None
+        self.first = left.first
 
     def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
@@ -80,48 +79,42 @@ class Closing:
         if self.whole is not None:
             q = closed(self.whole.mechanism, q, free, self.whole.turns, tolerance, pinned=pinned,
                        cut=self._cut).q
-        turns = self.evaluation.turns
-        if self.closer is not None and pinned is self.pinned:
-            return closed_by(self.closer, q, free, turns, tolerance, pinned=pinned)
-        return closed(self.mechanism, q, free, turns, tolerance, pinned=pinned)
+        return closed(self.mechanism, q, free, self.evaluation.turns, tolerance, pinned=pinned)
 
-    def reached(self, q: Array) -> Closed:
-        """Close the loops from a start q (nq,), first while what is named is held too."""
-        if self.has_first:
-            q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
-        return self.closed(q, self.free, self.pinned)
-
-    def all_reached(self, starts: Sequence[Array]) -> Iterator[Closed]:
-        """Yield where `reached` leads from starts; in one go, where no other equations lead."""
-        if self.whole is not None or self.closer is None or not starts:
-            yield from map(self.reached, starts)
+    def reached(self, starts: Sequence[Array]) -> Iterator[Closed]:
+        """Yield where starts (nq,) lead, first while what is named is held too."""
+        if self.whole is not None:
+            for q in starts:
+                if self.first is not None:
+                    q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
+                yield self.closed(q, self.free, self.pinned)
             return
-        turns, pinned, q = self.evaluation.turns, self.pinned.values(), np.array(starts)
-        before: Sequence[Closed] = ()
-        if self.has_first:
-            before = self.closer.close_all(q, self.first, turns, max(self.tolerance, LOOSE),
-                                           DAMPED_STEPS, pinned, TOLERANCES.rank)
-            q = np.array([x.q for x in before])
-        after = self.closer.close_all(q, self.free, turns, self.tolerance, DAMPED_STEPS, pinned,
-                                      TOLERANCES.rank)
-        for k, found in enumerate(after):
-            if before:
-                finite(before[k])
-            yield finite(found)
+        rest = (self.free, self.evaluation.turns, self.tolerance, DAMPED_STEPS,
+                self.pinned.values(), TOLERANCES.rank, self.first)
+        with closer_of(self.mechanism, self.pinned) as closer:
+            found = ([closer.close(starts[0], *rest)] if len(starts) == 1 else
+                     closer.close_all(np.array(starts), *rest))
+        yield from map(finite, found)
+
+    def examined(self, q: Array) -> Examined:
+        """Return what the equations, of the mechanism alone, are like at q (nq,)."""
+        with closer_of(self.mechanism) as closer:
+            return closer.examine(q, self.evaluation.turns)
 
     def judged(self, q: Array, known: Closed | None = None) -> tuple[Array, float, str]:
         """Return q with its whole turns, its closure error, and the closure at fault or nothing.
 
         Args:
             q: the configuration.
-            known: how it was closed, which may tell without a closer look that nothing is.
+            known: what was found there, if something was.
         """
         evaluation = self.evaluation
         turned = turned_angles(self.mechanism, q, self.held, self.named)
-        if (known is not None and self.whole is None and known.error <= ACCEPTED
-                and not known.may_be_mirrored and q is known.q and not turned):
-            return q, known.error, ""
-        q = with_places(q, turned)
+        q = with_places(q, turned) if turned else q
+        if self.whole is None:
+            seen = known if known is not None and q is known.q else self.examined(q)
+            if seen.error <= ACCEPTED and not seen.may_be_mirrored:
+                return q, seen.error, ""
         evaluation.update(q)
         error = evaluation.closure_error
         fault = "" if error <= self.accepted(q) else evaluation.worst_closure()
@@ -161,11 +154,6 @@ class Closing:
         moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
         near = bool(np.abs(moved).max(initial=0.0) < NEAR_GUESS)
         return (there, open_by) if open_by <= ACCEPTED and near else (q, error)
-
-    def evaluate(self, q: Array) -> None:
-        """Evaluate the equations at q (nq,), which nobody changes, if they do not stand there."""
-        if self.evaluation.q is not q:
-            self.evaluation.update(q)
 
 
 def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:

@@ -19,7 +19,8 @@ from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, st
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.targets import Target
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
-from spatial_pin.kernel.closer import Closed, closer_of
+from spatial_pin.kernel.closer import Closed, Examined
+from spatial_pin.lazy import cached_property
 from spatial_pin.numerics.linalg import Array
 
 # Starts of drivers that stand, where they need go a little only for the loops to close: a place
@@ -61,14 +62,8 @@ class Search:
             q: the guess.
             release: whether to give up where the drivers that stand cannot.
         """
-        closing = self.closing
-        with closer_of(self.mechanism, closing.pinned) as closing.closer:
-            self._try_starts(starts_from(
-                self.mechanism, q, closing.held, closing.named, closing.still), release)
-        closing.closer = None
-
-    def _try_starts(self, starts: Iterator[Array], release: bool) -> None:
-        most = MAX_STARTS
+        closing, most = self.closing, MAX_STARTS
+        starts = starts_from(self.mechanism, q, closing.held, closing.named, closing.still)
         for k, start in enumerate(starts):
             if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
                 self.attempt(start)
@@ -77,7 +72,7 @@ class Search:
             if self.best is not None:
                 self._compare(list(islice(starts, min(MORE_STARTS, most - 1 - k))), k + 1)
                 break
-            if k == 0 and release and self.closing.standing:
+            if k == 0 and release and closing.standing:
                 most = self._worth_trying(start)
             if k + 1 == most:
                 break
@@ -92,7 +87,7 @@ class Search:
         if not starts:
             return
         small = size_of(self.mechanism, np.array(starts)) * COORDINATE_ERROR < 1.0
-        reached = self.closing.all_reached(
+        reached = self.closing.reached(
             [x for x, ok in zip(starts, small.tolist(), strict=True) if ok])
         for k, ok in enumerate(small.tolist(), start=first):
             if ok:
@@ -127,7 +122,7 @@ class Search:
 
     def attempt(self, q: Array) -> None:
         """Solve from one start and keep the result if it is the best so far."""
-        self._keep(self.closing.reached(q))
+        self._keep(next(self.closing.reached([q])))
 
     def _keep(self, found: Closed) -> None:
         """Keep where closing has led if it is the best so far."""
@@ -158,13 +153,18 @@ class Search:
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best = (distance, q)
 
+    @cached_property
+    def examined(self) -> Examined:
+        """What the best closed configuration is like, once there is one."""
+        assert self.best is not None
+        return self.closing.examined(self.best[1])
+
     def may_be_rounded(self) -> bool:
         """Whether loops closed nearly, or some equations nearly follow from others."""
         closing = self.closing
         if self.best is None or closing.whole is not None:
             return self.is_near
-        closing.evaluate(self.best[1])
-        return may_be_rounded(closing.evaluation, closing.gap)
+        return may_be_rounded(closing.evaluation, self.best[1], closing.gap, self.examined)
 
     def _done(self, k: int) -> bool:
         """Whether further starts can be spared after start number `k`."""

@@ -57,15 +57,14 @@ class Left(NamedTuple):
         pinned: held components of balls and floating joints.
         still: velocity entries of free bases that stand.
         free: (nv,) the velocities that may move.
-        first: (nv,) those that may move first, while what the guess names is held too.
-        has_first: whether that is something, and something else.
+        first: (nv,) those that may move first, while what the guess names is held too; None if
+            these are none, or the same.
     """
 
     pinned: tuple[str, ...]
     still: tuple[int, ...]
     free: NDArray[np.bool_]
-    first: NDArray[np.bool_]
-    has_first: bool
+    first: NDArray[np.bool_] | None
 
 
 def left_of(
@@ -79,8 +78,8 @@ def left_of(
         still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
         free = free_but(mechanism, still, (name for name in held if name not in pinned))
         first = free & free_but(mechanism, still, named)
-        mechanism.memo[key] = Left(pinned, still, free, first,
-                                   bool(first.any()) and not np.array_equal(first, free))
+        has_first = bool(first.any()) and not np.array_equal(first, free)
+        mechanism.memo[key] = Left(pinned, still, free, first if has_first else None)
     found: Left = mechanism.memo[key]
     return found
 

@@ -11,6 +11,7 @@
 #include <float.h>
 #include <string.h>
 
+#include "choosing.h"
 #include "closing.h"
 #include "envelope.h"
 #include "far_rotations.h"
@@ -64,6 +65,7 @@ struct Closer {
     Real *dense, *few;           /* (n, nv), (nv) of free velocities */
     Int *place;                  /* (nv) of each velocity among the free ones */
     Real *q, *trial, *step;
+    Int *order;          /* (n) scratch */
     /* ---- of the call ---- */
     const Int *free;     /* (nv) velocities that may move */
     const Real *wanted;  /* values of pinned coordinates */
@@ -257,9 +259,10 @@ static Real polish(Closer *c)
     return error;
 }
 
-static Real close_one(Closer *c, Real tolerance, Int iterations)
+static Real close_one(Closer *c, const Int *free, Real tolerance, Int iterations)
 {
     Descent d = {PRODUCTS_LEAD, iterations, 1, 0, STALLED};
+    c->free = free;
     pins_put(c->pin, c->n_pins, c->wanted, c->q);
     residual_at(c, c->q, 0);
     if (rotations_are_far(c->k, &c->rotations))
@@ -310,7 +313,8 @@ static int make_room(Closer *c)
     c->q = kernel_memory(k, k->nq, sizeof(Real));
     c->trial = kernel_memory(k, k->nq, sizeof(Real));
     c->step = kernel_memory(k, k->nv, sizeof(Real));
-    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step)
+    c->order = kernel_memory(k, c->n, sizeof(Int));
+    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step || !c->order)
         return NO_MEMORY;
     if (c->n > FEW_EQUATIONS)
         return DONE;
@@ -350,26 +354,77 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
 
 /* Close the loops from configurations q (m, nq), one after the other.
 
-   free: (nv) the velocities that may move; pinned: values of pinned coordinates; turns: (n_angles)
-   from which the angles of screws count; cut: size of the equations, by the largest, below which
-   they move nothing; error: (m) closure errors; mirrored: (m) whether axes point opposite ways. */
-EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *free, const Real *pinned,
-                         const Real *turns, Real tolerance, Int iterations, Real cut, Real *error,
-                         Int *mirrored)
+   free: (nv) the velocities that may move; first: those that may move before, to a looser tolerance,
+   or NULL; pinned: values of pinned coordinates; turns: (n_angles) from which the angles of screws
+   count; cut: size of the equations, by the largest, below which they move nothing; error: (m)
+   closure errors; mirrored: (m) whether axes point opposite ways. */
+EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int *free,
+                         const Real *pinned, const Real *turns, Real loose, Real tolerance,
+                         Int iterations, Real cut, Real *error, Int *mirrored)
 {
     const size_t nq = (size_t)c->k->nq;
-    c->free = free;
     c->wanted = pinned;
     c->cut = cut;
     c->squares = c->n > FEW_EQUATIONS;
     memcpy(c->k->turns, turns, (size_t)c->k->n_angles * sizeof(Real));
     for (Int i = 0; i < m; i++) {
         memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
-        error[i] = close_one(c, tolerance, iterations);
+        error[i] = first ? close_one(c, first, loose, iterations) : 0.0;
+        if (isfinite(error[i]))
+            error[i] = close_one(c, free, tolerance, iterations);
         equations_values(c->k, c->q);
         mirrored[i] = rotations_are_mirrored(c->k, &c->rotations);
         memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
     }
+}
+
+/* Make the columns of the closure equations' derivatives alike: short levers are none then. What is
+   no column stays none; `square` (nv) is scratch. */
+static void make_even(Kernel *k, Real *square)
+{
+    const Int entries = k->entry_start[k->n_closure];
+    memset(square, 0, (size_t)k->nv * sizeof(Real));
+    for (Int e = 0; e < entries; e++)
+        square[k->entry_v[e]] += k->entry[e] * k->entry[e];
+    for (Int e = 0; e < entries; e++)
+        if (square[k->entry_v[e]] > TOLERANCE_RANK * TOLERANCE_RANK)
+            k->entry[e] /= sqrt(square[k->entry_v[e]]);
+}
+
+/* How clearly equations, all columns alike, are independent or follow from others: the length of what
+   is left of the last independent one, and of the longest of the others, by the first one's. */
+static int judge_independence(Closer *c, Real *least, Real *left_out)
+{
+    Kernel *k = c->k;
+    Choice choice;
+    equations_jacobian(k);
+    make_even(k, c->step);
+    if (choice_begin(&choice, k->n_closure, k->nv) != DONE)
+        return NO_MEMORY;
+    for (Int i = 0; i < k->n_closure; i++) {
+        const Int from = k->entry_start[i], count = k->entry_start[i + 1] - from;
+        choice_put(&choice, i, count, k->entry_v + from, k->entry + from);
+    }
+    choice_make(&choice, k->n_closure, TOLERANCE_RANK, c->order);
+    *least = choice.least;
+    *left_out = choice.left_out;
+    choice_end(&choice);
+    return DONE;
+}
+
+/* What a configuration q (nq) is like. facts: (3) closure error, and `least` and `left_out` of its
+   equations, see above; angle: (n_angles) of screws; mirrored: whether axes point opposite ways. */
+EXPORT int closer_examine(Closer *c, const Real *q, const Real *turns, Real *facts, Real *angle,
+                          Int *mirrored)
+{
+    Kernel *k = c->k;
+    const size_t angles = (size_t)k->n_angles * sizeof(Real);
+    memcpy(k->turns, turns, angles);
+    equations_values(k, q);
+    facts[0] = equations_error(k);
+    memcpy(angle, k->angle, angles);
+    *mirrored = rotations_are_mirrored(k, &c->rotations);
+    return judge_independence(c, facts + 1, facts + 2);
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of

@@ -230,8 +230,8 @@ static int close_sample(Work *w, Int i)
     memcpy(k->turns, angle, angles);
     equations_values(k, q);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
-    closer_close(w->closer, 1, q, s->free, NULL, angle, s->tolerance, s->iterations, s->cut, fact,
-                 &mirrored);
+    closer_close(w->closer, 1, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
+                 s->cut, fact, &mirrored);
     equations_values(k, q);
     equations_jacobian(k);
     memcpy(angle, k->angle, angles);
