@@ -7,8 +7,6 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from spatial_pin.assembly.rounding import allowed_from, rounded
 from spatial_pin.assembly.search.closing import Closing, gone_from
 from spatial_pin.assembly.search.guesses import Guess, read_guess
@@ -25,6 +23,7 @@ from spatial_pin.constraints.closure_equations import (
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
+    driver_coordinates,
     finite_number,
     joint_values,
     needed,
@@ -197,7 +196,7 @@ def _standing(
     mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str]
 ) -> dict[str, float]:
     """Do as `standing_drivers` with a guess that has been read."""
-    drivers = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
+    drivers = driver_coordinates(mechanism).values()
     loose = set()
     for name in (free,) if isinstance(free, str) else free:
         coordinate = mechanism.prescribed_coordinate(name)

@@ -91,10 +91,21 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
     Raises:
         UnknownNameError: a name does not exist.
     """
+    names = () if hold is None else tuple(names_of(hold, "hold"))
+    key = "held", names, tuple(driven)
+    if key not in mechanism.memo:
+        mechanism.memo[key] = _held_by(mechanism, *key[1:])
+    found: Held = mechanism.memo[key]
+    return found
+
+
+def _held_by(
+    mechanism: Mechanism, names: tuple[str, ...], driven: tuple[Coordinate, ...]
+) -> Held:
     entries: list[int] = []
     single: list[Coordinate] = []
     joints = _joint_names(mechanism)
-    for name in () if hold is None else names_of(hold, "hold"):
+    for name in names:
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers
         is_word = not known and name not in joints

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ import pinocchio as pin
 from spatial_pin.assembly.frames import Located
 from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -374,5 +374,5 @@ def center_of_mass(mechanism: Mechanism, link: str) -> Array:
 
 def _frozen(array: Array) -> Array:
     copy = np.array(array, dtype=np.float64)
-    copy.flags.writeable = False
+    copy.setflags(write=False)
     return copy

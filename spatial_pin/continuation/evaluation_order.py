@@ -22,9 +22,11 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     """
     if len(values) < 3:
         return None
-    first, low, high = values[0], values.min(), values.max()
     with np.errstate(over="ignore"):
         way = np.abs(values[1:] - values[:-1]).sum()
+        if way / SORTED_FROM <= abs(values[-1] - values[0]):  # as most are
+            return None
+        first, low, high = values[0], values.min(), values.max()
         if not way / SORTED_FROM > high - low + min(high - first, first - low):
             return None
     order = np.argsort(values, kind="stable")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,6 +61,20 @@ class _Accuracy(ctypes.Structure):
     _fields_ += [(name, ctypes.c_int64) for name in ("order", "corrections")]
 
 
+@cache
+def _asked(accuracy: Accuracy, has_redundant: bool) -> Any:
+    """Return what is asked of a path, for C; whether its equations are some of more."""
+    tolerance, is_fixed = accuracy.tolerance, accuracy.corrections is not None
+    loose = tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed
+    wanted = min(tolerance, TIGHT) if has_redundant else tolerance
+    closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
+    return ctypes.byref(_Accuracy(
+        UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted),
+        np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * tolerance),
+        tolerance if loose else 0.0, accuracy.order,
+        -1 if accuracy.corrections is None else accuracy.corrections))
+
+
 class _Rows(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in Samples._fields]
 
@@ -90,18 +105,8 @@ class Path:
         check(self._library.system_set(
             kernel.handle, address(chosen), len(chosen), address(prescribed), len(prescribed),
             address(fill), len(fill)))
-        wanted = min(accuracy.tolerance, TIGHT) if len(chosen) < kernel.n_rows else (
-            accuracy.tolerance)
-        is_fixed = accuracy.corrections is not None
-        corrections = -1 if accuracy.corrections is None else accuracy.corrections
-        loose = accuracy.tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed
-        between = accuracy.tolerance if loose else 0.0
-        closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
-        asked = _Accuracy(UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted),
-                          np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * accuracy.tolerance),
-                          between, accuracy.order, corrections)
-        handle = ctypes.c_void_p()
-        check(self._library.path_create(kernel.handle, ctypes.byref(asked), ctypes.byref(handle)))
+        handle, asked = ctypes.c_void_p(), _asked(accuracy, len(chosen) < kernel.n_rows)
+        check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
         self._handle = handle
         weakref.finalize(self, self._library.path_destroy, handle)
 

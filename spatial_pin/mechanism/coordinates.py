@@ -69,6 +69,15 @@ def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
     return known
 
 
+def driver_coordinates(mechanism: Mechanism) -> dict[str, Coordinate]:
+    """Return the coordinate of every driver, by its name."""
+    if "driver coordinates" not in mechanism.memo:
+        mechanism.memo["driver coordinates"] = {
+            d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
+    found: dict[str, Coordinate] = mechanism.memo["driver coordinates"]
+    return found
+
+
 def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:
     """Return the named coordinate values of a guess keyed by joint, coordinate or driver.
 
@@ -213,10 +222,10 @@ def rotation_vector(quaternion: Array) -> Array:
 
     To the last digits near half a turn too, where `pin.log3` of the matrix loses three.
     """
-    v, w = quaternion[:3], float(quaternion[3])
-    sine = math.sqrt(v @ v)
-    factor = 2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0
-    return math.copysign(factor, w) * v
+    x, y, z, w = quaternion.tolist()
+    sine = math.hypot(x, y, z)
+    factor = math.copysign(2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0, w)
+    return np.array([factor * x, factor * y, factor * z])
 
 
 def rotation_vectors(quaternions: Array) -> Array:

@@ -56,13 +56,7 @@ def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
     Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
     neither.
     """
-    table = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
-    places = [c.q for c in table]
-    lows, highs = (x[places].tolist() for x in (mechanism.model.lowerPositionLimit,
-                                                mechanism.model.upperPositionLimit))
-    return [JointLimit(c.name, c.unit, c.q, c.v, value, side, float(mechanism.velocity_scale[c.v]))
-            for c, low, high in zip(table, lows, highs, strict=True) if low < high
-            for value, side in ((low, -1), (high, 1)) if abs(value) < UNSTATED]
+    return _stated(mechanism).limits
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
@@ -75,23 +69,44 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
     Returns:
         The signed amounts by coordinate: positive beyond upper limits, negative beyond lower ones.
     """
-    places, slack = _places(mechanism)
-    here = q[places]
-    low, high = (x[places] for x in (mechanism.model.lowerPositionLimit,
-                                     mechanism.model.upperPositionLimit))
-    if ((here >= low - slack) & (here <= high + slack) | (low >= high)).all():  # as a rule
+    limits, places, values, sides, slack = _stated(mechanism)
+    if not limits:
         return {}
-    rooms = {limit: float(limit.room(q)) for limit in joint_limits(mechanism)}
-    return {limit.name: -limit.side * room for limit, room in rooms.items()
-            if room < -SLACK * limit.size}
+    by = sides * (q[places] - values)
+    return {limits[k].name: float(sides[k] * by[k]) for k in np.flatnonzero(by > slack)}
 
 
-def _places(mechanism: Mechanism) -> tuple[NDArray[np.intp], Array]:
-    """Return the places in q of coordinates that may have limits, and half of their slack."""
-    if "limited" not in mechanism.memo:
-        table = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
-        mechanism.memo["limited"] = (
-            np.array([c.q for c in table], dtype=np.intp),
-            0.5 * SLACK * mechanism.velocity_scale[[c.v for c in table]])
-    places, slack = mechanism.memo["limited"]
-    return places, slack
+class _Stated(NamedTuple):
+    """The limits of a model, and the same as arrays.
+
+    Attributes:
+        limits: of the joints, in the order of the coordinates.
+        places: in q; values: of them; sides: +1 or -1.
+        slack: beyond them that is not called so.
+    """
+
+    limits: list[JointLimit]
+    places: NDArray[np.intp]
+    values: Array
+    sides: Array
+    slack: Array
+
+
+def _stated(mechanism: Mechanism) -> _Stated:
+    """Return the limits that the model has now, which anybody may change; made once for each."""
+    bounds = mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
+    key = [x.tobytes() for x in bounds]
+    known: tuple[list[bytes], _Stated] | None = mechanism.memo.get("joint limits")
+    if known is None or known[0] != key:
+        known = mechanism.memo["joint limits"] = key, _stated_by(mechanism, *bounds)
+    return known[1]
+
+
+def _stated_by(mechanism: Mechanism, lower: Array, upper: Array) -> _Stated:
+    limits = [JointLimit(c.name, c.unit, c.q, c.v, float(value), side,
+                         float(mechanism.velocity_scale[c.v]))
+              for c in mechanism.coordinate_table.values() if c.q >= 0 and lower[c.q] < upper[c.q]
+              for value, side in ((lower[c.q], -1), (upper[c.q], 1)) if abs(value) < UNSTATED]
+    return _Stated(
+        limits, np.array([x.q for x in limits], np.intp), np.array([x.value for x in limits]),
+        np.array([float(x.side) for x in limits]), np.array([SLACK * x.size for x in limits]))

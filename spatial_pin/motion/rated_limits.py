@@ -89,8 +89,8 @@ def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:
 
 
 def _stated(mechanism: Mechanism, values: Array) -> list[tuple[Coordinate, float]]:
-    return [(c, float(values[c.v])) for c in mechanism.coordinate_table.values()
-            if 0.0 < values[c.v] < UNSET]
+    table = mechanism.coordinate_table.values()
+    return [(c, x) for c, x in zip(table, values.tolist(), strict=True) if 0.0 < x < UNSET]
 
 
 def beyond(pairs: Iterable[tuple[RatedLimit, Array]]) -> list[BeyondLimit]:

@@ -12,7 +12,7 @@ import numpy as np
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin.checks import as_array, checked, finite_array, finite_number, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.cursor import FARTHEST, Stopped
 from spatial_pin.continuation.follow import follow, followed_in_order
@@ -21,7 +21,7 @@ from spatial_pin.continuation.start import Start
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
@@ -156,7 +156,7 @@ def _released(
     A coordinate that moves the only freedoms there are moves the drivers: that is no event.
     """
     mechanism, texts = state.mechanism, []
-    drivers = {d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
+    drivers = driver_coordinates(mechanism)
     moving = {name for name, c in drivers.items() if c not in driven and c.v not in still}
     if len(moving) == len(drivers):
         return []
@@ -189,8 +189,9 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 def _per_sample(value: Any, values: Array, what: str) -> Array:
     """Return one number, or one for every sample, as (N,)."""
     numbers = as_array(value, what)
-    return finite_array(np.full(values.shape, numbers) if numbers.ndim == 0 else numbers,
-                        values.shape, what)
+    if numbers.ndim:
+        return finite_array(numbers, values.shape, what)
+    return np.full(values.shape, finite_number(float(numbers), what))
 
 
 def _motion(
@@ -198,19 +199,20 @@ def _motion(
     accels: Array, per: str,
 ) -> Motion:
     n = len(values)
-    v, a = samples.t[:n], samples.c[:n]
+    v, a, time = samples.t[:n], samples.c[:n], None
     if per == "s":
         with np.errstate(over="ignore", invalid="ignore"):
             a = a * (speeds * speeds)[:, None]
             if accels.any():
                 a += v * accels[:, None]
             v = v * speeds[:, None]
+            time = _time(values, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
         mechanism=mechanism,
         driver=values.copy(),
         driver_name=driver,
-        time=_time(values, speeds, accels) if per == "s" else None,
+        time=time,
         q=samples.q[:n],
         v=v,
         a=a,
@@ -243,10 +245,9 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
 
 def _drift(motion: Motion) -> list[Event]:
     """Report where a motion that is not corrected to tolerance has left its closed loops."""
-    open_samples = np.flatnonzero(motion.closure_error > DRIFTED)
-    if not open_samples.size:
+    if not motion.closure_error.max(initial=0.0) > DRIFTED:
         return []
-    row = int(open_samples[0])
+    row = int(np.argmax(motion.closure_error > DRIFTED))
     value, unit = float(motion.swept[row]), motion.driver_unit
     text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
             "on: too few corrections")
@@ -257,9 +258,8 @@ def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
     """(value - first)/speed where that rises from sample to sample at constant speed, else None."""
     if speeds[0] == 0.0 or (speeds != speeds[0]).any() or accels.any():
         return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        time = (values - values[0]) / speeds[0]
-        return time if np.isfinite(time).all() and (time[1:] > time[:-1]).all() else None
+    time = (values - values[0]) / speeds[0]
+    return time if np.isfinite(time).all() and (time[1:] > time[:-1]).all() else None
 
 
 def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:

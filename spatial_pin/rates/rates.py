@@ -15,6 +15,7 @@ from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import Chosen, Solved
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
@@ -36,7 +37,7 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
     """
     wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
-    drivers = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
+    drivers = [*driver_coordinates(mechanism).values()]
     chosen = drivers if all(c in drivers for c in wanted) else wanted
     return list(dict.fromkeys(chosen))
 

@@ -158,7 +158,7 @@ class Closing:
 
 def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:
     """Return how far coordinates are from values, those that are there left out [rad, m]."""
-    table, gone = mechanism.coordinate_table, {}
+    table, gone = mechanism.coordinate_table, dict[str, float]()
     for name, value in said.items():
         by = coordinate_value(mechanism, table[name], q) - value
         if abs(by) > TOLERANCES.nothing * mechanism.velocity_scale[table[name].v]:
@@ -186,4 +186,6 @@ def size_of(mechanism: Mechanism, q: Array) -> Any:
     Angles that mean the same after a turn do not count.
     """
     _, places, sizes = coordinate_sizes(mechanism)
-    return np.abs(q[..., places] / sizes).max(axis=-1, initial=0.0)
+    if not places.size:
+        return 0.0 if q.ndim == 1 else np.zeros(len(q))
+    return np.abs(q[..., places] / sizes).max(axis=-1)

@@ -88,15 +88,16 @@ def starts_from(
     mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float],
     still: Sequence[int] = (),
 ) -> Iterator[Array]:
-    """Yield start configurations: the guess, then others that keep what it names.
+    """Yield start configurations: the guess q (nq,), then others that keep what it names.
 
-    The velocity entries that are `still` stay where they are, too.
+    What it names has its values in q. The velocity entries that are `still` stay where they are,
+    too.
 
     After half of the starts what is named is shaken too, first by up to a radian, in the end by
     any angle, and lengths in proportion; named lengths far beyond the mechanism's size are cut.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
-    fixed = with_values(mechanism, q, {**named, **held})
+    fixed = with_values(mechanism, q, held)
     yield fixed
     table, far = mechanism.coordinate_table, ANOTHER_SIZE * mechanism.characteristic_length
     nearer = {name: min(max(value, -far), far) for name, value in named.items()

@@ -114,10 +114,11 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     The evaluation stands there then.
     """
     closing = search.closing
+    named = {**closing.named, **closing.held}
     other = Search(Closing(
-        closing.evaluation, closing.whole, {}, {}, {**closing.named, **closing.held},
+        closing.evaluation, closing.whole, {}, {}, named,
         replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0)), search.limits)
-    other.run(q)
+    other.run(with_values(closing.mechanism, q, named))
     if other.best is None:
         return {}
     closing.evaluation.update(other.best[1])

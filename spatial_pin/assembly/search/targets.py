@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,31 +21,32 @@ class Places(NamedTuple):
 
     Attributes:
         plain: names of those that are entries of q.
-        at: (n,) these entries.
-        sizes: (n,) of a unit of each.
-        balls: first entry in q of each joint that others are components of.
+        at: these entries.
+        sizes: of a unit of each.
+        balls: first entry in q of each joint that others are components of, and their names.
         is_whole: whether these are balls of which all components are meant.
     """
 
     plain: list[str]
-    at: NDArray[np.intp]
-    sizes: Array
-    balls: list[int]
+    at: list[int]
+    sizes: list[float]
+    balls: list[tuple[int, list[str]]]
     is_whole: bool
 
 
 def places_of(mechanism: Mechanism, names: tuple[str, ...]) -> Places:
     """Return where coordinates are; looked up once for the same ones."""
     if ("places", names) not in mechanism.memo:
-        table, known = mechanism.coordinate_table, set(names)
+        table, known, joints = mechanism.coordinate_table, set(names), by_joint(mechanism)
         plain = [table[name] for name in names if table[name].q >= 0]
         balls = dict.fromkeys(table[name].joint for name in names if table[name].q < 0)
         mechanism.memo["places", names] = Places(
-            [c.name for c in plain], np.array([c.q for c in plain], dtype=np.intp),
-            mechanism.velocity_scale[[c.v for c in plain]],
-            [int(mechanism.model.idx_qs[mechanism.joint_id(joint)]) for joint in balls],
+            [c.name for c in plain], [c.q for c in plain],
+            [float(mechanism.velocity_scale[c.v]) for c in plain],
+            [(int(mechanism.model.idx_qs[mechanism.joint_id(joint)]),
+              [c.name for c in joints[joint]]) for joint in balls],
             all(mechanism.pair_of(joint) == "spherical"
-                and all(c.name in known for c in by_joint(mechanism)[joint]) for joint in balls))
+                and all(c.name in known for c in joints[joint]) for joint in balls))
     found: Places = mechanism.memo["places", names]
     return found
 
@@ -104,30 +105,33 @@ class Target:
 
     def __init__(self, mechanism: Mechanism, named: Mapping[str, float]) -> None:
         self.mechanism, self.named = mechanism, named
-        places = places_of(mechanism, tuple(named))
+        self._places = places = places_of(mechanism, tuple(named))
+        self._values = [named[x] / size for x, size in zip(places.plain, places.sizes, strict=True)]
         # components of floating joints, and single ones of balls, have to be put in first
-        self._is_whole, self._at, self._sizes = places.is_whole, places.at, places.sizes
-        values = np.array([named[name] for name in places.plain], dtype=float)
-        self._values: list[float] = (values / places.sizes).tolist()
-        self._balls: list[tuple[int, Array]] = []
-        if places.balls and places.is_whole:
-            whole = with_values(mechanism, mechanism.neutral, {
-                name: x for name, x in named.items() if mechanism.coordinate_table[name].q < 0})
-            self._balls = [(at, whole[at : at + 4]) for at in places.balls]
+        self._balls = [(at, _quaternion([named[name] for name in names]))
+                       for at, names in places.balls] if places.is_whole else []
 
     def distance(self, q: Array) -> float:
         """Return how far q (nq,) is from the named values; an orientation counts by its angle."""
-        if self._is_whole:
-            apart = math.dist((q[self._at] / self._sizes).tolist(), self._values)
-            return math.hypot(apart, *(
-                _angle_between(q[at : at + 4], goal) for at, goal in self._balls))
+        if self._places.is_whole:
+            here = q.tolist()
+            own = [here[at] / size for at, size in zip(
+                self._places.at, self._places.sizes, strict=True)]
+            return math.hypot(math.dist(own, self._values), *(
+                _angle_between(here[at : at + 4], goal) for at, goal in self._balls))
         model, size = self.mechanism.model, self.mechanism.velocity_scale
         gaps = pin.difference(model, q, with_values(self.mechanism, q, self.named)) / size
         return math.hypot(*gaps.tolist())
 
 
-def _angle_between(one: Array, two: Array) -> float:
+def _quaternion(vector: Sequence[float]) -> list[float]:
+    """Return the quaternion of a rotation vector."""
+    angle = math.hypot(*vector)
+    factor = math.sin(0.5 * angle) / angle if angle else 0.5
+    return [*(factor * x for x in vector), math.cos(0.5 * angle)]
+
+
+def _angle_between(one: Sequence[float], two: Sequence[float]) -> float:
     """Return the angle between orientations, quaternions (4,) [rad]."""
-    near = two if one @ two >= 0.0 else -two
-    apart, together = one - near, one + near
-    return 4.0 * math.atan2(math.sqrt(apart @ apart), math.sqrt(together @ together))
+    apart, other = math.dist(one, two), math.dist(one, [-x for x in two])
+    return 4.0 * math.atan2(min(apart, other), max(apart, other))
