@@ -55,7 +55,8 @@ def follow(
     chunk = max(CHUNK // max(start.kernel.nv, 1), 1)
     while k < len(values):
         last = cursor.here if k else None
-        done = cursor.follow(values[k : k + chunk], samples.between(k, k + chunk))
+        part = samples if len(values) <= chunk and not k else samples.between(k, k + chunk)
+        done = cursor.follow(values[k : k + chunk], part)
         k += done
         if done:
             yield k

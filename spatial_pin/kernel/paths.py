@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import weakref
 from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.kernel import Kernel, address, check, numbers
-from spatial_pin.kernel.library import library
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
@@ -96,19 +94,20 @@ class Path:
         self, kernel: Kernel, chosen: NDArray[np.integer[Any]], driven: Sequence[int], fill: Array,
         accuracy: Accuracy,
     ) -> None:
-        self.kernel = kernel
-        self._library = library()
-        chosen = np.ascontiguousarray(chosen, np.int64)
-        prescribed = np.array(driven, np.int64)
-        self.n_driven = len(prescribed)
-        fill = np.ascontiguousarray(fill, float)
+        self.kernel, self._library = kernel, kernel.library
+        rows, at = np.ascontiguousarray(chosen, np.int64), np.array(driven, np.int64)
+        self.n_driven, fill = len(at), np.ascontiguousarray(fill, float)
         check(self._library.system_set(
-            kernel.handle, address(chosen), len(chosen), address(prescribed), len(prescribed),
-            address(fill), len(fill)))
-        handle, asked = ctypes.c_void_p(), _asked(accuracy, len(chosen) < kernel.n_rows)
+            kernel.handle, address(rows), len(rows), address(at), len(at), address(fill),
+            len(fill)))
+        handle, asked = ctypes.c_void_p(), _asked(accuracy, len(rows) < kernel.n_rows)
         check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
         self._handle = handle
-        weakref.finalize(self, self._library.path_destroy, handle)
+
+    def __del__(self) -> None:
+        """Free what C has allocated."""
+        if hasattr(self, "_handle"):
+            self._library.path_destroy(self._handle)
 
     def start(self, q: Array, angles: Array, choose: bool = False) -> bool:
         """Move to a closed configuration; False if it is singular, or may be.

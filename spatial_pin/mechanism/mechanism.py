@@ -221,9 +221,11 @@ class Mechanism:
         """
         if isinstance(name, str) and name in self.coordinate_table:
             return self.coordinate_table[name]
+        if isinstance(name, str) and name in self.drivers:
+            return self.coordinate(name)
         components = [c.name for c in self.coordinate_table.values()
                       if isinstance(name, str) and c.joint == name]
-        if len(components) > 1 and name not in self.drivers:
+        if len(components) > 1:
             raise SpatialPinError(
                 f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
                 f"coordinates: {', '.join(components)}; name those that are meant, such as "

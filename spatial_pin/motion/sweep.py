@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -109,17 +110,19 @@ def sweep(
     values = finite_array(values, (max(values.size, 1),), "values")
     speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
     accels = _per_sample(acceleration, values, "acceleration")
-    if speed is None and np.any(accels):
+    is_even = not accels.any()
+    if speed is None and not is_even:
         raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
     coordinate = mechanism.prescribed_coordinate(driver)
     given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
     held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
         hold, Mapping) else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [coordinate], held)
-    state = assembled(mechanism, {**given, coordinate.name: values[0]}, guess,
+    state = assembled(mechanism, {**given, coordinate.name: float(values[0])}, guess,
                       accuracy=_tight(accuracy))
     mechanism = state.mechanism
-    stop, n, crossed = None, len(values), list[tuple[float, int]]()
+    stop, n = None, len(values)
+    crossed: list[tuple[float, int]] = []
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
     with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
         start = Start.along(state, [driver, *given], held, accuracy, kernel, evaluation)
@@ -132,8 +135,8 @@ def sweep(
                     bar.update(done - bar.n)
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
-    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], accels[:n],
-                     coordinate.unit if speed is None else "s")
+    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n],
+                     None if is_even else accels[:n], coordinate.unit if speed is None else "s")
     motion.held = held
     check_gaps(motion, accuracy.gap)
     motion.events += _released(state, start.driven, start.still, float(values[0]))
@@ -196,17 +199,18 @@ def _per_sample(value: Any, values: Array, what: str) -> Array:
 
 def _motion(
     mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array,
-    accels: Array, per: str,
+    accels: Array | None, per: str,
 ) -> Motion:
     n = len(values)
     v, a, time = samples.t[:n], samples.c[:n], None
     if per == "s":
         with np.errstate(over="ignore", invalid="ignore"):
             a = a * (speeds * speeds)[:, None]
-            if accels.any():
+            if accels is None:
+                time = _time(values, speeds)
+            else:
                 a += v * accels[:, None]
             v = v * speeds[:, None]
-            time = _time(values, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
         mechanism=mechanism,
@@ -254,12 +258,15 @@ def _drift(motion: Motion) -> list[Event]:
     return [Event("open", value, row, text)]
 
 
-def _time(values: Array, speeds: Array, accels: Array) -> Array | None:
-    """(value - first)/speed where that rises from sample to sample at constant speed, else None."""
-    if speeds[0] == 0.0 or (speeds != speeds[0]).any() or accels.any():
+def _time(values: Array, speeds: Array) -> Array | None:
+    """Return (value - first)/speed where that rises from sample to sample, else None.
+
+    Speed is to be constant, and without an acceleration.
+    """
+    if speeds[0] == 0.0 or (speeds != speeds[0]).any():
         return None
     time = (values - values[0]) / speeds[0]
-    return time if np.isfinite(time).all() and (time[1:] > time[:-1]).all() else None
+    return time if math.isfinite(time[-1]) and (time[1:] > time[:-1]).all() else None
 
 
 def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:

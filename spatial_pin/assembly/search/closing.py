@@ -158,7 +158,8 @@ class Closing:
 
 def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:
     """Return how far coordinates are from values, those that are there left out [rad, m]."""
-    table, gone = mechanism.coordinate_table, dict[str, float]()
+    gone: dict[str, float] = {}
+    table = mechanism.coordinate_table
     for name, value in said.items():
         by = coordinate_value(mechanism, table[name], q) - value
         if abs(by) > TOLERANCES.nothing * mechanism.velocity_scale[table[name].v]:
