@@ -73,6 +73,11 @@ class Precision(Goal):
 
     @property
     @abstractmethod
+    def width(self) -> int:
+        """How many residuals a sample has."""
+
+    @property
+    @abstractmethod
     def unit(self) -> str:
         """The unit that its error is told in."""
 
@@ -176,6 +181,11 @@ class Path(_Drawn):
         """See `Precision`."""
         return "m"
 
+    @property
+    def width(self) -> int:
+        """See `Precision`."""
+        return 3
+
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`."""
         points, _ = self.drawn(bodies.mechanism, own)
@@ -211,6 +221,11 @@ class Poses(_Drawn):
     def unit(self) -> str:
         """See `Precision`."""
         return "m, rad"
+
+    @property
+    def width(self) -> int:
+        """See `Precision`."""
+        return 6
 
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: places, then rotation vectors from the target, in its axes."""
@@ -262,6 +277,11 @@ class Function(Precision):
     def unit(self) -> str:
         """See `Precision`."""
         return "rad or m"
+
+    @property
+    def width(self) -> int:
+        """See `Precision`."""
+        return 1
 
     @property
     def count(self) -> int:

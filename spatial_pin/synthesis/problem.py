@@ -120,6 +120,7 @@ class Problem:
         self.demands = [g for g in goals if isinstance(g, Demand)]
         self._guess = guess
         self._nominal: State | None = None
+        self._last: tuple[bytes, Members] | None = None
         own = [f"{s.goal.name}: {name}" for s in self.settlings for name in s.names]
         self.n = len(bounds)
         self.names = (*bounds, *own)
@@ -195,8 +196,11 @@ class Problem:
         return settled.taken(slice(best, best + 1))
 
     def members(self, x: Array) -> Members:
-        """Return the mechanism of x."""
-        return self.family.at(x[: self.n, None])
+        """Return the mechanism of x; the last one is kept."""
+        key = x[: self.n].tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.family.at(x[: self.n, None])
+        return self._last[1]
 
     def around(self, x: Array) -> tuple[Members, Array]:
         """Return mechanisms ahead of and behind each dimension, and the widths between (n,)."""
@@ -362,25 +366,21 @@ class Fit:
         """Configurations from which others are closed."""
         return self._near
 
-    def settle(self, x: Array) -> list[Samples] | None:
-        """Return closed configurations of x; None where some do not close."""
+    def settle(self, x: Array) -> tuple[list[Samples], list[Array]] | None:
+        """Return closed configurations of x and the goals' residuals; None where they do not close.
+        """
         members = self.p.members(x)
         self.evaluations += 1
         if not members.holds.all():
             return None
-        found = []
+        found, residuals = [], []
         for (settling, own), near in zip(self._parts, self._near, strict=True):
-            samples, is_closed = settling.exactly(members, near, x[own])
+            samples, residual, is_closed = settling.exactly(members, near, x[own])
             if not is_closed.all():
                 return None
             found.append(samples)
-        return found
-
-    def goal_residuals(self, x: Array, samples: list[Samples]) -> list[Array]:
-        """Return the residuals (k, r) of every goal of precision."""
-        members = self.p.members(x)
-        return [s.residual(members, at, x[own])
-                for (s, own), at in zip(self._parts, samples, strict=True)]
+            residuals.append(residual)
+        return found, residuals
 
     def goal_slopes(self, x: Array, samples: list[Samples]) -> list[Array]:
         """Return their derivatives, each (k r, n)."""
@@ -410,7 +410,7 @@ class _Exactly:
         if first is None:
             raise SpatialPinError("the loops do not close from this start")
         goals = [s.goal for s, _ in fit._parts]
-        counts = [r.size for r in fit.goal_residuals(x, first[0])]
+        counts = [len(x) * g.width for x, g in zip((at.q for at in first[0]), goals, strict=True)]
         demanded = [d.count for d in self.p.demands]
         every = [*goals, *self.p.demands]
         repeats = [*counts, *demanded]
@@ -430,10 +430,11 @@ class _Exactly:
         return self._memo[key]
 
     def _evaluated(self, x: Array) -> tuple[list[Samples], Array] | None:
-        samples = self.fit.settle(x)
-        if samples is None:
+        found = self.fit.settle(x)
+        if found is None:
             return None
-        parts = [r.ravel() for r in self.fit.goal_residuals(x, samples)]
+        samples, residuals = found
+        parts = [r.ravel() for r in residuals]
         try:
             demanded = self._demanded(x, samples)
         except SpatialPinError:
@@ -481,7 +482,7 @@ class _Exactly:
                 closed = self.fit.settle(there)
                 if closed is None:
                     raise SpatialPinError("the loops open next to these dimensions")
-                ends.append(np.concatenate(self._demanded(there, closed)))
+                ends.append(np.concatenate(self._demanded(there, closed[0])))
             columns.append((ends[0] - ends[1]) / (2.0 * step[i]))
         return [np.array(columns).T]
 

@@ -77,6 +77,11 @@ class Rows(NamedTuple):
     held_own: Array
     wanted_own: Array
 
+    def where(self, better: NDArray[np.bool_], others: Rows) -> Rows:
+        """Return others where they are better."""
+        return Rows(*(np.where(better.reshape(-1, *[1] * (here.ndim - 1)), there, here)
+                      for here, there in zip(self, others, strict=True)))
+
     def together(self, weight: float) -> tuple[Array, Array, Array]:
         """Return all, what is to hold weighted, and the derivatives."""
         return (np.concatenate([weight * self.held, self.wanted], axis=1),
@@ -227,58 +232,50 @@ class Settling:
 
     def closed(
         self, members: Members, samples: Samples, own: Array
-    ) -> tuple[Samples, NDArray[np.bool_]]:
-        """Return configurations with loops closed and drivers where they stand, and which are."""
-        kept = there = self.placed(samples, own)
-        best = np.full(len(kept.q), np.inf)
+    ) -> tuple[Samples, Rows, NDArray[np.bool_]]:
+        """Return configurations with loops closed and drivers in place, and which have them so."""
+        there = self.placed(samples, own)
+        rows, angles = self._rows(members, there, own)
+        there = there._replace(angles=angles)
+        error = np.abs(rows.held).max(axis=1, initial=0.0)
         for _ in range(CLOSINGS):
-            rows, angles = self._rows(members, there, own)
-            there = there._replace(angles=angles)
-            error = np.abs(rows.held).max(axis=1, initial=0.0)
-            better = error < best
-            kept, best = kept.where(better, there), np.where(better, error, best)
-            if not better.any() or np.all(best <= TOLERANCES.last_digit):
+            if np.all(error <= TOLERANCES.last_digit):
                 break
             damping = np.maximum(np.einsum("mi,mi->m", rows.held, rows.held), FLOOR_DAMPING)
             steps = _steps(rows.held_moves, rows.held, damping)
-            there = there._replace(q=self._moved(there, steps))
-        return kept, best <= TOLERANCES.closed
+            new = there._replace(q=self._moved(there, steps))
+            new_rows, angles = self._rows(members, new, own)
+            new_error = np.abs(new_rows.held).max(axis=1, initial=0.0)
+            better = new_error < error
+            there = there.where(better, new._replace(angles=angles))
+            rows, error = rows.where(better, new_rows), np.where(better, new_error, error)
+            if np.all(~better | (error <= TOLERANCES.round_off)):
+                break
+        return there, rows, error <= TOLERANCES.closed
 
     def exactly(
         self, members: Members, samples: Samples, own: Array
-    ) -> tuple[Samples, NDArray[np.bool_]]:
-        """Return closed configurations that meet the goal best, and which samples are closed."""
-        samples, is_closed = self.closed(members, samples, own)
-        if not is_closed.all():
-            return samples, is_closed
-        rows, _ = self._rows(members, samples, own)
+    ) -> tuple[Samples, Array, NDArray[np.bool_]]:
+        """Return closed configurations that meet the goal best, residuals, and which are closed."""
+        samples, rows, is_closed = self.closed(members, samples, own)
         damping = np.full(len(samples.q), FLOOR_DAMPING)
-        for _ in range(SETTLING_STEPS):
+        for _ in range(SETTLING_STEPS if is_closed.all() else 0):
             motions = null_spaces(rows.held_moves)
             slope = rows.wanted_moves @ motions.transpose(0, 2, 1)
-            steps = np.einsum("mzv,mz->mv", motions,
-                              _steps(slope, rows.wanted, damping))
+            steps = np.einsum("mzv,mz->mv", motions, _steps(slope, rows.wanted, damping))
             if np.abs(steps).max(initial=0.0) < TOLERANCES.nothing:
                 break
-            there, good = self.closed(
+            there, new, good = self.closed(
                 members, samples._replace(q=self._moved(samples, steps)), own)
-            new, _ = self._rows(members, there, own)
             better = good & (np.einsum("mi,mi->m", new.wanted, new.wanted)
                              < np.einsum("mi,mi->m", rows.wanted, rows.wanted))
+            samples, rows = samples.where(better, there), rows.where(better, new)
             damping = np.where(better, EASED * damping,
                                HARDENED * np.maximum(damping, FIRST_DAMPING))
-            if not better.any() and np.all(damping > MOST_DAMPING):
+            still = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
+            if np.all(still | (damping > MOST_DAMPING)):
                 break
-            samples = samples.where(better, there)
-            rows = Rows(*(np.where(better.reshape(-1, *[1] * (new_part.ndim - 1)), new_part, old)
-                          for new_part, old in zip(new, rows, strict=True)))
-        return samples, is_closed
-
-    def residual(self, members: Members, samples: Samples, own: Array) -> Array:
-        """Return the residuals (k, r) of the goal."""
-        bodies = self.family.bodies(self._each(members, len(samples.q)), *samples[:2],
-                                    with_jacobian=False)
-        return self._values_only(bodies, samples.at, own)[1]
+        return samples, rows.wanted, is_closed
 
     def slopes(
         self, members: Members, around: Members, widths: Array, samples: Samples, own: Array
