@@ -73,6 +73,11 @@ if TYPE_CHECKING:
     from spatial_pin.reduction.differences import Verification
     from spatial_pin.reduction.reduce import Reduced, reduce
     from spatial_pin.reduction.report import Omission
+    from spatial_pin.synthesis import goals
+    from spatial_pin.synthesis.defects import Defect
+    from spatial_pin.synthesis.design import design
+    from spatial_pin.synthesis.precision import Goal
+    from spatial_pin.synthesis.results import Design, Designs, GoalError, Met
     from spatial_pin.workspace_map.result import Borders, Workspace
     from spatial_pin.workspace_map.workspace import workspace
 
@@ -136,6 +141,11 @@ _ON_USE = {
     "reduction.differences": "Verification",
     "reduction.reduce": "Reduced reduce",
     "reduction.report": "Omission",
+    "synthesis": "goals",
+    "synthesis.defects": "Defect",
+    "synthesis.design": "design",
+    "synthesis.precision": "Goal",
+    "synthesis.results": "Design Designs GoalError Met",
     "view": "Look Viewer export_html live movie plot report screenshot show",
     "view.scene.layers.arrows": "Vectors",
     "workspace_map.result": "Borders Workspace",
@@ -157,7 +167,10 @@ __all__ = [
     "ContinuumError",
     "Coordinate",
     "CoordinateRates",
+    "Defect",
     "Derivatives",
+    "Design",
+    "Designs",
     "Driver",
     "Dynamics",
     "Efforts",
@@ -167,6 +180,8 @@ __all__ = [
     "Frame",
     "FrameMotion",
     "Gap",
+    "Goal",
+    "GoalError",
     "Grashof",
     "Influence",
     "Jerks",
@@ -179,6 +194,7 @@ __all__ = [
     "Measured",
     "Mechanism",
     "MechanismFileError",
+    "Met",
     "Mobility",
     "Motion",
     "Omission",
@@ -217,11 +233,13 @@ __all__ = [
     "closure_jacobian",
     "closures",
     "dead_centres",
+    "design",
     "dynamics_derivatives",
     "export_html",
     "export_mjcf",
     "follow",
     "forward_dynamics",
+    "goals",
     "grashof",
     "influence",
     "inverse_dynamics",

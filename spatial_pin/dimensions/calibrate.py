@@ -11,12 +11,13 @@ import pinocchio as pin
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, finite_number, names_of, positive_number
+from spatial_pin.checks import checked, names_of, positive_number
+from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.homotopy import followed, varied
 from spatial_pin.dimensions.measurements import UNITS, Quantity, base_from, read_measurements
 from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
-from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
@@ -152,7 +153,7 @@ def calibrate(
             was measured; a dimension opens the loops; the search does not end.
     """
     needed(mechanism)
-    bounds = _bounds(mechanism, dimensions)
+    bounds = bounds_of(mechanism, dimensions, around=True)
     if loss not in WEIGHTS:
         raise ValueError(f"loss is {loss!r}; it is one of {', '.join(WEIGHTS)}")
     if loss != "linear" and sigma is None:
@@ -174,35 +175,6 @@ def calibrate(
 
 
 # ---------------------------------------------------------------- what is asked
-
-
-def _bounds(
-    mechanism: Mechanism, dimensions: Iterable[str] | Mapping[str, Any]
-) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value by dimension."""
-    names = names_of(dimensions, "dimensions")
-    given = dimensions if isinstance(dimensions, Mapping) else {}
-    if len(set(names)) < len(names):
-        raise ValueError("dimensions names one twice")
-    if names and mechanism.path is None:
-        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
-    found = {}
-    for name in names:
-        if name not in mechanism.dimensions:
-            raise UnknownNameError("dimension", name, mechanism.dimensions,
-                                   f"mechanism {mechanism.name!r}: ")
-        low, high, own = -np.inf, np.inf, mechanism.dimensions[name]
-        if given.get(name) is not None:
-            try:
-                low, high = (finite_number(x, f"a bound of {name!r}") for x in given[name])
-            except TypeError:
-                raise ValueError(f"bounds of {name!r} are (least, most), not {given[name]!r}"
-                                 ) from None
-        if not low < high or not low <= own <= high:
-            raise ValueError(f"bounds of {name!r} are {low:g} to {high:g}; they must hold its "
-                             f"nominal value {own:g}, the least first")
-        found[name] = low, high
-    return found
 
 
 def _offsets(

@@ -1,1 +1,5 @@
-"""Dimensional synthesis: dimensions with which a mechanism does what is asked of it."""
+"""Dimensional synthesis: from what a mechanism should do to its dimensions."""
+
+from spatial_pin.synthesis import goals
+
+__all__ = ["goals"]

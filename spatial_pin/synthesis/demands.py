@@ -11,7 +11,7 @@ from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.family import Family
-from spatial_pin.synthesis.goals import Goal
+from spatial_pin.synthesis.precision import Goal
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demands import Candidate, Demand
 from spatial_pin.synthesis.family import Family, Members
-from spatial_pin.synthesis.goals import Goal, Precision
+from spatial_pin.synthesis.precision import Goal, Precision
 from spatial_pin.synthesis.settling import Samples, Settling, spread
 
 # Weights of open loops relative to missed goals, one after the other: what is left open at last is
@@ -42,6 +42,7 @@ START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
 DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
 
 
+Guess = Mapping[str, Any] | State | Array | None
 Residual = Callable[[Array], Array]
 Slopes = Callable[[Array], Array]
 
@@ -79,20 +80,24 @@ class ProblemSpec:
         path, loading: the mechanism's file, and what it was loaded with.
         goals: what it should do.
         bounds: by dimension, infinite where there are none.
-        guess: configuration (nq,) and angles of the start at the mechanism's own dimensions.
+        guess: which branch the first start is on, as for `assemble`; or q (nq,) and angles of
+            screws of its closed state.
     """
 
     path: Any
     loading: Mapping[str, Any]
     goals: tuple[Goal, ...]
     bounds: Mapping[str, tuple[float, float]]
-    guess: Mapping[str, Any]
+    guess: Guess | tuple[Array, Array] = None
 
     def make(self) -> Problem:
         """Return the problem."""
         from spatial_pin.formats.files import load
 
-        return Problem(load(self.path, **self.loading), self.goals, self.bounds, self.guess)
+        mechanism, guess = load(self.path, **self.loading), self.guess
+        if isinstance(guess, tuple):
+            guess = State(mechanism, guess[0], closure_error=np.nan, angles=guess[1])
+        return Problem(mechanism, self.goals, self.bounds, guess)
 
 
 class Problem:
@@ -112,7 +117,7 @@ class Problem:
 
     def __init__(
         self, mechanism: Mechanism, goals: Sequence[Goal],
-        bounds: Mapping[str, tuple[float, float]], guess: Mapping[str, Any],
+        bounds: Mapping[str, tuple[float, float]], guess: Guess = None,
     ) -> None:
         self.mechanism, self.goals = mechanism, tuple(goals)
         self.family = Family(mechanism, bounds)
@@ -367,8 +372,7 @@ class Fit:
         return self._near
 
     def settle(self, x: Array) -> tuple[list[Samples], list[Array]] | None:
-        """Return closed configurations of x and the goals' residuals; None where they do not close.
-        """
+        """Return closed configurations of x and residuals; None where they do not close."""
         members = self.p.members(x)
         self.evaluations += 1
         if not members.holds.all():

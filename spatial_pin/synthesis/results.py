@@ -18,7 +18,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.defects import Defect, defects
 from spatial_pin.synthesis.demands import Candidate
-from spatial_pin.synthesis.goals import Function, Goal, Path, Poses, Precision
+from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
 from spatial_pin.synthesis.problem import Found, Problem
 from spatial_pin.synthesis.search import Searched
 

@@ -22,7 +22,7 @@ from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.stacked import damped_solutions, null_spaces, projected
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.family import Bodies, Family, Members
-from spatial_pin.synthesis.goals import Precision, simple
+from spatial_pin.synthesis.precision import Precision, simple
 
 SETTLING_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
 CLOSINGS = 12  # Newton's: from a step of half a radian four to six
@@ -276,6 +276,12 @@ class Settling:
             if np.all(still | (damping > MOST_DAMPING)):
                 break
         return samples, rows.wanted, is_closed
+
+    def residual(self, members: Members, samples: Samples, own: Array) -> Array:
+        """Return the goal's residuals (k, r) at configurations."""
+        each = self._each(members, len(samples.q))
+        bodies = self.family.bodies(each, samples.q, samples.angles, with_jacobian=False)
+        return self._values_only(bodies, samples.at, own)[1]
 
     def slopes(
         self, members: Members, around: Members, widths: Array, samples: Samples, own: Array

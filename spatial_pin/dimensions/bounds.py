@@ -1,0 +1,64 @@
+"""Which dimensions are looked for, and between which bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.checks import finite_number, names_of
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.mechanism import Mechanism
+
+
+def bounds_of(
+    mechanism: Mechanism, dimensions: Iterable[str] | Mapping[str, Any], *, around: bool = False
+) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value by dimension, infinite where there is no bound.
+
+    Args:
+        mechanism: whose dimensions they are.
+        dimensions: their names, or {name: (least, most) or None}.
+        around: whether bounds must hold the dimension that the mechanism has.
+
+    Raises:
+        UnknownNameError: there is no such dimension.
+        ValueError: bounds are none, or the wrong way round; a name comes twice.
+        SpatialPinError: the mechanism has no file to change dimensions in.
+    """
+    names = names_of(dimensions, "dimensions")
+    given = dimensions if isinstance(dimensions, Mapping) else {}
+    if len(set(names)) < len(names):
+        raise ValueError("dimensions names one twice")
+    if names and mechanism.path is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
+    found = {}
+    for name in names:
+        if name not in mechanism.dimensions:
+            raise UnknownNameError("dimension", name, mechanism.dimensions,
+                                   f"mechanism {mechanism.name!r}: ")
+        low, high = _pair(name, given.get(name))
+        own = mechanism.dimensions[name]
+        if around and not (low < high and low <= own <= high):
+            raise ValueError(f"bounds of {name!r} are {low:g} to {high:g}; they must hold its "
+                             f"nominal value {own:g}, the least first")
+        if not low < high:
+            raise ValueError(f"bounds of {name!r} are {low:g} to {high:g}: the first must be the "
+                             "smaller one")
+        found[name] = low, high
+    return found
+
+
+def _pair(name: str, given: Any) -> tuple[float, float]:
+    if given is None:
+        return -np.inf, np.inf
+    words = f"bounds of {name!r} are (least, most), not {given!r}"
+    if isinstance(given, str):
+        raise ValueError(words)
+    try:
+        low, high = given
+    except (TypeError, ValueError):
+        raise ValueError(words) from None
+    what = f"a bound of {name!r}"
+    return finite_number(low, what), finite_number(high, what)

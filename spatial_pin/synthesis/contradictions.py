@@ -1,0 +1,73 @@
+"""Goals that cannot be met together, whatever the dimensions are."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
+
+
+def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
+    """Refuse goals that are to be met exactly and ask for two things at one place.
+
+    Goals of precision do if their drivers have the same values and their targets differ. Nothing is
+    said of goals with a weight, and of those whose drawing, zeros or drivers are free.
+
+    Raises:
+        ValueError: names the goals and their samples.
+    """
+    exact = [goal for goal in goals if isinstance(goal, Precision) and _stands(goal)]
+    for first, second in itertools.combinations_with_replacement(exact, 2):
+        for i, j in _pairs(mechanism, first, second):
+            raise ValueError(
+                f"goals contradict: {first.name}, sample {i}, and {second.name}, sample {j}, have "
+                "the same drivers and other targets; give one of them a weight, or leave it out")
+
+
+def _stands(goal: Precision) -> bool:
+    free = bool(goal.own_names) or goal.input_offset
+    return goal.weight is None and bool(goal.drivers) and not free
+
+
+def _pairs(
+    mechanism: Mechanism, first: Precision, second: Precision
+) -> Iterator[tuple[int, int]]:
+    """Yield numbers of samples at the same drivers with other targets."""
+    names = {mechanism.driven_coordinate(name).name: name for name in first.drivers}
+    others = {mechanism.driven_coordinate(name).name: name for name in second.drivers}
+    if names.keys() != others.keys() or _what(first) != _what(second):
+        return
+    here = np.array([first.drivers[name] for name in names.values()]).T
+    there = np.array([second.drivers[others[name]] for name in names]).T
+    for i, j in itertools.product(range(len(first)), range(len(second))):
+        same = np.abs(here[i] - there[j]).max() <= TOLERANCES.round_off
+        if same and _apart(mechanism, _target(first, i), _target(second, j)):
+            yield i, j
+
+
+def _what(goal: Precision) -> tuple[type, str]:
+    name = goal.output if isinstance(goal, Function) else str(getattr(goal, "frame", ""))
+    return type(goal), name
+
+
+def _target(goal: Precision, i: int) -> Array:
+    if isinstance(goal, Poses):
+        return np.concatenate([goal.points[i], goal.rotations[i].ravel()])
+    if isinstance(goal, Path):
+        return goal.points[i]
+    assert isinstance(goal, Function)
+    return goal.values[i : i + 1]
+
+
+def _apart(mechanism: Mechanism, first: Array, second: Array) -> bool:
+    """Return whether targets differ: angles, the only single numbers, but for whole turns."""
+    away = first - second
+    if len(away) == 1:
+        away = 2.0 * np.sin(0.5 * away)
+    return bool(np.abs(away).max() > TOLERANCES.tight * max(1.0, mechanism.characteristic_length))

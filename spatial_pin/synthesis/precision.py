@@ -1,0 +1,349 @@
+"""Goals of precision: a frame at points or placements, a coordinate at values.
+
+A goal of precision asks for something at k configurations, its samples: where a frame is, what a
+coordinate is. Its residual has no unit: lengths are divided by the characteristic length of the
+mechanism at its own dimensions, angles are in radians. A goal may have numbers of its own that are
+found with the dimensions: where the drawing of a path is put, from where an output counts.
+
+To add one: a class with `residual`, and its constructor in `goals`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.synthesis.family import Bodies
+
+Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) and (m, r, n_own)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Goal(ABC):
+    """Something that a mechanism should do.
+
+    Attributes:
+        weight: None: it is to be met exactly; else it is met as well as those that are to be met
+            exactly leave freedom for, the sum of weight² residual² being least.
+    """
+
+    weight: float | None = None
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What it is called in reports."""
+
+    @abstractmethod
+    def check(self, mechanism: Mechanism) -> None:
+        """Refuse what the mechanism does not have.
+
+        Raises:
+            UnknownNameError: it has none of that name.
+            ValueError: what is asked for is none of its kind.
+        """
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Precision(Goal):
+    """A goal at k configurations.
+
+    Attributes:
+        drivers: values (k,) of coordinates at the samples; none: they are free.
+        input_offset: whether the drivers count from a zero that is to be found.
+    """
+
+    drivers: Mapping[str, Array] = field(default_factory=dict)
+    input_offset: bool = False
+
+    def __len__(self) -> int:
+        """Return how many configurations it asks for."""
+        return self.count
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """How many configurations it asks for."""
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Names of the numbers that are found with the dimensions, but for the drivers' zeros."""
+        return ()
+
+    @property
+    @abstractmethod
+    def width(self) -> int:
+        """How many residuals a sample has."""
+
+    @property
+    @abstractmethod
+    def unit(self) -> str:
+        """The unit that its error is told in."""
+
+    @abstractmethod
+    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+        """Return residuals (m, r).
+
+        Args:
+            bodies: m configurations.
+            at: (m,) of which sample each is.
+            own: (n_own,) numbers of its own.
+        """
+
+    @abstractmethod
+    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+        """Return residuals and their derivatives for v / `velocity_scale` and for own numbers."""
+
+    def errors(self, residual: Array, mechanism: Mechanism) -> Array:
+        """Return the error (k,) at each sample in `unit`, from residuals (k, r)."""
+        found: Array = np.linalg.norm(residual, axis=1)
+        return found * mechanism.characteristic_length if self.unit == "m" else found
+
+
+# ---------------------------------------------------------------- placement
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Drawn(Precision):
+    """Points or placements that are given in axes of their own, the drawing's.
+
+    Attributes:
+        points: (k, 3) [m].
+        placement: whether the drawing may be placed anywhere; its numbers are shifts along the axes
+            of the world, relative to the characteristic length, and a rotation vector about the
+            points' centroid.
+        scale: whether it may have any size; its number is the logarithm of that.
+    """
+
+    points: Array
+    placement: bool = False
+    scale: bool = False
+
+    @property
+    def count(self) -> int:
+        """See `Precision`."""
+        return len(self.points)
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """See `Precision`."""
+        placed = tuple(f"placement.{x}" for x in ("x", "y", "z", "rx", "ry", "rz"))
+        return (*(placed if self.placement else ()), *(("scale",) if self.scale else ()))
+
+    def _split(self, own: Array) -> tuple[Array, Array, float]:
+        """Return shift (3,), rotation vector (3,) and the logarithm of the size."""
+        placed = own[:6] if self.placement else np.zeros(6)
+        return placed[:3], placed[3:], float(own[-1]) if self.scale else 0.0
+
+    def drawn(self, mechanism: Mechanism, own: Array) -> tuple[Array, Array]:
+        """Return the points (k, 3) in the world [m], and the rotation (3, 3) of the drawing."""
+        shift, turn, size = self._split(own)
+        centre, rotation = self.points.mean(axis=0), pin.exp3(turn)
+        away = np.exp(size) * (self.points - centre) @ rotation.T
+        return centre + mechanism.characteristic_length * shift + away, rotation
+
+    def _drawn_slopes(self, mechanism: Mechanism, own: Array) -> Array:
+        """Return the derivatives (k, 3, n_own) of the points for the own numbers."""
+        shift, turn, _ = self._split(own)
+        points, _ = self.drawn(mechanism, own)
+        arms = points - self.points.mean(axis=0) - mechanism.characteristic_length * shift
+        columns = []
+        if self.placement:
+            along = np.broadcast_to(mechanism.characteristic_length * np.eye(3),
+                                    (len(points), 3, 3))
+            left = pin.Jexp3(-turn)  # of exp(w) for w: the turn that is added, from the left
+            spun = np.stack([np.cross(axis, arms) for axis in left.T], axis=2)
+            columns += [along, spun]
+        if self.scale:
+            columns.append(arms[:, :, None])
+        return np.concatenate([np.empty((len(points), 3, 0)), *columns], axis=2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Path(_Drawn):
+    """The origin of a frame at points, one after the other."""
+
+    frame: str
+    closed: bool = False
+
+    @property
+    def name(self) -> str:
+        """See `Goal`."""
+        return f"path of {self.frame}"
+
+    @property
+    def unit(self) -> str:
+        """See `Precision`."""
+        return "m"
+
+    @property
+    def width(self) -> int:
+        """See `Precision`."""
+        return 3
+
+    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+        """See `Precision`."""
+        points, _ = self.drawn(bodies.mechanism, own)
+        found: Array = bodies.frame(self.frame)[1] - points[at]
+        return found / bodies.mechanism.characteristic_length
+
+    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+        """See `Precision`."""
+        size = bodies.mechanism.characteristic_length
+        _, origin = bodies.frame(self.frame)
+        moved = bodies.frame_jacobian(self.frame, origin)[:, :3] / size
+        return (self.residual(bodies, at, own), moved,
+                -self._drawn_slopes(bodies.mechanism, own)[at] / size)
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        mechanism.frame_id(self.frame)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Poses(_Drawn):
+    """A frame at placements, one after the other."""
+
+    frame: str
+    rotations: Array
+
+    @property
+    def name(self) -> str:
+        """See `Goal`."""
+        return f"poses of {self.frame}"
+
+    @property
+    def unit(self) -> str:
+        """See `Precision`."""
+        return "m, rad"
+
+    @property
+    def width(self) -> int:
+        """See `Precision`."""
+        return 6
+
+    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+        """See `Precision`: places, then rotation vectors from the target, in its axes."""
+        points, rotation = self.drawn(bodies.mechanism, own)
+        turned, origin = bodies.frame(self.frame)
+        away = (origin - points[at]) / bodies.mechanism.characteristic_length
+        targets = rotation @ self.rotations[at]
+        return np.hstack([away, logarithms(targets.transpose(0, 2, 1) @ turned)])
+
+    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+        """See `Precision`."""
+        residual, size = self.residual(bodies, at, own), bodies.mechanism.characteristic_length
+        turned, origin = bodies.frame(self.frame)
+        moved = bodies.frame_jacobian(self.frame, origin)
+        slopes = np.array([pin.Jlog3(pin.exp3(w)) for w in residual[:, 3:]])
+        into = slopes @ turned.transpose(0, 2, 1)  # world axes to those of the frame, and the log
+        drawn = self._drawn_slopes(bodies.mechanism, own)[at]
+        spun = np.zeros_like(drawn)
+        if self.placement:
+            spun[:, :, 3:6] = pin.Jexp3(-self._split(own)[1])
+        return (residual, np.concatenate([moved[:, :3] / size, into @ moved[:, 3:]], axis=1),
+                -np.concatenate([drawn / size, into @ spun], axis=1))
+
+    def errors(self, residual: Array, mechanism: Mechanism) -> Array:
+        """See `Precision`: lengths in m and angles in rad, the larger of both."""
+        places = np.linalg.norm(residual[:, :3], axis=1) * mechanism.characteristic_length
+        found: Array = np.maximum(places, np.linalg.norm(residual[:, 3:], axis=1))
+        return found
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        mechanism.frame_id(self.frame)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Function(Precision):
+    """A coordinate at values, one after the other."""
+
+    output: str
+    values: Array
+    offset: bool = False
+
+    @property
+    def name(self) -> str:
+        """See `Goal`."""
+        return f"function of {self.output}"
+
+    @property
+    def unit(self) -> str:
+        """See `Precision`."""
+        return "rad or m"
+
+    @property
+    def width(self) -> int:
+        """See `Precision`."""
+        return 1
+
+    @property
+    def count(self) -> int:
+        """See `Precision`."""
+        return len(self.values)
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """See `Precision`."""
+        return ("offset",) if self.offset else ()
+
+    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+        """See `Precision`: by the coordinate's own size; angles but for whole turns."""
+        coordinate = bodies.mechanism.prescribed_coordinate(self.output)
+        zero = own[0] if self.offset else 0.0
+        size = bodies.mechanism.velocity_scale[coordinate.v]
+        away = bodies.q[:, coordinate.q] - self.values[at] - zero * size
+        if coordinate.unit == "rad":
+            away = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
+        found: Array = away[:, None] / size
+        return found
+
+    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+        """See `Precision`."""
+        coordinate, m = bodies.mechanism.prescribed_coordinate(self.output), len(bodies.q)
+        moved = np.zeros((m, 1, bodies.mechanism.model.nv))
+        moved[:, 0, coordinate.v] = 1.0
+        return (self.residual(bodies, at, own), moved,
+                -np.ones((m, 1, 1)) if self.offset else np.empty((m, 1, 0)))
+
+    def errors(self, residual: Array, mechanism: Mechanism) -> Array:
+        """See `Precision`."""
+        size = mechanism.velocity_scale[mechanism.prescribed_coordinate(self.output).v]
+        found: Array = np.abs(residual[:, 0]) * size
+        return found
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Precision`."""
+        if self.output in self.drivers:
+            raise ValueError(f"function: {self.output!r} is its own driver; name another output")
+        simple(mechanism, self.output)
+
+
+def simple(mechanism: Mechanism, name: str) -> Any:
+    """Return a coordinate that is one number of the configuration.
+
+    Raises:
+        UnknownNameError: there is no such coordinate.
+        SpatialPinError: it is a component of a ball or floating joint.
+    """
+    coordinate = mechanism.prescribed_coordinate(name)
+    if coordinate.q < 0:
+        raise SpatialPinError(
+            f"{name!r} is a component of a ball or floating joint; a goal takes coordinates of "
+            "other joints: give poses of the link instead")
+    return coordinate
+
+
+def logarithms(rotations: Array) -> Array:
+    """Return rotation vectors (m, 3) of rotations (m, 3, 3)."""
+    return np.array([pin.log3(r) for r in rotations]).reshape(-1, 3)
