@@ -109,6 +109,7 @@ MADE_BY = {
     "Look": "sp.Look(...) makes one",
     "Clearance": "sp.clearance(motion) makes one",
     "Workspace": "sp.workspace(mechanism, frame, {driver: (least, largest)}) makes one",
+    "Design": "sp.design(mechanism, goals, {dimension: (least, largest)})[0] is one",
     "Accuracy": "give it as spatial_pin.Accuracy, for example Accuracy.named('engineering')",
 }
 

@@ -1,6 +1,7 @@
 """Designs: what is told of them is what their mechanisms do."""
 
 import textwrap
+import urllib.request
 
 import numpy as np
 import pytest
@@ -8,8 +9,12 @@ import pytest
 import spatial_pin as sp
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.problem import ProblemSpec
-from spatial_pin.synthesis.results import WIDTH, Designs, designs_of
+from spatial_pin.synthesis.results import WIDTH, Design, Designs, designs_of
 from spatial_pin.synthesis.search import searched
+from spatial_pin.view.page.designed import goals_told
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.meshcat_commands import scene
+from spatial_pin.view.scene.overlay import overlaid
 
 PHI, PSI = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
 BOUNDS = {"r2": (0.05, 0.6), "r3": (0.05, 0.6), "r4": (0.05, 0.6)}
@@ -123,3 +128,114 @@ def test_a_report_of_nothing_says_so():
     assert text == textwrap.dedent("""\
         four_bar: 0 designs from 3 starts, 3 of them without one; 12 sets of dimensions tried; cut
         short""").replace("\n", " ")
+
+
+def test_of_equal_errors_those_without_defects_come_first():
+    """The last point can be met on either side of the rocker's dead centre, as well."""
+    bounds = {"r1": (0.1, 0.6), "r2": (0.05, 0.2), "r3": (0.1, 0.6), "r4": (0.1, 0.6)}
+    found = designed((goals.path("coupler_b", POINTS),
+                      goals.function("rocker_pin", PSI, {"crank": PHI}, weight=0.2)), bounds)
+    graves = [sum(x.kind in ("circuit", "branch", "order") for x in one.defects) for one in found]
+    assert len(found) > 1 and found[0].error == pytest.approx(found[1].error, rel=1e-9)
+    assert graves == sorted(graves) and graves[-1] > graves[0]
+
+
+# ---------------------------------------------------------------- motions and pictures
+
+
+def test_its_motion_goes_through_the_samples(function, path):
+    for one in (function[0], path[0]):
+        motion = one.motion()
+        assert motion.mechanism is one.mechanism
+        tip = motion.frame("coupler_b").position
+        for state in one.states:
+            gaps = np.linalg.norm(tip - state.placement("coupler_b").translation, axis=1)
+            assert gaps.min() < 5e-3
+    with pytest.raises(sp.SpatialPinError, match="no goal 1 with samples"):
+        function[0].motion(1)
+
+
+def test_what_was_asked_is_shown_beside_the_path(path):
+    one = path[0]
+    layer = scene(film(one.motion()), sp.Look(design=one)).layer
+    points = [x.placement[:3, 3] for x in layer.items if x.name.startswith("design 0 point")]
+    assert points == pytest.approx(one.met[0].targets)  # the view is the world here
+    assert sum(x.name == "path of coupler_b" for x in layer.items) == 1
+    both = scene(film(one.motion()), sp.Look(design=one, traces=("coupler_b",))).layer
+    assert sum(x.name == "path of coupler_b" for x in both.items) == 1
+    assert "points asked of coupler_b" in {x.text for x in layer.legend}
+    still = scene(film(one.states[0]), sp.Look(design=one)).layer
+    assert not any(x.name.startswith("path") for x in still.items)
+
+
+def test_placements_are_shown_as_triads():
+    mechanism = sp.load("four_bar")
+    states = [sp.assemble(mechanism, {"crank": x}) for x in (0.5, 1.0)]
+    asked = [s.placement("coupler") for s in states]
+    one = designed((goals.poses("coupler", asked),), {"r2": (0.08, 0.2)}, starts=1)[0]
+    layer = scene(film(one.states[0]), sp.Look(design=one)).layer
+    for i, target in enumerate(asked):
+        for k, axis in enumerate("xyz"):
+            place = next(x for x in layer.items
+                         if x.name == f"design 0 placement {i} {axis}").placement
+            assert place[:3, 2] == pytest.approx(target.rotation[:, k], abs=1e-12)
+            assert place[:3, 3] == pytest.approx(target.translation, abs=1e-12)
+
+
+def test_a_design_of_other_dimensions_is_refused(function):
+    motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.1])
+    with pytest.raises(sp.SpatialPinError, match="other dimensions than the mechanism shown"):
+        scene(film(motion), sp.Look(design=function[0]))
+    with pytest.raises(TypeError, match=r"sp\.design\(mechanism"):
+        sp.Look(design=function)
+
+
+def test_the_best_design_is_shown_with_what_was_asked(path, function, tmp_path):
+    one = path[0]
+    shown, look = overlaid(path, None)
+    assert shown.mechanism is one.mechanism and look.design is one
+    assert overlaid(path[1:][0] if len(path) > 1 else one, sp.Look(axes=True))[1].axes
+    with sp.show(path, open_browser=False) as viewer:
+        page = urllib.request.urlopen(viewer.url).read().decode()
+    assert "points asked of coupler_b" in page
+    text = sp.report(path, tmp_path / "r.html").read_text("utf-8")
+    assert "<h2>Design</h2>" in text and "path of coupler_b of four_bar, and what was asked" in text
+    assert "points asked of" in sp.export_html(one, tmp_path / "e.html").read_text("utf-8")
+    nothing = Designs((), "four_bar", False, 3, 3, 12)
+    with pytest.raises(sp.SpatialPinError, match="no design was found that could be shown"):
+        sp.show(nothing, open_browser=False)
+    motion = function[0].motion()
+    assert overlaid(motion, None) == (motion, None)
+
+
+def test_several_drivers_go_from_sample_to_sample():
+    mechanism = sp.load("delta")
+    states = [sp.assemble(mechanism, dict.fromkeys(mechanism.drivers, x)) for x in (0.2, 0.3)]
+    asked = [s.placement("platform").translation for s in states]
+    one = designed((goals.path("platform", asked),), {"lu": (0.3, 0.8)}, starts=1, name="delta")[0]
+    motion = one.motion()
+    tip = motion.frame("platform").position
+    ends = [state.placement("platform").translation for state in one.states]
+    assert tip[[0, -1]] == pytest.approx(np.array(ends), abs=1e-9)
+    assert "path of platform of delta" in goals_told(one, motion)
+
+
+def test_samples_that_no_motion_joins_are_shown_beside_each_other(path, monkeypatch):
+    def apart(_self, goal=0):
+        raise sp.SpatialPinError("the samples are on two branches")
+
+    monkeypatch.setattr(Design, "motion", apart)
+    shown, look = overlaid(path[0], None)
+    assert shown is path[0].states[0]
+    assert look.ghosts == path[0].states[1:] and look.design is path[0]
+
+
+def test_a_report_has_what_was_asked_and_what_was_found(function, tmp_path):
+    one = function[0]
+    text = sp.report(one.motion(), tmp_path / "r.html", look=sp.Look(design=one)).read_text("utf-8")
+    assert "<h2>Design</h2>" in text and "function of rocker_pin" in text
+    assert "rocker_pin of four_bar, and what was asked of it" in text
+    assert all(name in text for name in one.dimensions)
+    still = sp.report(one.states[0], tmp_path / "s.html", look=sp.Look(design=one))
+    assert "what was asked of it" not in still.read_text("utf-8")
+    assert "<h2>Design</h2>" not in sp.report(one.motion(), tmp_path / "t.html").read_text("utf-8")

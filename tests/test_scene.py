@@ -32,9 +32,9 @@ from spatial_pin.view.scene.layers import arrows
 from spatial_pin.view.scene.layers.arrows import Vectors
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.places import places
-from spatial_pin.view.scene.layers.skeleton import skeleton
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.meshcat_commands import joint_poses, scene, upright
+from spatial_pin.view.scene.skeleton import skeleton
 from spatial_pin.view.scene.stage import Stage, quaternions_along
 
 TURN = np.linspace(0.0, 2 * np.pi, 37)

@@ -14,7 +14,13 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.homotopy import followed, varied
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.follow import follow
+from spatial_pin.motion.limits import limits
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.defects import Defect, defects
 from spatial_pin.synthesis.demands import Candidate
@@ -22,7 +28,10 @@ from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precisi
 from spatial_pin.synthesis.problem import Found, Problem
 from spatial_pin.synthesis.search import Searched
 
+TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and from sample to sample
+MOST_SAMPLES = 4000  # of a curve: thirteen turns of one driver
 WIDTH = 100  # characters of a line of the report
+EQUAL = 1e-9  # errors that differ by less are the same: least squares end at some 1e-12
 AT_BOUND = 1e-6  # part of the bounds' width: least squares keep clear of bounds by some 1e-9
 
 
@@ -121,6 +130,34 @@ class Design:
                     found[name] = words
         return found
 
+    def motion(self, goal: int = 0) -> Motion:
+        """Return the motion that leads through the samples of a goal of precision, to be shown.
+
+        A driver that turns fully goes round once from the first sample; else the whole curve is
+        followed through its limits (`trace`). Several drivers go from sample to sample. Where no
+        goal has samples the only driver moves from the state as it is drawn.
+
+        Args:
+            goal: its number among `met`.
+
+        Raises:
+            SpatialPinError: there is no such goal, or no driver; the samples are on branches that
+                do not hang together.
+        """
+        if not self.met and goal == 0 and len(self.mechanism.drivers) == 1:
+            return _round(self.mechanism, next(iter(self.mechanism.drivers)), self.states[0])
+        if not 0 <= goal < len(self.met):
+            raise SpatialPinError(f"there is no goal {goal} with samples: the design has "
+                                  f"{len(self.met)}, from 0")
+        met = self.met[goal]
+        if met.driver is not None:
+            return _round(self.mechanism, met.driver, met.states[0])
+        names = list(met.goal.drivers) or list(self.mechanism.drivers)
+        if not names:
+            raise SpatialPinError(f"mechanism {self.mechanism.name!r} has no driver that leads "
+                                  f"through the samples of {met.goal.name!r}")
+        return _through(self.mechanism, names, met.states)
+
     def __str__(self) -> str:
         on = self.at_bounds
         values = [f"{name} = {x:.6g}" + (f" (its {on[name]})" if name in on else "")
@@ -188,14 +225,47 @@ def _wrapped(head: str, parts: Sequence[str]) -> list[str]:
                          break_long_words=False)
 
 
+def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
+    """Return a whole turn of a driver, or the curve through its limits."""
+    if limits(mechanism, driver, state).full_turn:
+        start = float(state.coordinate(driver).value)
+        return sweep(mechanism, driver, start + np.linspace(0.0, 2.0 * np.pi, TURN_SAMPLES),
+                     guess=state)
+    return trace(mechanism, driver, state, most_rows=MOST_SAMPLES)
+
+
+def _through(mechanism: Mechanism, names: Sequence[str], states: Sequence[State]) -> Motion:
+    """Return the motion in which several drivers go from state to state in straight lines."""
+    at = np.array([[state.coordinate(name).value for name in names] for state in states])
+    parts = np.linspace(0.0, len(states) - 1.0, (len(states) - 1) * PART_SAMPLES + 1)
+    rows = np.arange(len(states))
+    return follow(mechanism, {name: np.interp(parts, rows, x)
+                              for name, x in zip(names, at.T, strict=True)}, guess=states[0])
+
+
 # ---------------------------------------------------------------- made from what was found
 
 
 def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
     """Return the best of what a search found."""
-    designs = tuple(design_of(problem, found) for found in searched.found[:most])
-    return Designs(designs, problem.mechanism.name, searched.is_whole, searched.starts,
+    designs = _ranked([design_of(problem, found) for found in searched.found[:most]])
+    return Designs(tuple(designs), problem.mechanism.name, searched.is_whole, searched.starts,
                    searched.failed, searched.evaluations)
+
+
+def _ranked(designs: Sequence[Design]) -> list[Design]:
+    """Return designs as they are, but of equal errors those with fewer grave defects first."""
+    found: list[Design] = []
+    left = list(designs)
+    while left:
+        equal = [x for x in left if abs(x.error - left[0].error) <= EQUAL * (1.0 + left[0].error)]
+        found += equal if len(equal) == 1 else sorted(equal, key=_grave)
+        left = [x for x in left if all(x is not y for y in equal)]
+    return found
+
+
+def _grave(design: Design) -> int:
+    return sum(defect.kind in ("circuit", "branch", "order") for defect in design.defects)
 
 
 def design_of(problem: Problem, found: Found) -> Design:

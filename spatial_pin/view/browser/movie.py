@@ -22,11 +22,13 @@ from spatial_pin.progress import progress_bar
 from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.overlay import overlaid
 
 if TYPE_CHECKING:
     from PIL import Image
 
     from spatial_pin.motion.motion import Motion
+    from spatial_pin.synthesis.results import Design, Designs
     from spatial_pin.view.scene.look import Look
 
 Array = NDArray[np.float64]
@@ -137,7 +139,7 @@ def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -
 
 @checked
 def movie(
-    motion: Motion,
+    motion: Motion | Design | Designs,
     path: str | Path,
     *,
     fps: float = 25.0,
@@ -152,7 +154,7 @@ def movie(
     can be watched and says so where it is not.
 
     Args:
-        motion: what to show.
+        motion: what to show; of what `spatial_pin.design` found as in `export_html`.
         path: file to write; its suffix says how: .gif, which repeats for ever, or .mp4.
         fps: frames a second, for a .gif at most 50.
         size: width and height [pixels]; odd ones are made even in an .mp4.
@@ -172,7 +174,8 @@ def movie(
     if write is None:
         raise ValueError(f"{path.name}: a movie is written as {' or '.join(WRITERS)}")
     fps, size = positive_number(fps, "fps"), picture_size(size)
-    duration = float(film(motion).seconds[-1])
+    shown, look = overlaid(motion, look)
+    duration = float(film(shown).seconds[-1])
     if duration == 0.0:
         raise ValueError("one configuration is no movie: `screenshot` makes a picture of it")
     if not 0.5 < duration * fps <= MOST_FRAMES:
@@ -181,7 +184,7 @@ def movie(
     seconds = (np.arange(round(duration * fps)) / fps).tolist()
     bar = progress_bar(len(seconds), path.name, progress)
     with tempfile.TemporaryDirectory() as folder, bar, Browser(size) as browser:
-        page = export_html(motion, Path(folder) / "page.html", title=title, look=look)
+        page = export_html(shown, Path(folder) / "page.html", title=title, look=look)
         open_page(browser, page)
 
         def camera(t: float) -> Image.Image:

@@ -19,10 +19,12 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.outputs import named_path, write_bytes
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import Film, film
+from spatial_pin.view.scene.overlay import overlaid
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
+    from spatial_pin.synthesis.results import Design, Designs
     from spatial_pin.view.scene.look import Look
 
 BROWSERS = (
@@ -133,7 +135,7 @@ def _moment(shown: Film, source: Motion | State, row: int) -> float:
 
 @checked
 def screenshot(
-    motion_or_state: Motion | State,
+    motion_or_state: Motion | State | Design | Designs,
     path: str | Path,
     *,
     row: int = 0,
@@ -144,7 +146,7 @@ def screenshot(
     """Write a picture of a state, or of one sample of a motion; needs Chromium or Chrome.
 
     Args:
-        motion_or_state: what to show.
+        motion_or_state: what to show; of what `spatial_pin.design` found as in `export_html`.
         path: PNG file to write.
         row: number of the sample, negative from its end.
         size: width and height [pixels].
@@ -160,6 +162,7 @@ def screenshot(
         SpatialPinError: there is no such row, no browser, or it made no picture.
     """
     path, size = named_path(path), picture_size(size)
+    motion_or_state, look = overlaid(motion_or_state, look)
     seconds = _moment(film(motion_or_state), motion_or_state, row)
     with tempfile.TemporaryDirectory() as folder:
         page = export_html(motion_or_state, Path(folder) / "page.html", title=title, look=look)

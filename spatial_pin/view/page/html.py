@@ -16,10 +16,12 @@ from spatial_pin.checks import checked, plain_text
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.view.scene.film import Film, Reading, film, length_words
 from spatial_pin.view.scene.framing import ASPECT, Framing
+from spatial_pin.view.scene.overlay import overlaid
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
+    from spatial_pin.synthesis.results import Design, Designs
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import Scene
     from spatial_pin.view.scene.stage import Entry, Label
@@ -87,18 +89,21 @@ def filled(parts: dict[str, str]) -> str:
 
 
 def page(
-    motion_or_state: Motion | State, title: str | None = None, look: Look | None = None
+    motion_or_state: Motion | State | Design | Designs,
+    title: str | None = None,
+    look: Look | None = None,
 ) -> str:
     """Return the text of the page that shows a motion or state; see `export_html`."""
     from spatial_pin.view.scene.meshcat_commands import scene
 
+    motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
     return filled(parts_of(shown, scene(shown, look), title))
 
 
 @checked
 def export_html(
-    motion_or_state: Motion | State,
+    motion_or_state: Motion | State | Design | Designs,
     path: str | Path,
     *,
     title: str | None = None,
@@ -112,7 +117,8 @@ def export_html(
     configurations are ticks on the slider. `#controls` at the end of the address opens meshcat's.
 
     Args:
-        motion_or_state: what to show.
+        motion_or_state: what to show; of what `spatial_pin.design` found, the best, with what was
+            asked of it (`Look.design`).
         path: file to write.
         title: heading; the mechanism's title if not given.
         look: what is shown besides the bodies: signs of the pairs, paths, arrows, ...

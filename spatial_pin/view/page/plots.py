@@ -71,7 +71,8 @@ def _hold_still(axes: Axes, values: Array) -> None:
         axes.set_ylim(middle - reach, middle + reach)
 
 
-def _style(axes: Axes) -> None:
+def style(axes: Axes) -> None:
+    """Give a panel the library's looks."""
     axes.grid(color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#8a939c")
@@ -91,7 +92,7 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, **LEGEND)
     axes.set_title(literal(_label(output.label, unit)), loc="left", fontsize=10, color=INK)
     _hold_still(axes, values)
-    _style(axes)
+    style(axes)
 
 
 def _marks(motion: Motion, over: str) -> dict[str, Array]:

@@ -18,19 +18,22 @@ from spatial_pin.checks import checked, plain_text
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.outputs import named_path, write_text
+from spatial_pin.synthesis.results import Design, Designs
 from spatial_pin.view.page.markup import paragraph
 from spatial_pin.view.page.plots import default_outputs
 from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
 from spatial_pin.view.scene.look import Look
+from spatial_pin.view.scene.overlay import overlaid
 
 COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no round driver value
 
 
 def _subject(
-    shown: Motion | State, outputs: Sequence[str] | str | None, title: str | None,
-    look: Look | None,
+    given: Motion | State | Design | Designs, outputs: Sequence[str] | str | None,
+    title: str | None, look: Look | None,
 ) -> Subject:
+    shown, look = overlaid(given, look)
     if not isinstance(shown, State | Motion):
         raise SpatialPinError(not_shown(shown))
     mechanism = shown.mechanism
@@ -65,7 +68,7 @@ def _foot() -> str:
 
 @checked
 def report(
-    motion_or_state: Motion | State,
+    motion_or_state: Motion | State | Design | Designs,
     path: str | Path,
     *,
     outputs: Sequence[str] | str | None = None,
@@ -76,10 +79,11 @@ def report(
 
     It holds the 3-D view, the outputs over the driver with their speed ratios and accelerations,
     the ranges of all coordinates, limits met, freedoms, dimensions, structure and accuracy. That of
-    a state has its coordinates instead of the curves.
+    a state has its coordinates instead of the curves, that of a design what was asked of it, and
+    how far it does that.
 
     Args:
-        motion_or_state: what to report.
+        motion_or_state: what to report; of what `spatial_pin.design` found as in `export_html`.
         path: file to write.
         outputs: names of outputs to draw, as `motion.output` takes them; those of `default_outputs`
             if not given. Not used of a state.

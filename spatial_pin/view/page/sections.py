@@ -24,6 +24,7 @@ from spatial_pin.motion.dead_centres import dead_centres
 from spatial_pin.motion.motion import Event, Motion, Output
 from spatial_pin.motion.report import info
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.view.page.designed import goals_told
 from spatial_pin.view.page.html import page
 from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
@@ -164,6 +165,13 @@ def _view(subject: Subject) -> str:
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move."
     hint = f'<figcaption class="screen">{hint}</figcaption>'
     return f'<figure><div class="view">{frame}</div>{hint}</figure>'
+
+
+def _design(subject: Subject) -> str | None:
+    """Tell what was asked of a design, and how far it does that."""
+    if subject.look is None or subject.look.design is None:
+        return None
+    return section("Design", goals_told(subject.look.design, subject.motion))
 
 
 def _outputs(subject: Subject) -> str | None:
@@ -357,6 +365,7 @@ def _accuracy(subject: Subject) -> str:
 SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _key,
     _view,
+    _design,
     _outputs,
     _ratios,
     _velocities,

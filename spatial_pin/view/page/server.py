@@ -24,6 +24,7 @@ from spatial_pin.view.page.html import page
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
+    from spatial_pin.synthesis.results import Design, Designs
     from spatial_pin.view.scene.look import Look
 
 HOST = "127.0.0.1"
@@ -262,16 +263,19 @@ def open_in_browser(viewer: Viewer, verb: str) -> None:
 
 @checked
 def show(
-    motion_or_state: Motion | State, *, look: Look | None = None, open_browser: bool = True
+    motion_or_state: Motion | State | Design | Designs,
+    *,
+    look: Look | None = None,
+    open_browser: bool = True,
 ) -> Viewer:
-    """Show a motion, or a state, in the browser.
+    """Show a motion, a state, or a design with what was asked of it, in the browser.
 
     Serves the page of `export_html` on a free port of the loopback interface and returns when the
     browser has it; it then plays on its own. No process is started except the browser. A script
     that ends takes the address away: `show(motion).wait()` keeps it until Ctrl-C.
 
     Args:
-        motion_or_state: what to show.
+        motion_or_state: what to show; of what `spatial_pin.design` found as in `export_html`.
         look: what is shown besides the bodies.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
 

@@ -10,6 +10,7 @@ from spatial_pin.checks import check_kind, names_of
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.proximity.clearance import Clearance
+    from spatial_pin.synthesis.results import Design
     from spatial_pin.view.scene.layers.arrows import Vectors
     from spatial_pin.workspace_map.result import Workspace
 
@@ -36,6 +37,9 @@ class Look:
         beside: whether ghosts stand side by side with the first, as solid as it is, instead.
         workspace: what `spatial_pin.workspace` found: points that the frame gets to, coloured by
             dexterity, and where the branch ends.
+        design: one of what `spatial_pin.design` found, whose mechanism is shown: the points and
+            placements that were asked for, and the paths of their frames; a report has the
+            values too that were asked of coordinates.
     """
 
     pairs: bool | None = None
@@ -47,6 +51,7 @@ class Look:
     clearance: Clearance | None = None
     beside: bool = False
     workspace: Workspace | None = None
+    design: Design | None = None
 
     def __post_init__(self) -> None:
         for name in ("axes", "centres", "beside"):
@@ -54,6 +59,7 @@ class Look:
         check_kind("Look: pairs", "bool | None", self.pairs)
         check_kind("Look: clearance", "Clearance | None", self.clearance)
         check_kind("Look: workspace", "Workspace | None", self.workspace)
+        check_kind("Look: design", "Design | None", self.design)
         object.__setattr__(self, "traces", tuple(names_of(self.traces, "Look: traces")))
         for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
             object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))

@@ -20,15 +20,16 @@ from spatial_pin.view.scene.layers.axes import axes
 from spatial_pin.view.scene.layers.bodies import bodies, colour
 from spatial_pin.view.scene.layers.centres import centres
 from spatial_pin.view.scene.layers.clearances import clearances
+from spatial_pin.view.scene.layers.designs import designs
 from spatial_pin.view.scene.layers.gaps import gaps
 from spatial_pin.view.scene.layers.ghosts import beside, ghosts
 from spatial_pin.view.scene.layers.glyphs import glyphs
-from spatial_pin.view.scene.layers.skeleton import skeleton
 from spatial_pin.view.scene.layers.springs import springs
 from spatial_pin.view.scene.layers.traces import traces
 from spatial_pin.view.scene.layers.workspaces import workspaces
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
+from spatial_pin.view.scene.skeleton import skeleton
 from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, joined
 
 __all__ = [
@@ -241,6 +242,8 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> Layer:
         layers.append(clearances(stage, look.clearance))
     if look.workspace is not None:
         layers.append(workspaces(stage, look.workspace))
+    if look.design is not None:
+        layers.append(designs(stage, look.design, look.traces))
     layers += [traces(stage, look.traces), *arrows(stage, look.arrows)]
     if look.ghosts:
         one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)
