@@ -339,9 +339,13 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
     assert (end == 0) == bool(closer)
     if not end:
         free, pinned = rng.integers(0, 2, nv), rng.choice(ODD, m)
-        two, error, mirrored = np.array([q, q]), np.empty(2), np.empty(2, np.int64)
-        c.closer_close(closer, 2, address(two), address(free), address(pinned), address(turns),
-                       1e-3, 4, 1e-12, address(error), address(mirrored))
+        first, angles = rng.integers(0, 2, nv), turns.copy()
+        two, error, mirrored = np.array([q, q]), np.empty(3), np.empty(2, np.int64)
+        c.closer_close(closer, 2, address(two), rng.choice([None, address(first)]),
+                       address(free), address(pinned), address(turns), 1e-2, 1e-3, 4, 1e-12,
+                       address(error), address(mirrored))
+        end = c.closer_examine(closer, address(two[0]), address(turns), address(error),
+                               address(angles), address(mirrored))
         c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(error))
     return {end}
 
