@@ -8,6 +8,7 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.synthesis import goals
+from spatial_pin.synthesis.family import Family
 from spatial_pin.synthesis.problem import ProblemSpec
 from spatial_pin.synthesis.results import WIDTH, Design, Designs, designs_of
 from spatial_pin.synthesis.search import searched
@@ -95,6 +96,53 @@ def test_targets_of_a_path_are_where_the_drawing_was_placed(path):
         assert sizes[0] == pytest.approx(scale * sizes[1], rel=1e-9)
         shift = [one.numbers[f"path of coupler_b: placement.{x}"] for x in "xyz"]
         assert met.targets.mean(axis=0) - POINTS.mean(axis=0) == pytest.approx(shift, abs=1e-12)
+
+
+def test_a_drawing_of_any_size_does_not_shrink_to_a_point():
+    """Points of a coupler, drawn twice as large: the best drawing is not the smallest."""
+    mechanism = sp.load("four_bar", r2=0.11)
+    values = np.array([0.3, 1.3, 2.6, 4.0, 5.2])
+    points = np.array([sp.assemble(mechanism, {"crank": x}).placement("coupler_b").translation
+                       for x in values])
+    centre = points.mean(axis=0)
+    drawn = centre + 2.0 * (points - centre)
+    goal = goals.path("coupler_b", drawn, {"crank": values - 0.4}, scale=True, input_offset=True)
+    best = designed((goal,), {"r2": (0.05, 0.2)}, starts=2)[0]
+    assert best.dimensions["r2"] == pytest.approx(0.11, rel=1e-7)
+    assert best.numbers["path of coupler_b: scale"] == pytest.approx(0.5, rel=1e-7)
+    assert best.numbers["path of coupler_b: crank.zero"] == pytest.approx(0.4, abs=1e-6)
+    assert best.met[0].targets == pytest.approx(points, abs=1e-8)
+
+
+@pytest.mark.parametrize("make", [
+    lambda places, values: goals.path("coupler", [x.translation for x in places], values,
+                                      scale=True, placement=True, input_offset=True),
+    lambda places, values: goals.poses("coupler", places, values, scale=True, placement=True),
+    lambda places, values: goals.function("rocker_pin", values["crank"], values, offset=True)])
+def test_slopes_of_goals_are_those_of_their_residuals(make):
+    mechanism = sp.load("four_bar")
+    values = np.array([0.3, 1.3, 2.6])
+    states = [sp.assemble(mechanism, {"crank": x}) for x in values]
+    goal = make([x.placement("coupler") for x in states], {"crank": values})
+    family = Family(mechanism, ["r2"])
+    members = family.at(np.full((1, 3), 0.1))
+    at, nv = np.arange(3), mechanism.model.nv
+    rng = np.random.default_rng(1)
+    own = 0.3 * rng.standard_normal(len(goal.own_names))
+    q = np.array([x.q for x in states]) + 0.1
+
+    def bodies(step):
+        moved = family.displaced(q, np.tile(step * mechanism.velocity_scale, (3, 1)))
+        return family.bodies(members, moved, np.empty((3, 0)))
+
+    found, moved, by_own = goal.slopes(bodies(np.zeros(nv)), at, own)
+    assert found == pytest.approx(goal.residual(bodies(np.zeros(nv)), at, own), abs=1e-15)
+    for k, step in enumerate(1e-6 * np.eye(nv)):
+        there, back = (goal.residual(bodies(x), at, own) for x in (step, -step))
+        assert moved[:, :, k] == pytest.approx((there - back) / 2e-6, abs=1e-8)
+    for k, step in enumerate(1e-6 * np.eye(len(own))):
+        there, back = (goal.residual(bodies(np.zeros(nv)), at, own + x) for x in (step, -step))
+        assert by_own[:, :, k] == pytest.approx((there - back) / 2e-6, abs=1e-8)
 
 
 def test_the_report_fits_a_hundred_columns(path, function):

@@ -103,10 +103,9 @@ class Precision(Goal):
     def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
         """Return residuals and their derivatives for v / `velocity_scale` and for own numbers."""
 
-    def errors(self, residual: Array, mechanism: Mechanism) -> Array:
+    @abstractmethod
+    def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """Return the error (k,) at each sample in `unit`, from residuals (k, r)."""
-        found: Array = np.linalg.norm(residual, axis=1)
-        return found * mechanism.characteristic_length if self.unit == "m" else found
 
 
 # ---------------------------------------------------------------- placement
@@ -115,6 +114,9 @@ class Precision(Goal):
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Drawn(Precision):
     """Points or placements that are given in axes of their own, the drawing's.
+
+    Where it may have any size, residuals are lengths of the drawing, which are the world's by its
+    scale: in lengths of the world a drawing that shrinks to a point would be met best.
 
     Attributes:
         points: (k, 3) [m].
@@ -150,6 +152,28 @@ class _Drawn(Precision):
         centre, rotation = self.points.mean(axis=0), pin.exp3(turn)
         away = np.exp(size) * (self.points - centre) @ rotation.T
         return centre + mechanism.characteristic_length * shift + away, rotation
+
+    def _away(
+        self, mechanism: Mechanism, origins: Array, at: NDArray[np.intp], own: Array
+    ) -> Array:
+        """Return how far origins (m, 3) of a frame are from their points, without unit."""
+        points, _ = self.drawn(mechanism, own)
+        found: Array = (origins - points[at]) / self._size(mechanism, own)
+        return found
+
+    def _away_slopes(
+        self, mechanism: Mechanism, away: Array, moved: Array, at: NDArray[np.intp], own: Array
+    ) -> tuple[Array, Array]:
+        """Return derivatives of `away` (m, 3), those of origins being `moved` (m, 3, nv)."""
+        size = self._size(mechanism, own)
+        drawn = -self._drawn_slopes(mechanism, own)[at] / size
+        if self.scale:
+            drawn[:, :, -1] -= away
+        return moved / size, drawn
+
+    def _size(self, mechanism: Mechanism, own: Array) -> float:
+        """Return the length [m] by which residuals count."""
+        return mechanism.characteristic_length * float(np.exp(self._split(own)[2]))
 
     def _drawn_slopes(self, mechanism: Mechanism, own: Array) -> Array:
         """Return the derivatives (k, 3, n_own) of the points for the own numbers."""
@@ -192,17 +216,19 @@ class Path(_Drawn):
 
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`."""
-        points, _ = self.drawn(bodies.mechanism, own)
-        found: Array = bodies.frame(self.frame)[1] - points[at]
-        return found / bodies.mechanism.characteristic_length
+        return self._away(bodies.mechanism, bodies.frame(self.frame)[1], at, own)
 
     def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
-        size = bodies.mechanism.characteristic_length
         _, origin = bodies.frame(self.frame)
-        moved = bodies.frame_jacobian(self.frame, origin)[:, :3] / size
-        return (self.residual(bodies, at, own), moved,
-                -self._drawn_slopes(bodies.mechanism, own)[at] / size)
+        away = self._away(bodies.mechanism, origin, at, own)
+        moved = bodies.frame_jacobian(self.frame, origin)[:, :3]
+        return (away, *self._away_slopes(bodies.mechanism, away, moved, at, own))
+
+    def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`: lengths of the world."""
+        found: Array = np.linalg.norm(residual, axis=1) * self._size(mechanism, own)
+        return found
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -233,29 +259,29 @@ class Poses(_Drawn):
 
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: places, then rotation vectors from the target, in its axes."""
-        points, rotation = self.drawn(bodies.mechanism, own)
+        _, rotation = self.drawn(bodies.mechanism, own)
         turned, origin = bodies.frame(self.frame)
-        away = (origin - points[at]) / bodies.mechanism.characteristic_length
+        away = self._away(bodies.mechanism, origin, at, own)
         targets = rotation @ self.rotations[at]
         return np.hstack([away, logarithms(targets.transpose(0, 2, 1) @ turned)])
 
     def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
-        residual, size = self.residual(bodies, at, own), bodies.mechanism.characteristic_length
+        residual = self.residual(bodies, at, own)
         turned, origin = bodies.frame(self.frame)
         moved = bodies.frame_jacobian(self.frame, origin)
         slopes = np.array([pin.Jlog3(pin.exp3(w)) for w in residual[:, 3:]])
         into = slopes @ turned.transpose(0, 2, 1)  # world axes to those of the frame, and the log
-        drawn = self._drawn_slopes(bodies.mechanism, own)[at]
+        away, drawn = self._away_slopes(bodies.mechanism, residual[:, :3], moved[:, :3], at, own)
         spun = np.zeros_like(drawn)
         if self.placement:
             spun[:, :, 3:6] = pin.Jexp3(-self._split(own)[1])
-        return (residual, np.concatenate([moved[:, :3] / size, into @ moved[:, 3:]], axis=1),
-                -np.concatenate([drawn / size, into @ spun], axis=1))
+        return (residual, np.concatenate([away, into @ moved[:, 3:]], axis=1),
+                np.concatenate([drawn, -into @ spun], axis=1))
 
-    def errors(self, residual: Array, mechanism: Mechanism) -> Array:
-        """See `Precision`: lengths in m and angles in rad, the larger of both."""
-        places = np.linalg.norm(residual[:, :3], axis=1) * mechanism.characteristic_length
+    def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`: lengths of the world in m and angles in rad, the larger of both."""
+        places = np.linalg.norm(residual[:, :3], axis=1) * self._size(mechanism, own)
         found: Array = np.maximum(places, np.linalg.norm(residual[:, 3:], axis=1))
         return found
 
@@ -316,7 +342,7 @@ class Function(Precision):
         return (self.residual(bodies, at, own), moved,
                 -np.ones((m, 1, 1)) if self.offset else np.empty((m, 1, 0)))
 
-    def errors(self, residual: Array, mechanism: Mechanism) -> Array:
+    def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`."""
         size = mechanism.velocity_scale[mechanism.prescribed_coordinate(self.output).v]
         found: Array = np.abs(residual[:, 0]) * size

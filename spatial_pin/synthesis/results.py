@@ -87,7 +87,8 @@ class Design:
         dimensions: their values by name [m or rad].
         bounds: (least, most) by name, infinite where there are none.
         error: root of the sum of squares of the goals' weighted residuals, in characteristic
-            lengths and radians; goals to be met exactly have no part in it.
+            lengths (of a drawing of free size, as large as it is given) and radians; goals to be
+            met exactly have no part in it.
         errors: by goal.
         states: closed states at the samples of every goal, one goal after the other.
         numbers: what else was found, by goal and name: how a drawing is placed [m, a rotation
@@ -281,8 +282,10 @@ def design_of(problem: Problem, found: Found) -> Design:
         goal = settling.goal
         states = tuple(_closed(there, q, angles)
                        for q, angles in zip(samples.q, samples.angles, strict=True))
-        met.append(Met(goal, states, _targets(goal, problem.mechanism, own)))
-        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism)
+        met.append(Met(goal, states, _targets(goal, problem.mechanism,
+                                              own[: len(goal.own_names)])))
+        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism,
+                             own[: len(goal.own_names)])
         name = _free_name(goal.name, errors)
         unit = (problem.mechanism.prescribed_coordinate(goal.output).unit
                 if isinstance(goal, Function) else goal.unit)
