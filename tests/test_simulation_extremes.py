@@ -47,9 +47,9 @@ def test_differences_stay_finite_where_the_function_ends():
 
 
 @pytest.mark.parametrize("name", [n for n in sp.list_mechanisms()
-                                  if n not in ("satellite_dish", "stewart")])
+                                  if n not in ("satellite_dish", "stewart", "sarrus")])
 def test_loose_steps_are_projected_on_the_branch(name):
-    """Where a step opens the loops too far it is taken anew; stewart soon meets a singularity."""
+    """A step that opens the loops too far is taken anew; stewart and sarrus soon lose rank."""
     mech = sp.load(name)
     tight = sp.simulate(mech, sp.assemble(mech), 0.25, times=[0.25])
     loose = sp.simulate(mech, sp.assemble(mech), 0.25, times=[0.25], accuracy=sp.Accuracy(

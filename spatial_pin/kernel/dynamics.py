@@ -101,8 +101,8 @@ class Dynamics:
         self._kernel = kernel = Kernel(mechanism, arrays)
         self._library, self.asking = library(), Asking()
         self.nq, self.nv, self.n_angles = kernel.nq, kernel.nv, kernel.n_angles
-        self.n_free, self.n_drives, n_spins, _, _, works = ints[:6].tolist()
-        self.n = 2 * self.n_free + 4 * n_spins + works
+        self.n_free, self.n_drives, n_spins, _, _, works, projects = ints[:7].tolist()
+        self.n = (2 * self.nv if projects else 2 * self.n_free + 4 * n_spins) + works
         self._asked = self._functions(asked)
         handle = ctypes.c_void_p()
         code = self._library.dynamics_create(
@@ -190,6 +190,29 @@ class Dynamics:
         code = self.asking.settle(self._library.dynamics_place(
             self.handle, t, *map(address, (y, q, v, angles, error))))
         return None if code else (q, v, angles, float(error[0]))
+
+    def settle(self, y: Array, allowed: float) -> tuple[Array, float, int] | None:
+        """Take unknowns (n,) of all joints to closed loops.
+
+        Args:
+            y: the unknowns at the end of a step; they are overwritten.
+            allowed: residual that it may have left.
+
+        Returns:
+            The unknowns, the closure error before, and how many corrections it took; None where
+            it was larger, or the step does not lead there as the way before.
+        """
+        opened, corrections = np.empty(1), np.empty(1, np.int64)
+        code = self._library.dynamics_settle(
+            self.handle, allowed, *map(address, (y, opened, corrections)))
+        return None if code else (y, float(opened[0]), int(corrections[0]))
+
+    @property
+    def free(self) -> list[int]:
+        """Velocity entries of the independent coordinates that it solves for now."""
+        free = np.empty(self.n_free, np.int64)
+        self._library.dynamics_free(self.handle, address(free))
+        return free.tolist()
 
     def room(self, n: int) -> Samples:
         """Return room for n samples."""

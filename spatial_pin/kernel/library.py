@@ -108,6 +108,8 @@ def _declare_dynamics(found: ctypes.CDLL) -> None:
     found.dynamics_crossed.restype = INT
     found.dynamics_keep.argtypes = found.dynamics_pivot.argtypes = [POINTER]
     found.dynamics_heaviest.argtypes = [POINTER]
+    found.dynamics_free.argtypes, found.dynamics_free.restype = [POINTER] * 2, None
+    found.dynamics_settle.argtypes = [POINTER, REAL, *[POINTER] * 3]
     found.dynamics_evaluations.argtypes, found.dynamics_evaluations.restype = [POINTER], INT
     found.dynamics_keep.restype = found.dynamics_pivot.restype = REAL
     found.dynamics_heaviest.restype = REAL

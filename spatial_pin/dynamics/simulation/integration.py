@@ -27,7 +27,7 @@ from spatial_pin.dynamics.simulation.integrators import (
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.record import Record
 from spatial_pin.dynamics.simulation.result import Energies, Projection, Simulation
-from spatial_pin.dynamics.simulation.system import Step, System
+from spatial_pin.dynamics.simulation.step import Step
 from spatial_pin.errors import (
     EnergyError,
     SingularError,
@@ -53,7 +53,7 @@ NOWHERE = 1e-2  # of the longest step: farther than all allowed steps would lead
 STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
 
 GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independent coordinates
-Formulate = Callable[[Problem, State, GivenUp], System]
+Formulate = Callable[[Problem, State, GivenUp], Independent]
 
 
 class Run:
@@ -81,7 +81,7 @@ class Run:
         self.start = Energies(0.0, 0.0, 0.0)
         self.t, self.end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
-        self.system: System | None = None
+        self.system: Independent | None = None
         self._evaluations = 0
         self._projections: list[Projection] = []  # of the equations of motion used before
         self._largest, self._creeping, self._standing = np.zeros(2), 0, 0
@@ -115,25 +115,25 @@ class Run:
             if self.t < self.end:
                 system = self._begin_again(system, self._has_failed)
 
-    def _integrator(self, system: System, longest: float = np.inf) -> Any:
+    def _integrator(self, system: Independent, longest: float = np.inf) -> Any:
         """Return an integrator that starts here, its error norm in natural units."""
         self._units = natural_units(system, self.t, self.y, self.end - self.t)
         chosen = self.accuracy.integrator
         return self._made(EXPLICIT if chosen == AUTOMATIC else chosen, system, longest)
 
-    def _made(self, method: str, system: System, longest: float = np.inf) -> Any:
+    def _made(self, method: str, system: Independent, longest: float = np.inf) -> Any:
         self._method, self._easy = method, 0
         return STEPPERS[method](
             system, self.t, self.y, self.end, self.accuracy, self._units, longest)
 
-    def _succeeded(self, system: System, solver: Any) -> Any:
+    def _succeeded(self, system: Independent, solver: Any) -> Any:
         """Return the integrator to go on with: another one if stiffness has changed."""
         if self.accuracy.integrator != AUTOMATIC:
             return solver
         method, self._easy = successor(solver, self._units.unknowns, self._easy)
         return solver if method == self._method else self._made(method, system, solver.max_step)
 
-    def _steps(self, system: System) -> Iterator[bool]:
+    def _steps(self, system: Independent) -> Iterator[bool]:
         """Take steps until the end, a failure or the end of a chart; yields whether to stop."""
         solver = self._integrator(system)
         self._has_failed = False
@@ -176,13 +176,13 @@ class Run:
             limit_side=address(bounds.side), limit_value=address(bounds.value),
             limit_before=address(bounds.before))
 
-    def _leap(self, system: System, solver: Any) -> int | None:
+    def _leap(self, system: Independent, solver: Any) -> int | None:
         """Take many steps and their samples in the kernel; why it paused, None if it cannot.
 
         Unless the reason is in ROUTINE, the caller still has to handle the last step: its events
         and its samples.
         """
-        if not isinstance(solver, RungeKutta) or not isinstance(system, Independent):
+        if not isinstance(solver, RungeKutta) or system.projects:
             return None
         record, run, before = self.record, self._kernel_run, solver.steps
         run.row, run.n_crossed, run.patience = record.filled, 0, system.patience
@@ -255,7 +255,7 @@ class Run:
             "take a shorter duration, a larger time_tolerance, integrator='Radau' where strong "
             f"springs or dampers make steps short, or Accuracy(most_steps={10 * most})")
 
-    def _note_integrator(self, system: System, solver: Any) -> None:
+    def _note_integrator(self, system: Independent, solver: Any) -> None:
         """Keep the names of integrators used; warn once of an explicit one that only creeps."""
         chosen = self.accuracy.integrator
         if self._method not in self.record.integrators:
@@ -269,7 +269,7 @@ class Run:
             f"as long as it is stable with: {self._stiffest(system, solver)} is stiff. Leave the "
             "integrator out, or take Accuracy(integrator=\"Radau\")")
 
-    def _stiffest(self, system: System, solver: Any) -> str:
+    def _stiffest(self, system: Independent, solver: Any) -> str:
         """Return what causes the stiffness at the solver's time, in words."""
         problem = self.problem
         resistance = problem.forces.resistance
@@ -292,7 +292,7 @@ class Run:
         self._refuse_to_lose_energy(solver.t, system.energies(solver.t, solver.y))
         return True
 
-    def _shortened(self, system: System, step: float) -> Any:
+    def _shortened(self, system: Independent, step: float) -> Any:
         """Return an integrator that repeats a step [s], at most half as long.
 
         Raises:
@@ -307,7 +307,7 @@ class Run:
             raise self._singular(system.state(self.t, self.y))
         return self._integrator(system, 0.5 * step)
 
-    def _refuse_to_creep(self, system: System, solver: Any) -> None:
+    def _refuse_to_creep(self, system: Independent, solver: Any) -> None:
         """Stop where steps become ever shorter ahead of a singular configuration.
 
         Raises:
@@ -336,7 +336,7 @@ class Run:
                 return "the loops cannot be closed there as on the way to it"
         return why_it_ends(self.problem, self.accuracy, self._first, self.t, state or self._first)
 
-    def _begin(self, state: State, given_up: GivenUp = frozenset()) -> System:
+    def _begin(self, state: State, given_up: GivenUp = frozenset()) -> Independent:
         if isinstance(self.system, Projected):
             self._projections.append(self.system.projection)
         self.system = system = self.formulate(self.problem, state, given_up)
@@ -345,11 +345,11 @@ class Run:
         self._note_begun(system)
         return system
 
-    def _note_begun(self, system: System) -> None:
+    def _note_begun(self, system: Independent) -> None:
         self.record.note_coordinates(system.free)
         self._begun_at = self.t
 
-    def _begin_again(self, system: System, failed: bool) -> System:
+    def _begin_again(self, system: Independent, failed: bool) -> Independent:
         """Choose new independent coordinates or a new chart, and change the unknowns to them.
 
         Raises:
@@ -361,11 +361,16 @@ class Run:
             self.y = renewed
             self._note_begun(system)
             return system
-        fresh = self._begin(state, self._give_up(system) if failed else frozenset())
+        try:
+            fresh = self._begin(state, self._give_up(system) if failed else frozenset())
+        except SingularError as error:
+            if self._is_now(0.0):  # what is said of a start
+                raise
+            raise self._singular(state) from error
         self.y = fresh.unknowns(state.v, self.problem.work(self.y))
         return fresh
 
-    def _give_up(self, system: System) -> GivenUp:
+    def _give_up(self, system: Independent) -> GivenUp:
         """Return what has failed at the present time, the system included."""
         if not self._is_now(self._failed_at):
             self._failed_at = self.t
@@ -378,7 +383,7 @@ class Run:
         """Whether the time since then is negligible relative to the longest step so far."""
         return self.t - t <= NEAR**2 * self._largest[1]
 
-    def _take(self, system: System, solver: Any, before: Array) -> bool:
+    def _take(self, system: Independent, solver: Any, before: Array) -> bool:
         """Keep samples and events of the last step; return whether it is to be the last."""
         self.record.steps += 1
         step = Step(system, solver)
@@ -402,5 +407,5 @@ class Run:
             seconds / (time.perf_counter() - self._began))
 
 
-def _kind(system: System) -> tuple[type, tuple[int, ...]]:
+def _kind(system: Independent) -> tuple[type, tuple[int, ...]]:
     return type(system), tuple(system.free)

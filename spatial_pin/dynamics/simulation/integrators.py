@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.dynamics.simulation.system import System
+from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.integrating import METHODS, RungeKutta
 from spatial_pin.numerics.linalg import Array
@@ -50,7 +50,7 @@ class Units(NamedTuple):
     unknowns: Array
 
 
-def natural_units(system: System, t: float, y: Array, left: float) -> Units:
+def natural_units(system: Independent, t: float, y: Array, left: float) -> Units:
     """Return the natural units of a motion that stands at the unknowns y.
 
     A mechanism that moves a million times faster moves on the same curve. Its error control should

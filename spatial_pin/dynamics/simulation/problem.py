@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
@@ -15,14 +14,12 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
-from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.dynamics.solvers.accelerations import no_inertia
 from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.kernel.packing import Packed, packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
-from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -89,22 +86,6 @@ class Problem:
         """Its masses, and the forces that its motions need."""
         return bodies_of(self.model, is_large(self.model))
 
-    def heaviest(self, q: Array) -> float:
-        """Return the largest inertia of a joint, scaled, the others held, at q (nq,)."""
-        rows, columns, at = self.bodies.mass_at
-        own = rows == columns
-        inertias = self.bodies.masses(q)[at[own]] * self.scale[rows[own]] ** 2
-        return float(inertias.max(initial=0.0))
-
-    @cached_property
-    def _data(self) -> pin.Data:
-        return self.model.createData()
-
-    @cached_property
-    def kinetic(self) -> KineticEnergy:
-        """Its kinetic energy at a motion."""
-        return KineticEnergy(self.model)
-
     @cached_property
     def least_constraint(self) -> LeastConstraint:
         """What finds accelerations for any masses."""
@@ -127,12 +108,6 @@ class Problem:
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
         return total
-
-    def energies(self, q: Array, v: Array, evaluation: Evaluation, work: float) -> Energies:
-        """Return the energies at a place, the evaluation standing at q, after so much work [J]."""
-        kinetic = self.kinetic(q, v)
-        total = kinetic + float(pin.computePotentialEnergy(self.model, self._data, q))
-        return Energies(kinetic, total + self.forces.energy(evaluation, q), work)
 
     def least(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
         """Return the accelerations by `LeastConstraint`, for any masses.

@@ -6,6 +6,7 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import constraints_of
 from spatial_pin.dynamics.simulation.events import Found, Watch
+from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
@@ -14,7 +15,7 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
-from spatial_pin.dynamics.simulation.system import Step, System
+from spatial_pin.dynamics.simulation.step import Step
 from spatial_pin.kernel.dynamics import Samples
 from spatial_pin.motion.joint_limits import Passing
 from spatial_pin.motion.motion import Event
@@ -54,7 +55,7 @@ class Record:
         """Return the times of samples that are not yet there, up to `end`."""
         return self.times[self.filled : np.searchsorted(self.times, end, "right")]
 
-    def ask(self, system: System, times: Array, unknowns: Array) -> None:
+    def ask(self, system: Independent, times: Array, unknowns: Array) -> None:
         """Work out samples at times (N,) and unknowns (N, n)."""
         if not times.size:
             return

@@ -20,7 +20,6 @@ from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integration import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
-from spatial_pin.dynamics.simulation.system import System
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError, StepLimitError
 from spatial_pin.mechanism.coordinates import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
@@ -193,7 +192,7 @@ def _check_start(problem: Problem, state: State) -> None:
                 f"state moves with {pace:.9g}: solve its rates")
 
 
-def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
+def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
     """Return the equations of motion in the independent coordinates that fit a state best.
 
     One freedom, links that spin freely not counted, is told by a joint with one coordinate, the
@@ -217,9 +216,10 @@ def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()
     return Independent(problem, state, free)
 
 
-def _projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> System:
+def _projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
     """Return the equations of motion in all joint coordinates, whatever was given up."""
-    return Projected(problem, state)
+    held = [] if problem.drives else problem.freedoms.best(state, [])
+    return Projected(problem, state, held)
 
 
 FORMULATIONS: dict[str, Formulate] = {

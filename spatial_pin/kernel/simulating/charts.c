@@ -46,7 +46,8 @@ static int hold_all(Dynamics *d, const Int *free_ones)
         if (i >= d->n_free && d->held_q[i] < 0)
             return 0;
     }
-    d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0;
+    d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0 &&
+                !d->projects;
     d->is_curve = d->n_held == 1 && d->is_linear;
     const int turns = d->passes && k->kind[d->held_joint[0]] != SLIDE;
     d->period = turns ? 2.0 * PI / k->scale[d->held[0]] : 0.0;
@@ -65,17 +66,24 @@ static Real *spin_pattern(const Dynamics *d)
     return rows;
 }
 
-/* Begin a chart of these coordinates where d stands, without memory of any other. */
-static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_chosen)
+/* Solve for the other coordinates from now on. */
+static int set_system(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_chosen)
 {
-    Kernel *k = d->k;
     if (!hold_all(d, free_ones))
         return BAD_ARRAYS;
     Real *rows = spin_pattern(d);
     if (!rows)
         return NO_MEMORY;
-    const int code = system_set(k, chosen, n_chosen, d->held, d->n_held, rows, d->n_spins);
+    const int code = system_set(d->k, chosen, n_chosen, d->held, d->n_held, rows, d->n_spins);
     free(rows);
+    return code;
+}
+
+/* Begin a chart of these coordinates where d stands, without memory of any other. */
+static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_chosen)
+{
+    Kernel *k = d->k;
+    const int code = set_system(d, free_ones, chosen, n_chosen);
     if (code != DONE)
         return code;
     memcpy(d->start, d->q, (size_t)k->nq * sizeof *d->q);
@@ -109,7 +117,7 @@ static Real product(const Real *basis, Int n, Int nv, Int i, Int j)
 }
 
 /* An orthonormal basis (nv, n) of the freedoms' motions; each twice for the sake of round-off. */
-static void orthonormal_freedoms(Dynamics *d)
+void charts_orthonormal_freedoms(Dynamics *d)
 {
     const Int n = d->n_free, nv = d->k->nv;
     Real *basis = d->freedoms;
@@ -150,7 +158,7 @@ static int leave_plain_ones(Dynamics *d)
  * of bodies that spin tell nothing. */
 static int choose(Dynamics *d)
 {
-    orthonormal_freedoms(d);
+    charts_orthonormal_freedoms(d);
     if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->n_spins)
         return 0;
     return independent_rows(d->k->nv, d->n_free, d->freedoms, d->n_free, 0.0, d->best, NULL) ==
@@ -169,6 +177,21 @@ static int are_held(const Dynamics *d)
     return 1;
 }
 
+int charts_hold_better(Dynamics *d)
+{
+    Kernel *k = d->k;
+    if (!choose(d) || are_held(d))
+        return DONE;
+    int code = set_system(d, d->best, k->chosen, k->n_chosen);
+    if (code == DONE)
+        code = independent_stand(d);
+    if (code != DONE)
+        return code;
+    independent_note(d);
+    d->first_pivot = d->pivot;
+    return independent_learn_change(d);
+}
+
 /* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
  * old ones, and nothing has been done as nothing would be better. SINGULAR where no chart begins. */
 EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
@@ -182,7 +205,7 @@ EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *sam
     if (!choose(d))
         return SINGULAR;
     const int keeps = are_held(d);
-    *same = keeps && d->is_linear;
+    *same = keeps && d->is_linear && !d->projects;
     memcpy(free_ones, keeps ? d->held : d->best, (size_t)n * sizeof *free_ones);
     if (*same)
         return DONE;
@@ -194,9 +217,11 @@ EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *sam
         return SINGULAR;
     if (!(d->pivot > TOLERANCE_SINGULAR))
         return SINGULAR;
-    for (Int i = 0; i < n; i++) {
+    const Int count = d->projects ? k->nv : n;
+    for (Int i = 0; i < count; i++) {
+        const Int v = d->projects ? i : d->held[i];
         y[i] = 0.0;
-        y[n + i] = d->a[d->held[i]] / k->scale[d->held[i]];
+        y[count + i] = d->a[v] / k->scale[v];
     }
     for (Int s = 0; s < d->n_spins; s++)
         memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spin_joint[s]], 4 * sizeof *y);

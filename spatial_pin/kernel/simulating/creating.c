@@ -54,16 +54,16 @@ static const Real *take_reals(Source *from, Int n)
 static int read_arrays(Dynamics *d, Source from)
 {
     const Int nv = d->k->nv;
-    const Int *head = take_ints(&from, 6);
+    const Int *head = take_ints(&from, 7);
     if (!head)
         return 0;
-    for (int i = 0; i < 6; i++)
+    for (int i = 0; i < 7; i++)
         if (head[i] < 0 || head[i] > 1000000)
             return 0;
     d->n_free = head[0], d->n_drives = head[1], d->n_spins = head[2];
-    d->n_lines = head[3], d->n_turns = head[4], d->works = head[5];
+    d->n_lines = head[3], d->n_turns = head[4], d->works = head[5], d->projects = head[6];
     d->n_held = d->n_free + d->n_drives;
-    d->n_unknowns = 2 * d->n_free + 4 * d->n_spins + (d->works ? 1 : 0);
+    d->n_unknowns = (d->projects ? 2 * nv : 2 * d->n_free + 4 * d->n_spins) + (d->works ? 1 : 0);
     d->prescribed = take_ints(&from, d->n_drives);
     d->spin_joint = take_ints(&from, d->n_spins);
     d->line_body = take_ints(&from, 2 * d->n_lines);
@@ -91,7 +91,7 @@ static int forces_are_sound(const Dynamics *d)
 {
     const Kernel *k = d->k;
     int law = 0;
-    if (d->n_held > k->nv || d->n_spins > k->nv)
+    if (d->n_held > k->nv || d->n_spins > k->nv || (d->projects && (d->n_drives || d->n_spins)))
         return 0;
     for (Int i = 0; i < d->n_drives; i++)
         if (!within(d->prescribed[i], k->nv))
@@ -120,7 +120,8 @@ static int make_place(Dynamics *d, Place *place)
            (place->x = memory(d, d->n_held, sizeof(Real))) &&
            (place->turns = memory(d, k->n_angles, sizeof(Real))) &&
            (place->bend = memory(d, k->nv, sizeof(Real))) &&
-           (place->bend_rate = memory(d, d->n_held, sizeof(Real)));
+           (place->bend_rate = memory(d, d->n_held, sizeof(Real))) &&
+           (place->change = memory(d, d->n_held, sizeof(Real)));
 }
 
 static int make_points(Dynamics *d)

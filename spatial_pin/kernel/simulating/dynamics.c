@@ -314,6 +314,8 @@ static int place(Dynamics *d, Real t, const Real *y)
     Kernel *k = d->k;
     const Int n = d->n_free;
     Real *x = d->asking, *held = x + d->n_held, *acceleration = held + d->n_held;
+    if (d->projects)
+        return projected_place(d, y);
     memcpy(x, y, (size_t)n * sizeof *x);
     memcpy(held, y + n, (size_t)n * sizeof *held);
     if (d->n_drives && d->asked.drives(t, d->laws) != DONE)
@@ -350,8 +352,8 @@ static void show_spins(const Dynamics *d, const Real *y, Real *q, Real *v, Real 
         Real turn[4], line[3], goal[3], way[4], R[9], S[9], seen[3];
         for (int i = 0; i < 4; i++)
             turn[i] = given[i] / size;
-        quaternion_matrix(q + iq, S);
-        quaternion_matrix(turn, R);
+        quaternion_rotation(q + iq, S);
+        quaternion_rotation(turn, R);
         rotate3(S, u, goal);
         rotate3(R, u, line);
         cross3(line, goal, way);
@@ -363,7 +365,7 @@ static void show_spins(const Dynamics *d, const Real *y, Real *q, Real *v, Real 
             whole[i] = (way[3] * turn[i] + turn[3] * way[i] + side[i]) / length;
         whole[3] = (way[3] * turn[3] - dot3(way, turn)) / length;
         memcpy(q + iq, whole, sizeof whole);
-        quaternion_matrix(whole, R);
+        quaternion_rotation(whole, R);
         rotate3(S, v + iv, seen);
         rotate_back3(R, seen, v + iv);
         if (a) {
@@ -467,11 +469,16 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
         if (drive_efforts(d) != DONE)
             return ASK_FAILED;
     }
-    independent_rates(d, d->v, rates);
-    memcpy(rates + n, d->z, (size_t)n * sizeof *rates);
+    if (d->projects) {
+        whole_accelerations(d);
+        projected_rates(d, rates);
+    } else {
+        independent_rates(d, d->v, rates);
+        memcpy(rates + n, d->z, (size_t)n * sizeof *rates);
+    }
     for (Int s = 0; s < d->n_spins; s++) {
         Real S[9], w[3];
-        quaternion_matrix(d->q + k->iq[d->spin_joint[s]], S);
+        quaternion_rotation(d->q + k->iq[d->spin_joint[s]], S);
         rotate3(S, d->v + k->iv[d->spin_joint[s]], w);
         quaternion_rate(y + 2 * n + 4 * s, w, rates + 2 * n + 4 * s);
     }
@@ -591,6 +598,12 @@ EXPORT Real dynamics_keep(Dynamics *d)
     independent_remember(d, &d->kept);
     d->n_points = d->n_points ? 1 : 0; /* as where it returns to */
     return independent_pace(d);
+}
+
+/* Velocity entries (n_free) of the coordinates that it solves for. */
+EXPORT void dynamics_free(const Dynamics *d, Int *free_ones)
+{
+    memcpy(free_ones, d->held, (size_t)d->n_free * sizeof *free_ones);
 }
 
 EXPORT Int dynamics_evaluations(const Dynamics *d) { return d->evaluations; }

@@ -3,12 +3,12 @@
  *
  * Unknowns y: the n free coordinates x of a chart, their joint rates u (both in units of the
  * velocity's scale), a quaternion (x, y, z, w) for every body that spins freely about its own line,
- * and the work done, if anything does work. Held coordinates are the free ones, then the
- * prescribed ones. */
+ * and the work done, if anything does work; where it projects, x and u of all joints in the place of
+ * the free ones. Held coordinates are the free ones, then the prescribed ones. */
 #ifndef SPATIAL_PIN_DYNAMICS_H
 #define SPATIAL_PIN_DYNAMICS_H
 
-#include "kernel.h"
+#include "chart.h"
 #include "path_point.h"
 
 /* More reasons why a function ended. */
@@ -40,7 +40,7 @@ typedef struct {
     Real *q, *x, *turns;
     Int passage, turn;
     Int has_bend; /* as below */
-    Real *bend, *bend_rate;
+    Real *bend, *bend_rate, *change;
 } Place;
 
 typedef struct Dynamics {
@@ -49,6 +49,7 @@ typedef struct Dynamics {
 
     /* ---- coordinates ---- */
     Int n_free, n_drives, n_held, n_spins, n_unknowns, works;
+    Int projects; /* whether all joint coordinates are unknowns, see projected.c */
     const Int *prescribed; /* velocity entries */
     Int *held, *held_q;    /* velocity entry; entry of q, or -1 where the chart is curved */
     Int *held_joint, *held_component; /* of a ball (0..2) or a free joint (0..5) */
@@ -75,6 +76,8 @@ typedef struct Dynamics {
     Int is_curve, n_points; /* whether it moves along a curve; points known of it, the last here */
     Point points[2], *point, *point_before;
     Place kept;
+    Real opened;      /* what was left open before the last projection, and how many corrections */
+    Int corrections;  /* it took */
 
     /* ---- the last evaluation ---- */
     Real *v, *a, *a0, *given, *tau, *z, *drive_effort;
@@ -106,6 +109,10 @@ typedef struct Dynamics {
 /* ---- independent.c ---- */
 int independent_begin(Dynamics *d);              /* at d->q: columns, sign, pivots */
 int independent_stand(Dynamics *d);              /* evaluate and factor at d->q */
+int independent_factor(Dynamics *d);             /* the same where it is evaluated */
+void independent_note(Dynamics *d);              /* x of the held coordinates, at d->q */
+int independent_choose_anew(Dynamics *d); /* other equations; the loops are closed with them */
+int independent_learn_change(Dynamics *d); /* of the determinant, from d->kept to where it is */
 int independent_step(Dynamics *d, const Real *x); /* one safe step, UNSAFE and lost otherwise */
 int independent_settle(Dynamics *d, const Real *x, Real allowed); /* close the loops at x */
 int independent_follow(Dynamics *d, const Real *x); /* as many steps as it takes */
@@ -113,9 +120,16 @@ void independent_remember(const Dynamics *d, Place *place);
 int independent_return(Dynamics *d, const Place *place);
 void independent_columns(Dynamics *d);
 void independent_rates(Dynamics *d, const Real *v, Real *rates); /* of the free x, at v */
-void quaternion_matrix(const Real *x, Real *R); /* (x, y, z, w) */
 Real independent_pace(const Dynamics *d);
 int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
+
+/* ---- charts.c ---- */
+void charts_orthonormal_freedoms(Dynamics *d); /* d->freedoms, of the columns */
+int charts_hold_better(Dynamics *d); /* hold the best coordinates, in the chart as it is */
+
+/* ---- projected.c ---- */
+int projected_place(Dynamics *d, const Real *y); /* q, v, a0 */
+void projected_rates(Dynamics *d, Real *rates);  /* of the coordinates and velocities */
 
 /* ---- passing.c ---- */
 int passing_return(Dynamics *d, const Place *place);

@@ -31,108 +31,17 @@
 #define ENOUGH 0.1
 #define RESELECT_PIVOTS 1e-2  /* of the pivots where equations were chosen: there others are tried */
 
-/* ---- the chart ---- */
+/* ---- the chart of held coordinates ---- */
 
-/* The rotation vector (3) from one quaternion to another. */
-static void rotation_between(const Real *from, const Real *to, Real *vector)
-{
-    Real side[3], w = from[3] * to[3] + dot3(from, to);
-    cross3(from, to, side);
-    for (int i = 0; i < 3; i++)
-        vector[i] = from[3] * to[i] - to[3] * from[i] - side[i];
-    if (w < 0.0) {
-        w = -w;
-        for (int i = 0; i < 3; i++)
-            vector[i] = -vector[i];
-    }
-    const Real size = sqrt(dot3(vector, vector));
-    const Real factor = size > 1e-10 ? 2.0 * atan2(size, w) / size : 2.0 / w;
-    for (int i = 0; i < 3; i++)
-        vector[i] *= factor;
-}
-
-void quaternion_matrix(const Real *x, Real *R)
-{
-    const Real a = x[0], b = x[1], c = x[2], d = x[3];
-    const Real M[9] = {1 - 2 * (b * b + c * c), 2 * (a * b + c * d), 2 * (a * c - b * d),
-                       2 * (a * b - c * d), 1 - 2 * (a * a + c * c), 2 * (b * c + a * d),
-                       2 * (a * c + b * d), 2 * (b * c - a * d), 1 - 2 * (a * a + b * b)};
-    memcpy(R, M, sizeof M);
-}
-
-/* Whether a held coordinate is a slide of a free joint. */
-static int slides(const Dynamics *d, Int i)
-{
-    return d->k->kind[d->held_joint[i]] == FREE && d->held_component[i] < 3;
-}
-
-/* The quaternion of the joint of a held coordinate, in some q. */
-static const Real *quaternion(const Dynamics *d, Int i, const Real *q)
-{
-    const Int j = d->held_joint[i];
-    return q + d->k->iq[j] + (d->k->kind[j] == FREE ? 3 : 0);
-}
-
-static Real chart_coordinate(const Dynamics *d, Int i, const Real *q)
-{
-    const Real scale = d->k->scale[d->held[i]];
-    if (d->held_q[i] >= 0)
-        return (q[d->held_q[i]] - d->start[d->held_q[i]]) / scale;
-    const Int at = d->k->iq[d->held_joint[i]];
-    Real away[3], seen[3], R[9];
-    if (!slides(d, i)) {
-        rotation_between(quaternion(d, i, d->start), quaternion(d, i, q), away);
-        return away[d->held_component[i] % 3] / scale;
-    }
-    copy3(q + at, away);
-    add3(-1.0, d->start + at, away);
-    quaternion_matrix(quaternion(d, i, d->start), R);
-    rotate_back3(R, away, seen);
-    return seen[d->held_component[i]] / scale;
-}
-
-/* Row of the derivative of the rotation vector w with respect to the turn in body axes:
- * 1 + [w]/2 + f [w]^2, f = (1 - (t/2) cot(t/2)) / t^2, t = |w|. */
-static void turning_row(const Real *w, Int i, Real *row)
-{
-    const Real square = dot3(w, w), half = 0.5 * sqrt(square);
-    const Real f = square < 1e-4 ? (1.0 + square / 60.0) / 12.0
-                                 : (1.0 - half * cos(half) / sin(half)) / square;
-    Real unit[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
-    unit[i] = 1.0;
-    cross3(unit, w, once); /* rows of [w] are e_i x w, negated twice */
-    cross3(once, w, twice);
-    for (int c = 0; c < 3; c++)
-        row[c] = unit[c] + 0.5 * once[c] + f * twice[c];
-}
-
-static void chart_row(Dynamics *d, Int i, const Real *q)
-{
-    Real *row = d->chart + 3 * i, away[3], R[9], base[9], axis[3];
-    if (d->held_q[i] >= 0)
-        return;
-    if (!slides(d, i)) {
-        rotation_between(quaternion(d, i, d->start), quaternion(d, i, q), away);
-        turning_row(away, d->held_component[i] % 3, row);
-        return;
-    }
-    quaternion_matrix(quaternion(d, i, d->start), base);
-    quaternion_matrix(quaternion(d, i, q), R);
-    copy3(base + 3 * d->held_component[i], axis);
-    rotate_back3(R, axis, row);
-}
+/* Whether a held coordinate is told by an entry of q alone. */
+static int is_plain(const Dynamics *d, Int i) { return d->held_q[i] >= 0; }
 
 /* Rate of a held chart coordinate at v / scale. */
 static Real chart_rate(const Dynamics *d, Int i, const Real *v)
 {
-    if (d->held_q[i] >= 0)
+    if (is_plain(d, i))
         return v[d->held[i]];
-    const Int j = d->held_joint[i];
-    const Int at = d->k->iv[j] + (d->k->kind[j] == FREE && !slides(d, i) ? 3 : 0);
-    Real sum = 0.0;
-    for (int c = 0; c < 3; c++)
-        sum += d->chart[3 * i + c] * d->k->scale[at + c] * v[at + c];
-    return sum / d->k->scale[d->held[i]];
+    return chart_rate_by(d->k, d->held_joint[i], d->held_component[i], d->chart + 3 * i, v);
 }
 
 void independent_rates(Dynamics *d, const Real *v, Real *rates)
@@ -307,7 +216,8 @@ static Real mismatch(Dynamics *d, const Real *x)
     for (Int i = 0; i < k->n_chosen; i++)
         sum += k->residual[k->chosen[i]] * k->residual[k->chosen[i]];
     for (Int i = 0; !d->is_linear && i < d->n_held; i++) {
-        d->off[i] = x[i] - chart_coordinate(d, i, d->trial);
+        d->off[i] = x[i] - chart_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start,
+                                             d->trial);
         sum += d->off[i] * d->off[i];
     }
     return sqrt(sum);
@@ -318,7 +228,9 @@ static int factor_here(Dynamics *d)
     const int code = factor(d);
     if (code == DONE && !d->is_linear) {
         for (Int i = 0; i < d->n_held; i++)
-            chart_row(d, i, d->trial);
+            if (!is_plain(d, i))
+                chart_row(d->k, d->held_joint[i], d->held_component[i], d->start, d->trial,
+                          d->chart + 3 * i);
         independent_columns(d);
     }
     return code;
@@ -378,21 +290,21 @@ static int is_ill_conditioned(const Dynamics *d)
            equations_error(k) > 10.0 * d->spare + TOLERANCE_ZERO + d->tolerance;
 }
 
-/* How the determinant has changed on the way to x: relative to what it is there. */
-static void note_change(Dynamics *d, const Real *x)
+/* How the determinant has changed on the way from one x to another, where it is evaluated: relative
+ * to what it is there. */
+static void note_change(Dynamics *d, const Real *from, Real mantissa, Int exponent, const Real *x)
 {
     const Kernel *k = d->k;
-    const Real change =
-        1.0 - ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent));
+    const Real change = 1.0 - ldexp(mantissa / k->mantissa, (int)(exponent - k->exponent));
     Real square = 0.0;
     for (Int i = 0; i < d->n_held; i++)
-        square += (x[i] - d->x[i]) * (x[i] - d->x[i]);
+        square += (x[i] - from[i]) * (x[i] - from[i]);
     if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
     if (d->passes)
-        d->room = (d->x[0] - x[0]) / change;
+        d->room = (from[0] - x[0]) / change;
     for (Int i = 0; i < d->n_held; i++)
-        d->change[i] = change * (x[i] - d->x[i]) / square;
+        d->change[i] = change * (x[i] - from[i]) / square;
 }
 
 /* Whether the determinant, as it has changed, would nearly vanish on the way to x. Where it has a
@@ -409,7 +321,7 @@ static int may_cross(const Dynamics *d, const Real *x)
 static void accept(Dynamics *d, const Real *x)
 {
     const Kernel *k = d->k;
-    note_change(d, x);
+    note_change(d, d->x, d->mantissa, d->exponent, x);
     d->mantissa = k->mantissa;
     d->exponent = k->exponent;
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
@@ -423,20 +335,44 @@ static void accept(Dynamics *d, const Real *x)
         independent_columns(d);
 }
 
-/* Choose the independent equations anew, and close the loops with them. */
-static int choose_anew(Dynamics *d)
+/* How the determinant of other equations, or with other held coordinates, has changed on the way
+ * from the place that was kept: what was known of the former ones does not hold for it. */
+int independent_learn_change(Dynamics *d)
+{
+    const size_t size = (size_t)d->n_held * sizeof *d->change;
+    memset(d->change, 0, size);
+    memset(d->kept.change, 0, size);
+    independent_remember(d, &d->aside);
+    const int is_known = independent_return(d, &d->kept) == DONE;
+    const Real mantissa = d->mantissa;
+    const Int exponent = d->exponent;
+    independent_note(d);
+    memcpy(d->kept.x, d->x, size);
+    if (independent_return(d, &d->aside) != DONE)
+        return UNSAFE;
+    if (!is_known)
+        return DONE;
+    note_change(d, d->kept.x, mantissa, exponent, d->x);
+    const Real left = ldexp(d->mantissa / mantissa, (int)(d->exponent - exponent));
+    for (Int i = 0; i < d->n_held; i++)
+        d->kept.change[i] = left * d->change[i];
+    return DONE;
+}
+
+int independent_choose_anew(Dynamics *d)
 {
     if (system_reselect(d->k) != DONE || independent_stand(d) != DONE)
         return UNSAFE;
     d->first_pivot = d->pivot;
     d->room = 0.0;
-    memset(d->change, 0, (size_t)d->n_held * sizeof *d->change);
     memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     if (newton(d, d->x, 1e-3) != DONE)
         return UNSAFE;
     accept(d, d->x);
     const Real allowed = 10.0 * d->spare + TOLERANCE_NOTHING + d->tolerance;
-    return equations_error(d->k) > allowed ? UNSAFE : DONE;
+    if (equations_error(d->k) > allowed)
+        return UNSAFE;
+    return d->passes ? DONE : independent_learn_change(d);
 }
 
 int independent_step(Dynamics *d, const Real *x)
@@ -454,7 +390,7 @@ int independent_step(Dynamics *d, const Real *x)
         return UNSAFE;
     }
     accept(d, x);
-    return is_ill_conditioned(d) ? choose_anew(d) : DONE;
+    return is_ill_conditioned(d) ? independent_choose_anew(d) : DONE;
 }
 
 /* Newton's method from where it stands to x, moving by no more than allowed; on any branch. */
@@ -468,12 +404,10 @@ int independent_settle(Dynamics *d, const Real *x, Real allowed)
     return DONE;
 }
 
-int independent_stand(Dynamics *d)
+int independent_factor(Dynamics *d)
 {
     Kernel *k = d->k;
-    memcpy(k->turns, d->turns, (size_t)k->n_angles * sizeof *d->turns);
     memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
-    equations_values(k, d->q);
     memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->has_bend = 0;
     d->n_points = 0;
@@ -488,6 +422,20 @@ int independent_stand(Dynamics *d)
     d->mantissa = k->mantissa;
     d->exponent = k->exponent;
     return DONE;
+}
+
+int independent_stand(Dynamics *d)
+{
+    Kernel *k = d->k;
+    memcpy(k->turns, d->turns, (size_t)k->n_angles * sizeof *d->turns);
+    equations_values(k, d->q);
+    return independent_factor(d);
+}
+
+void independent_note(Dynamics *d)
+{
+    for (Int i = 0; i < d->n_held; i++)
+        d->x[i] = chart_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start, d->q);
 }
 
 /* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
@@ -530,6 +478,7 @@ void independent_remember(const Dynamics *d, Place *place)
     place->has_bend = d->has_bend;
     memcpy(place->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
     memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    memcpy(place->change, d->change, (size_t)d->n_held * sizeof *d->change);
 }
 
 int independent_return(Dynamics *d, const Place *place)
@@ -541,6 +490,7 @@ int independent_return(Dynamics *d, const Place *place)
     d->has_bend = place->has_bend && code == DONE;
     memcpy(d->bend, place->bend, (size_t)d->k->nv * sizeof *d->bend);
     memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    memcpy(d->change, place->change, (size_t)d->n_held * sizeof *d->change);
     note_point(d);
     return code;
 }

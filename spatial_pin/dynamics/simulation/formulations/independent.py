@@ -54,6 +54,8 @@ class Independent:
         SingularError: the coordinates do not determine the motion there.
     """
 
+    projects = False  # whether every step is to be settled, as `Projected` does
+
     def __init__(
         self, problem: Problem, state: State, free: Sequence[int], spins: Spins | None = None
     ) -> None:
@@ -81,7 +83,8 @@ class Independent:
         ends = [(carriers[j], x[:3]) for line in lines
                 for j, x in zip(line.bodies, line.points, strict=True)]
         ints: list[Any] = [
-            [self.n, len(self._prescribed), len(bodies), len(lines), len(turns), problem.works],
+            [self.n, len(self._prescribed), len(bodies), len(lines), len(turns), problem.works,
+             self.projects],
             self._prescribed, [carriers[body.joint] for body in bodies], [j for j, _ in ends],
             [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
             [x.energy is None for x in turns]]
@@ -145,7 +148,7 @@ class Independent:
         rows = evaluation.jacobian[problem.freedoms.equations(self._first)]
         columns = IndependentCoordinates(
             np.vstack([rows, held, spun]), problem.scale, evaluation.closure_error,
-            self.free).columns
+            self.kernel.free).columns
         given = problem.given(t, q, v, evaluation)
         try:
             return problem.least(q, v, Bounded(a, ROUNDING * np.abs(a)), columns, given).z

@@ -1,0 +1,133 @@
+/* Coordinates of joints relative to where a chart of them begins. */
+#include <string.h>
+
+#include "chart.h"
+
+/* The rotation vector (3) from one quaternion to another. */
+static void rotation_between(const Real *from, const Real *to, Real *vector)
+{
+    Real side[3], w = from[3] * to[3] + dot3(from, to);
+    cross3(from, to, side);
+    for (int i = 0; i < 3; i++)
+        vector[i] = from[3] * to[i] - to[3] * from[i] - side[i];
+    if (w < 0.0) {
+        w = -w;
+        for (int i = 0; i < 3; i++)
+            vector[i] = -vector[i];
+    }
+    const Real size = sqrt(dot3(vector, vector));
+    const Real factor = size > 1e-10 ? 2.0 * atan2(size, w) / size : 2.0 / w;
+    for (int i = 0; i < 3; i++)
+        vector[i] *= factor;
+}
+
+/* Whether a component is a slide of a free joint. */
+static int slides(const Kernel *k, Int j, Int component)
+{
+    return k->kind[j] == FREE && component < 3;
+}
+
+/* The quaternion of a joint, in some q. */
+static const Real *quaternion(const Kernel *k, Int j, const Real *q)
+{
+    return q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0);
+}
+
+Real chart_coordinate(const Kernel *k, Int j, Int component, const Real *start, const Real *q)
+{
+    const Int at = k->iq[j];
+    const Real scale = k->scale[k->iv[j] + component];
+    if (joint_nv(k->kind[j]) == 1)
+        return (q[at] - start[at]) / scale;
+    Real away[3], seen[3], R[9];
+    if (!slides(k, j, component)) {
+        rotation_between(quaternion(k, j, start), quaternion(k, j, q), away);
+        return away[component % 3] / scale;
+    }
+    copy3(q + at, away);
+    add3(-1.0, start + at, away);
+    quaternion_rotation(quaternion(k, j, start), R);
+    rotate_back3(R, away, seen);
+    return seen[component] / scale;
+}
+
+/* Row of the derivative of the rotation vector w with respect to the turn in body axes:
+ * 1 + [w]/2 + f [w]^2, f = (1 - (t/2) cot(t/2)) / t^2, t = |w|. */
+static void turning_row(const Real *w, Int i, Real *row)
+{
+    const Real square = dot3(w, w), half = 0.5 * sqrt(square);
+    const Real f = square < 1e-4 ? (1.0 + square / 60.0) / 12.0
+                                 : (1.0 - half * cos(half) / sin(half)) / square;
+    Real unit[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
+    unit[i] = 1.0;
+    cross3(unit, w, once); /* rows of [w] are e_i x w, negated twice */
+    cross3(once, w, twice);
+    for (int c = 0; c < 3; c++)
+        row[c] = unit[c] + 0.5 * once[c] + f * twice[c];
+}
+
+void chart_row(const Kernel *k, Int j, Int component, const Real *start, const Real *q, Real *row)
+{
+    Real away[3], R[9], base[9], axis[3];
+    if (!slides(k, j, component)) {
+        rotation_between(quaternion(k, j, start), quaternion(k, j, q), away);
+        turning_row(away, component % 3, row);
+        return;
+    }
+    quaternion_rotation(quaternion(k, j, start), base);
+    quaternion_rotation(quaternion(k, j, q), R);
+    copy3(base + 3 * component, axis);
+    rotate_back3(R, axis, row);
+}
+
+Real chart_rate_by(const Kernel *k, Int j, Int component, const Real *row, const Real *v)
+{
+    const Int first = k->iv[j], at = first + (k->kind[j] == FREE && component > 2 ? 3 : 0);
+    Real sum = 0.0;
+    for (int c = 0; c < 3; c++)
+        sum += row[c] * k->scale[at + c] * v[at + c];
+    return sum / k->scale[first + component];
+}
+
+/* ---- all joints ---- */
+
+void chart_configuration(Kernel *k, const Real *start, const Real *x, Real *q)
+{
+    Real *step = k->right;
+    memcpy(q, start, (size_t)k->nq * sizeof *q);
+    for (Int v = 0; v < k->nv; v++)
+        step[v] = k->scale[v] * x[v];
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real R[9], *u = step + k->iv[j];
+        if (k->kind[j] != FREE)
+            continue;
+        quaternion_rotation(quaternion(k, j, start), R);
+        for (int c = 0; c < 3; c++)
+            add3(u[c], R + 3 * c, q + k->iq[j]);
+        zero3(u); /* it slides straight, then turns */
+    }
+    tree_integrate(k, q, step);
+}
+
+void chart_coordinates(const Kernel *k, const Real *start, const Real *q, Real *x)
+{
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int c = 0; c < joint_nv(k->kind[j]); c++)
+            x[k->iv[j] + c] = chart_coordinate(k, j, c, start, q);
+}
+
+void chart_rates(const Kernel *k, const Real *start, const Real *q, const Real *v, Real *rates)
+{
+    for (Int i = 0; i < k->nv; i++)
+        k->right[i] = v[i] / k->scale[i];
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int c = 0; c < joint_nv(k->kind[j]); c++) {
+            Real row[3];
+            Real *rate = rates + k->iv[j] + c;
+            *rate = k->right[k->iv[j] + c];
+            if (joint_nv(k->kind[j]) == 1)
+                continue;
+            chart_row(k, j, c, start, q, row);
+            *rate = chart_rate_by(k, j, c, row, k->right);
+        }
+}
