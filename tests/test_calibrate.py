@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy import stats
 
 import spatial_pin as sp
 from spatial_pin import targets
+from spatial_pin.cli.running import main
 
 FILE = Path(__file__).parent / "data" / "hexapod" / "hexapod.toml"
 LEGS = [f"leg_{k}" for k in range(1, 7)]
@@ -86,20 +89,26 @@ def test_a_gough_platform_is_found_again_exactly_without_noise():
         assert np.abs(pin.log6(at.actInv(state.placement("platform"))).vector).max() < 1e-11
 
 
+def gough_information(seed, count, noise):
+    """Return Fisher's information (42, 42) that poses have of all places and offsets."""
+    _, dimensions, _ = built()
+    weights = 1.0 / np.repeat([noise, 10 * noise], 3)
+    rows = [weights[:, None] * pose_slopes(at, dimensions) for at in poses(count, seed)]
+    return sum(x.T @ x for x in rows)
+
+
 def test_a_gough_platform_is_found_again_within_three_sigma_of_the_cramer_rao_bound():
     drawn, dimensions, offsets = built()
     noise, seed = 1e-5, 3
     table = measured(30, seed, noise)
     found = sp.calibrate(drawn, table, PLACES, offsets=LEGS,
                          sigma={"position": noise, "rotation": 10 * noise})
-    weights = 1.0 / np.repeat([noise, 10 * noise], 3)
-    information, told = np.zeros((42, 42)), np.zeros(42)
+    information = gough_information(seed, 30, noise)
+    weights, told = 1.0 / np.repeat([noise, 10 * noise], 3), np.zeros(42)
     for at, (_, seen) in zip(poses(30, seed), table, strict=True):
-        rows = weights[:, None] * pose_slopes(at, dimensions)
         error = [*(seen["platform"].translation - at.translation),
                  *pin.log3(at.rotation.T @ seen["platform"].rotation)]
-        information += rows.T @ rows
-        told += rows.T @ (weights * error)
+        told += (weights[:, None] * pose_slopes(at, dimensions)).T @ (weights * error)
     bound = np.sqrt(np.diag(np.linalg.inv(information)))
     off = np.array([*found.values.values()]) - [*dimensions.values(), *offsets]
     assert np.all(np.abs(off) < 3.0 * bound)
@@ -107,6 +116,33 @@ def test_a_gough_platform_is_found_again_within_three_sigma_of_the_cramer_rao_bo
     # the efficient estimate of this very noise, but for its square
     assert np.abs((off - np.linalg.solve(information, told)) / bound).max() < 0.1
     assert np.array_equal(found.covariance, found.covariance.T)
+
+
+def within_bound(errors, informations):
+    """Check errors (k, n) of as many estimates against the Cramér-Rao bound, all seeds together.
+
+    Normal errors of that covariance lie within three of its sigmas but for 0.27 %, and the squares
+    of their Mahalanobis distances have chi-square's distribution.
+    """
+    k, n = errors.shape
+    sigmas = np.array([np.sqrt(np.diag(np.linalg.inv(x))) for x in informations])
+    beyond = int(np.sum(np.abs(errors) > 3.0 * sigmas))
+    assert beyond <= stats.binom.ppf(0.999, k * n, 2.0 * stats.norm.sf(3.0))
+    distances = np.array([e @ x @ e for e, x in zip(errors, informations, strict=True)])
+    low, high = stats.chi2.ppf((0.001, 0.999), k * n)
+    assert low < distances.sum() < high
+    assert stats.kstest(distances, stats.chi2(n).cdf).pvalue > 0.001
+
+
+@pytest.mark.slow
+def test_errors_of_gough_platforms_have_the_distribution_of_the_cramer_rao_bound():
+    drawn, dimensions, offsets = built()
+    noise, count, seeds = 1e-5, 12, range(20, 28)
+    true = np.array([*dimensions.values(), *offsets])
+    found = [sp.calibrate(drawn, measured(count, seed, noise), PLACES, offsets=LEGS,
+                          sigma={"position": noise, "rotation": 10 * noise}) for seed in seeds]
+    within_bound(np.array([[*x.values.values()] for x in found]) - true,
+                 [gough_information(seed, count, noise) for seed in seeds])
 
 
 def test_the_base_is_found_by_points_alone():
@@ -140,6 +176,142 @@ def test_what_base_and_offsets_share_is_named_whatever_the_noise():
     found = sp.calibrate(drawn, table, offsets=["crank"], base=True)
     assert len(found.undetermined) == 1 and "crank.offset" in found.undetermined[0]
     assert np.isfinite(found.sigma["base.x"])
+
+
+# ---------------------------------------------------------------- 6R loop, closed form
+
+SIX = Path(__file__).parent / "data" / "line_symmetric" / "line_symmetric.toml"
+SIX_TRUE = {"a1": 0.2002, "a2": 0.2507, "a3": 0.1489, "alpha1": 0.9021, "alpha2": 1.2984,
+            "alpha3": -0.7015, "d1": 0.0318, "d2": -0.0491, "d3": 0.0422}
+SIX_OFFSET = 0.01
+SIX_CRANKS = np.linspace(0.5, 5.5, 10)
+
+
+def half(turns, p):
+    """Return the half of the loop, from the ground to the third link: quaternion, translation."""
+    turned, at = pin.Quaternion(1.0, 0.0, 0.0, 0.0), np.zeros(3)
+    for k, turn in zip((3, 1, 2), turns, strict=True):
+        a, alpha, d = (p[f"{name}{k}"] for name in ("a", "alpha", "d"))
+        at = at + turned * np.array([a, -d * np.sin(alpha), d * np.cos(alpha)])
+        turned = turned * pin.Quaternion(np.cos(alpha / 2), np.sin(alpha / 2), 0.0, 0.0)
+        turned = turned * pin.Quaternion(np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2))
+    return turned, at
+
+
+def third_link(crank, near, p):
+    """Return the hinges near others at which the loop is closed, and the third link's placement.
+
+    The half, done twice, is nothing: it is a half-turn (its scalar is zero) without a shift along
+    the axis.
+    """
+    def open_by(turns):
+        turned, at = half([crank, *turns], p)
+        return np.array([turned.w, turned.vec() @ at])
+
+    for _ in range(30):
+        slope = np.array([open_by(near + h) - open_by(near - h) for h in 1e-6 * np.eye(2)]).T / 2e-6
+        step = np.linalg.solve(slope, open_by(near))
+        near = near - step
+        if np.abs(step).max() < 1e-14:
+            break
+    turned, at = half([crank, *near], p)
+    return near, pin.SE3(turned.normalized().toRotationMatrix(), at)
+
+
+def third_links(cranks, p):
+    near, found = np.array([0.2220, 2.7877]), []
+    for crank in cranks:
+        near, at = third_link(crank, near, p)
+        found.append(at)
+    return found
+
+
+def six_measured(seed=0, noise=0.0, misread=0.0):
+    """Return cranks as read, with the third link's placements as seen, with normal noise."""
+    rng = np.random.default_rng(seed + 1000)
+    return [({"crank": crank + misread * rng.normal()},
+             {"link_3": pin.SE3(at.rotation @ pin.exp3(10 * noise * rng.normal(size=3)),
+                                at.translation + noise * rng.normal(size=3))})
+            for crank, at in zip(SIX_CRANKS, third_links(SIX_CRANKS + SIX_OFFSET, SIX_TRUE),
+                                 strict=True)]
+
+
+def six_information(noise, misread=0.0):
+    """Return Fisher's information (10, 10) of dimensions and offset.
+
+    Where encoders misread, the crank of each pose is unknown too, and known to `misread`: what is
+    left of the rest is Schur's complement.
+    """
+    true = np.array([*SIX_TRUE.values(), SIX_OFFSET])
+
+    def links(x, more=0.0):
+        return third_links(SIX_CRANKS + x[-1] + more, dict(zip(SIX_TRUE, x, strict=False)))
+
+    def slope(ends):
+        return np.concatenate([
+            np.r_[(b.translation - a.translation) / noise,
+                  pin.log3(a.rotation.T @ b.rotation) / (10 * noise)] / 2e-5
+            for a, b in zip(*ends, strict=True)])
+
+    rows = np.array([slope((links(true - h), links(true + h))) for h in 1e-5 * np.eye(10)]).T
+    if not misread:
+        return rows.T @ rows
+    own = slope((links(true, -1e-5), links(true, 1e-5))).reshape(-1, 6)
+    kept = np.zeros((10, 10))
+    for row, along in zip(rows.reshape(-1, 6, 10), own, strict=True):
+        mixed = row.T @ along
+        kept += row.T @ row - np.outer(mixed, mixed) / (along @ along + misread**-2)
+    return kept
+
+
+def test_a_6r_loop_is_found_again_exactly_without_noise():
+    found = sp.calibrate(sp.load(SIX), six_measured(), list(SIX_TRUE), offsets=["crank"])
+    assert max(abs(found.values[name] - x) for name, x in SIX_TRUE.items()) < 1e-10
+    assert abs(found.values["crank.offset"] - SIX_OFFSET) < 1e-10
+    assert not found.undetermined
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("misread", [0.0, 2e-4])
+def test_errors_of_6r_loops_have_the_distribution_of_the_cramer_rao_bound(misread):
+    noise, seeds = 1e-5, range(20)
+    true = np.array([*SIX_TRUE.values(), SIX_OFFSET])
+    sigma = {"position": noise, "rotation": 10 * noise}
+    if misread:
+        sigma["crank.encoder"] = misread
+    drawn, information = sp.load(SIX), six_information(noise, misread)
+    found = [sp.calibrate(drawn, six_measured(seed, noise, misread), list(SIX_TRUE),
+                          offsets=["crank"], sigma=sigma) for seed in seeds]
+    within_bound(np.array([[*x.values.values()] for x in found]) - true,
+                 [information] * len(seeds))
+    bound = np.sqrt(np.diag(np.linalg.inv(information)))
+    for one in found:
+        assert bound == pytest.approx([*one.sigma.values()], rel=0.02)
+
+
+def test_encoders_that_misread_are_told_by_pose():
+    noise, misread = 1e-5, 2e-3
+    table = six_measured(3, noise, misread)
+    given = {"position": noise, "rotation": 10 * noise}
+    m, plain = sp.load(SIX), {"dimensions": list(SIX_TRUE), "offsets": ["crank"]}
+    exact = sp.calibrate(m, table, **plain, sigma=given)
+    found = sp.calibrate(m, table, **plain, sigma={**given, "encoder": misread})
+    at = [k for k, (_, label) in enumerate(found.labels) if label == "hinge_1.encoder"]
+    assert [found.labels[k][0] for k in at] == list(range(10))
+    assert {found.units[k] for k in at} == {"rad"}
+    true = SIX_CRANKS - [read["crank"] for read, _ in table]
+    shift = found.values["crank.offset"] - SIX_OFFSET  # common to all, as the offset has it
+    assert found.residuals[at] + shift == pytest.approx(true, abs=5e-4)
+    for state, crank in zip(found.states, SIX_CRANKS + SIX_OFFSET, strict=True):
+        assert state.coordinate("hinge_1").value == pytest.approx(crank, abs=5e-4)
+    off = [np.abs(np.array([*x.values.values()]) - [*SIX_TRUE.values(), SIX_OFFSET])
+           / [*found.sigma.values()] for x in (exact, found)]
+    assert off[1].max() < 3.5 < off[0].max()
+    # encoders that are known to read well are as good as exact ones
+    close = sp.calibrate(m, six_measured(3, noise), **plain, sigma={**given, "encoder": 1e-9})
+    alone = sp.calibrate(m, six_measured(3, noise), **plain, sigma=given)
+    assert close.values == pytest.approx(alone.values, abs=1e-9)
+    assert close.sigma == pytest.approx(alone.sigma, rel=1e-4)
 
 
 # ---------------------------------------------------------------- RSSR, closed form
@@ -248,6 +420,80 @@ def test_bounds_are_kept():
     found = sp.calibrate(sp.load("rssr"), turned(12), {"a": (0.1, 0.103), "b": None, "c": None},
                          offsets=["crank"])
     assert 0.1 <= found.values["a"] <= 0.103
+
+
+# ---------------------------------------------------------------- command line
+
+
+def written(path, heads, rows):
+    path.write_text("\n".join(",".join(map(str, row)) for row in [heads, *rows]) + "\n")
+    return str(path)
+
+
+def test_the_command_line_calibrates_by_a_table(tmp_path, capfd):
+    table = written(tmp_path / "t.csv", ["crank [deg]", "rocker_pin [deg]"],
+                    [np.rad2deg([read["crank"], seen["rocker_pin"]]) for read, seen in turned(12)])
+    words = ["calibrate", "rssr", table, "--dimension", "a", "--dimension", "b=300mm..400mm",
+             "--dimension", "c", "--offset", "crank", "--sigma", "angle=0.01deg"]
+    names = [tmp_path / name for name in ("found.json", "residuals.csv", "built")]
+    assert main([*words, "--json", str(names[0]), "--csv", str(names[1]),
+                 "--folder", str(names[2])]) == 0
+    told = capfd.readouterr().out
+    assert "rssr: 4 unknowns from 12 numbers of 12 measurements" in told and "wrote" in told
+    content = json.loads(names[0].read_text())
+    assert content["values"] == pytest.approx({**TRUE, "crank.offset": 0.02}, abs=1e-10)
+    lines = names[1].read_text().splitlines()
+    assert lines[0] == "measurement,of,unit,residual,before,weight" and len(lines) == 13
+    assert lines[1].startswith("1,rocker_pin,rad,")
+    loaded = sp.load(names[2] / "rssr.toml")
+    there = sp.assemble(loaded, {"crank": 1.0}).placement("rocker_b")
+    true = sp.assemble(sp.load("rssr", **TRUE), {"crank": 1.0}).placement("rocker_b")
+    assert np.abs(there.translation - true.translation).max() < 1e-9
+
+
+def test_the_command_line_finds_bases_by_placements_points_and_distances(tmp_path, capfd):
+    mechanism, heads = sp.load("rssr", **TRUE), ["crank", *(
+        f"rocker.{x} [mm]" for x in "xyz"), *(f"rocker.r{x} [deg]" for x in "xyz"),
+        "ball_a-rocker_b [mm]"]
+    rows = []
+    for i, crank in enumerate(np.linspace(0.0, 2.0, 8)):
+        state = sp.assemble(mechanism, {"crank": crank})
+        at = BASE * state.placement("rocker")
+        apart = np.linalg.norm(state.placement("ball_a").translation
+                               - state.placement("rocker_b").translation)
+        turned_by = np.rad2deg(pin.log3(at.rotation)) if i % 2 else [""] * 3  # a point alone
+        rows.append([crank, *(1e3 * at.translation), *turned_by, 1e3 * apart if i < 2 else ""])
+    words = ["calibrate", "rssr", written(tmp_path / "t.csv", heads, rows), "--base", "--json",
+             "-", "--dimension", "a", "--set", f"b={TRUE['b']}", "--set", f"c={TRUE['c']}",
+             "--sigma", "position=1mm", "--sigma", "rotation=1deg",
+             "--sigma", "length=1mm", "--sigma", "encoder=1e-4"]
+    assert main(words) == 0
+    content = json.loads(capfd.readouterr().out)
+    assert content["values"]["base.y"] == pytest.approx(2.0, abs=1e-8)
+    assert content["values"]["a"] == pytest.approx(TRUE["a"], abs=1e-8)
+    assert {x["of"] for x in content["residuals"]} == {
+        *(f"rocker.{kind}.{x}" for kind in ("position", "rotation") for x in "xyz"),
+        "ball_a-rocker_b", "crank_pin.encoder"}
+
+
+@pytest.mark.parametrize(("heads", "row", "more", "words"), [
+    (["crank", "rocker_pin"], [0.0, "x"], [], "line 2, column 2: 'x' is no number"),
+    (["crank", "nobody"], [0.0, 1.0], [], "nobody"),
+    (["crank", "coupler.x"], [0.0, 1.0], [], "row 1: no coupler.y, coupler.z"),
+    (["crank", "coupler.x [deg]"], [0.0, 1.0], [], "is in m, not in deg"),
+    (["crank", "rocker_pin"], ["", 1.0], [], "driver 'crank' has no value"),
+    (["crank", "rocker_pin"], [0.0, ""], [], "nothing was measured"),
+    (["crank", "rocker_pin"], [0.0, 1.0], ["--sigma", "angle=1mm"], "angle is in rad, not in mm"),
+    (["crank", "rocker_pin"], [0.0, 1.0], ["--sigma", "crank.encoder=1mm"], "is in rad"),
+    (["crank", "rocker_pin"], [0.0, 1.0], ["--sigma", "angle=1", "--sigma", "x.encoder=1"],
+     "was not measured"),
+    (["crank", "rocker_pin"], [0.0, 1.0], ["--dimension", "e"], "no dimension 'e'"),
+    (["crank", "rocker_pin"], [0.0, 1.0], ["--json", "/nowhere/x.json"], "there is no folder"),
+])
+def test_the_command_line_refuses_bad_tables_in_words(heads, row, more, words, tmp_path, capfd):
+    table = written(tmp_path / "t.csv", heads, [row])
+    assert main(["calibrate", "rssr", table, "--dimension", "a", *more]) == 1
+    assert words in capfd.readouterr().err
 
 
 # ---------------------------------------------------------------- bad input

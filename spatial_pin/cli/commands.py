@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.cli.readings import check_sigma, read_readings
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
@@ -270,6 +271,29 @@ def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path |
             yield options.json
 
 
+def _calibrate(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    dimensions, sigma = dict(options.dimension), _unique(options, options.sigma)
+    if len(dimensions) < len(options.dimension):
+        options.usage_error("a dimension is named twice")
+    check_sigma(mechanism, sigma)
+    found = sp.calibrate(mechanism, read_readings(options.table, mechanism, options.read),
+                         dimensions, offsets=options.offset, base=options.base,
+                         sigma=sigma or None, loss=options.loss, margin=options.margin,
+                         guess=_guess(options))
+    written: list[Path | str] = []
+    if options.csv:
+        written.append(found.to_csv(options.csv))
+    if options.folder:
+        written.append(found.mechanism.save(options.folder))
+    if options.json:
+        _write_json(found.as_dict(), options.json)
+        written.append(options.json)
+    if options.json != "-":
+        print(found)
+        print("".join(f"wrote {path}\n" for path in written), end="")
+
+
 def _beginning(
     options: argparse.Namespace, mechanism: sp.Mechanism, speeds: list[tuple[str, float]],
     duration: float,
@@ -473,6 +497,7 @@ RUNS = {
     "follow": _follow,
     "reach": _reach,
     "workspace": _workspace,
+    "calibrate": _calibrate,
     "simulate": _simulate,
     "tradeoff": _tradeoff,
     "limits": _limits,

@@ -162,6 +162,32 @@ def _workspace_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--json", metavar="F", help="write the table as JSON (- for the screen)")
 
 
+def _calibrate_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("table", metavar="TABLE", help="a .csv file: a line of names, then a line of "
+                     "numbers for every pose; columns of drivers are what encoders read, measured "
+                     "are tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
+                     "coordinates, and NAME-OTHER, a distance; an empty field was not measured")
+    sub.add_argument("--dimension", action="append", default=[], type=_bounded,
+                     metavar="NAME[=LO..HI]", help="a dimension to find, as b or b=0.3..0.4")
+    sub.add_argument("--offset", action="append", default=[], metavar="DRIVER",
+                     help="a driver whose encoder is off")
+    sub.add_argument("--base", action="store_true", help="points and placements were measured in "
+                     "axes of their own: find where the mechanism stands in these")
+    sub.add_argument("--read", action="append", default=[], metavar="NAME",
+                     help="a coordinate that is read, besides the drivers")
+    sub.add_argument("--sigma", action="append", default=[], type=_setting, metavar="NAME=VALUE",
+                     help="standard deviation of position, rotation, angle, length or encoder, or "
+                     "of one quantity, as position=0.02mm, crank.encoder=0.1deg")
+    sub.add_argument("--loss", choices=("linear", "soft_l1", "huber", "cauchy", "arctan"),
+                     default="linear", help="how much outliers count (linear: as the others)")
+    sub.add_argument("--margin", type=_positive, default=1.5,
+                     help="what is farther off is an outlier [sigma] (1.5)")
+    _guess_option(sub)
+    sub.add_argument("--json", metavar="F", help="write what was found (- for the screen)")
+    sub.add_argument("--csv", metavar="F", help="write the residuals, one a row")
+    sub.add_argument("--folder", metavar="F", help="write the calibrated mechanism into a folder")
+
+
 def _simulate_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--duration", type=_quantity, required=True, help="how long, as 10 or 500ms")
     sub.add_argument("--rows", type=_count, default=1001, help="number of rows (1001)")
@@ -326,6 +352,11 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     return name, (_quantity(low), _quantity(high))
 
 
+def _bounded(text: str) -> tuple[str, tuple[float, float] | None]:
+    name, equals, _ = text.partition("=")
+    return _range(text) if equals else (name, None)
+
+
 def _target(text: str) -> tuple[str, Any]:
     try:
         return read_target(text)
@@ -349,6 +380,8 @@ COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {  
     "reach": ("find the configuration, or the motion, in which frames are where they should be",
               _reach_options),
     "workspace": ("where a frame gets to over ranges of drivers or poses", _workspace_options),
+    "calibrate": ("find dimensions, offsets of encoders and the base from measurements",
+                  _calibrate_options),
     "simulate": ("let it move under gravity, springs and efforts", _simulate_options),
     "tradeoff": ("measure what accuracy settings cost and lose on a motion of it",
                  _tradeoff_options),

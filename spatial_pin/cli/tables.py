@@ -26,7 +26,7 @@ KINDS = {  # of targets: what units their numbers have, " " for none
 
 
 def read_table(
-    path: str | Path, mechanism: Mechanism | None = None
+    path: str | Path, mechanism: Mechanism | None = None, with_blanks: bool = False
 ) -> tuple[dict[str, Array], Array | None]:
     """Return columns (N,) by their names [rad, m], and times (N,) [s] where it has some.
 
@@ -36,6 +36,7 @@ def read_table(
     Args:
         path: of the file.
         mechanism: with whose coordinates and frames the units must go.
+        with_blanks: whether fields may be empty, which are NaN then.
 
     Raises:
         OSError: it cannot be read.
@@ -54,7 +55,8 @@ def read_table(
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
         _check_unit(path, mechanism, name, unit)
         found[name] = UNITS[unit] * np.array([
-            _number(path, line, k, row) for row, line in enumerate(lines[1:], start=2)])
+            _number(path, line, k, row, with_blanks)
+            for row, line in enumerate(lines[1:], start=2)])
     return found, found.pop(TIME, None)
 
 
@@ -133,7 +135,11 @@ def _head(path: str | Path, text: str) -> tuple[str, str]:
     return name, unit
 
 
-def _number(path: str | Path, line: list[str], k: int, row: int) -> float:
+def _number(
+    path: str | Path, line: list[str], k: int, row: int, may_be_blank: bool = False
+) -> float:
+    if may_be_blank and not "".join(line[k : k + 1]).strip():
+        return float("nan")
     try:
         return float(line[k])
     except (ValueError, IndexError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,13 @@ from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.homotopy import followed, varied
-from spatial_pin.dimensions.measurements import UNITS, Quantity, base_from, read_measurements
+from spatial_pin.dimensions.measurements import (
+    UNITS,
+    Quantity,
+    base_from,
+    encoders_of,
+    read_measurements,
+)
 from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
 from spatial_pin.errors import SpatialPinError
@@ -24,6 +31,7 @@ from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.outputs import named_path, write_text
 
 EVALUATIONS = 300  # at most: ten are usual, some dozens with many outliers
 # Part of a residual's square over the margin's that counts, by loss: its derivative.
@@ -50,7 +58,7 @@ class Calibration:
             them. Those of the base's rotation are of small turns about the measuring axes.
         covariance: (n, n) in the order of `values`; infinite and NaN likewise.
         residuals: (m,) model less measurement [m or rad], in the measuring axes; of a rotation in
-            those of the frame.
+            those of the frame. Those of encoders that read with an error stand behind the others.
         before: (m,) likewise, where the search began.
         labels: (m,) of each residual the number of its measurement, from 0, and what it is.
         units: (m,) of the residuals, "m" or "rad".
@@ -79,6 +87,35 @@ class Calibration:
     def outliers(self) -> tuple[tuple[int, str], ...]:
         """Labels of the numbers that count less than half."""
         return tuple(x for x, w in zip(self.labels, self.weights, strict=True) if w < 0.5)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was found as plain numbers and lists, as JSON has them: None if unknown."""
+        def plain(x: float) -> float | None:
+            return float(x) if np.isfinite(x) else None
+
+        return {
+            "mechanism": self.mechanism.name, "values": self.values, "nominal": self.nominal,
+            "sigma": {name: plain(x) for name, x in self.sigma.items()},
+            "covariance": [[plain(x) for x in row] for row in self.covariance],
+            "undetermined": list(self.undetermined),
+            "residuals": [{"measurement": i + 1, "of": label, "unit": unit, "residual": x,
+                           "before": y, "weight": w} for (i, label), unit, x, y, w in self._rows()]}
+
+    def _rows(self) -> Iterable[tuple[tuple[int, str], str, float, float, float]]:
+        """Yield label, unit, residual, residual before and weight of all numbers."""
+        return zip(self.labels, self.units, self.residuals.tolist(), self.before.tolist(),
+                   self.weights.tolist(), strict=True)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write a row for every number measured; returns the path.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+        """
+        lines = ["measurement,of,unit,residual,before,weight"]
+        lines += [f"{i + 1},{label},{unit},{x!r},{y!r},{w!r}"
+                  for (i, label), unit, x, y, w in self._rows()]
+        return write_text(named_path(path), "\n".join(lines) + "\n")
 
     def __str__(self) -> str:
         poses = len(self.states)
@@ -119,7 +156,8 @@ def calibrate(
     """Find dimensions, offsets of encoders and the base, so that measurements are met best.
 
     The sum of the squares of what model and measurements differ by, in standard deviations, is
-    least. Encoders are taken to be exact but for their offsets. The branch is that of the guess,
+    least. Encoders are taken to be exact but for their offsets, unless `sigma` says how well they
+    read: then where the drivers were at each pose is found too. The branch is that of the guess,
     followed along straight lines of the drivers from one measurement to the next.
 
     Args:
@@ -134,8 +172,9 @@ def calibrate(
         base: True: points and placements were measured in axes of their own, in which the
             mechanism's world is to be found; a placement: where to begin with that.
         sigma: standard deviations, by kind {"position": m, "rotation": rad, "angle": rad,
-            "length": m} or by name of what was measured. None: all the same, lengths relative to
-            the characteristic length, and the residuals tell how large.
+            "length": m, "encoder": rad or m} or by name of what was measured, `DRIVER.encoder`.
+            None: all the same, lengths relative to the characteristic length, and the residuals
+            tell how large.
         loss: "linear", or robust to outliers: "soft_l1", "huber", "cauchy", "arctan", as in
             `scipy.optimize.least_squares`. These need `sigma`.
         margin: residual beyond which a robust loss takes a number for an outlier [sigma].
@@ -163,7 +202,8 @@ def calibrate(
                         f"{type(base).__name__}")
     margin = positive_number(margin, "margin")
     drivers, quantities = read_measurements(mechanism, measurements, sigma)
-    unknowns = Unknowns(tuple(bounds), _offsets(mechanism, offsets, drivers), base is not False)
+    unknowns = Unknowns(tuple(bounds), _offsets(mechanism, offsets, drivers), base is not False,
+                        encoders_of(mechanism, drivers, sigma))
     _check_enough(unknowns, quantities)
     start = _start(mechanism, drivers, guess)
     quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
@@ -258,7 +298,8 @@ class _Search:
             scattered: whether the residuals tell how large standard deviations are.
         """
         p, names = self._predictions, self._predictions.unknowns.names
-        before = p.errors(np.zeros(len(names)))
+        encoders, n = p.unknowns.encoders, len(names)
+        before = p.errors(np.zeros(len(p.sizes)))
         x = self._solved(bounds)
         errors, here = p.errors(x), p.at(x)
         weights = self._weights(errors)
@@ -267,18 +308,19 @@ class _Search:
         if scattered:
             left = len(errors) - spread.rank
             factor = float(errors @ errors) / left if left else np.nan
-        covariance = spread.covariance(p.sizes) * factor
+        covariance = spread.covariance(p.sizes)[:n, :n] * factor
         changed = p.dimensions_at(x)
-        labels = tuple((i, label) for i, some in enumerate(quantities)
-                       for q in some for label in q.labels())
+        told = [(i, label, UNITS[q.kind]) for i, some in enumerate(quantities)
+                for q in some for label in q.labels()]
+        told += [(e.pose, e.label, e.unit) for e in encoders]
         there = varied(here.mechanism, changed) if changed else here.mechanism
         states = [followed(there, held, state)
                   for held, state in zip(p.held(x), here.states, strict=True)]
         return Calibration(
             there, self._values(x), self._values(np.zeros(len(x))),
             dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)), covariance,
-            errors * p.sigmas, before * p.sigmas, labels,
-            tuple(UNITS[q.kind] for some in quantities for q in some for _ in q.labels()), weights,
+            errors * p.sigmas, before * p.sigmas, tuple((i, label) for i, label, _ in told),
+            tuple(unit for *_, unit in told), weights,
             tuple(spread.words(names, p.sizes)), here.base, tuple(states))
 
     def _solved(self, bounds: Mapping[str, tuple[float, float]]) -> Array:

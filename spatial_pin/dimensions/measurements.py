@@ -26,6 +26,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
 
 UNITS = {"position": "m", "rotation": "rad", "angle": "rad", "length": "m"}  # by kind
+ENCODER = ".encoder"  # what names of encoders end with, in sigma and labels
 
 
 class Reading(NamedTuple):
@@ -38,6 +39,27 @@ class Reading(NamedTuple):
 
     drivers: Mapping[str, float]
     measured: Mapping[str, Any]
+
+
+class Encoder(NamedTuple):
+    """An encoder that reads with an error, at one pose.
+
+    Attributes:
+        pose: its number, from 0.
+        coordinate: that it reads.
+        sigma: standard deviation [rad or m].
+        unit: "rad" or "m".
+    """
+
+    pose: int
+    coordinate: str
+    sigma: float
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """What it is called among what was measured."""
+        return self.coordinate + ENCODER
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +164,35 @@ def read_measurements(
             raise ValueError(f"{where}: nothing was measured there")
         targets = [part for t in read_targets(mechanism, measured) for part in _parts(t, where)]
         quantities.append([_quantity(mechanism, t, given) for t in targets])
-    known = {*UNITS, *(name for some in quantities for x in some for name in _names(x))}
+    known = {*UNITS, ENCODER[1:], *(n for some in quantities for x in some for n in _names(x)),
+             *(name + ENCODER for read in drivers for name in _called(mechanism, read))}
     for name in given or {}:
         if name not in known:
             raise ValueError(f"sigma has {name!r}, which was not measured: it may have "
                              f"{', '.join(sorted(known))}")
     return drivers, quantities
+
+
+def _called(mechanism: Mechanism, coordinates: Iterable[str]) -> dict[str, str]:
+    """Return by every name that coordinates have, as those of their drivers, the coordinate."""
+    own = {name: name for name in coordinates}
+    return own | {driver.name: name for driver in mechanism.drivers.values()
+                  for name in own if mechanism.coordinate(driver.joint).name == name}
+
+
+def encoders_of(
+    mechanism: Mechanism, drivers: Sequence[Mapping[str, float]],
+    sigma: Mapping[str, float] | None,
+) -> tuple[Encoder, ...]:
+    """Return the encoders that have a standard deviation, pose by pose."""
+    found = []
+    for i, read in enumerate(drivers):
+        of: dict[str, float] = dict.fromkeys(read, (sigma or {}).get(ENCODER[1:], 0.0))
+        for name, coordinate in _called(mechanism, read).items():
+            of[coordinate] = (sigma or {}).get(name + ENCODER, of[coordinate])
+        found += [Encoder(i, name, float(x), mechanism.coordinate(name).unit)
+                  for name, x in of.items() if x]
+    return tuple(found)
 
 
 def _drivers(mechanism: Mechanism, read: Mapping[str, Any], where: str) -> dict[str, float]:

@@ -17,7 +17,7 @@ from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.measurements import Quantity
+from spatial_pin.dimensions.measurements import Encoder, Quantity
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -36,11 +36,14 @@ class Unknowns(NamedTuple):
         dimensions: names.
         offsets: drivers; what their encoders read lacks these.
         has_base: whether the base is one, by six numbers.
+        encoders: that read with an error, of which each pose has its own: these are found too, as
+            numbers behind the others, but have no name.
     """
 
     dimensions: tuple[str, ...]
     offsets: tuple[str, ...]
     has_base: bool
+    encoders: tuple[Encoder, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,7 +79,7 @@ class Predictions:
 
     Attributes:
         sizes: (n,) of the unknowns [m or rad].
-        sigmas: (m,) standard deviations of the numbers measured.
+        sigmas: (m,) standard deviations of the numbers measured, those of encoders last.
     """
 
     def __init__(
@@ -95,8 +98,11 @@ class Predictions:
         sizes = [*np.maximum(np.abs(own), min(length, 1.0)),
                  *(m.velocity_scale[c.v] for c in self._coordinates),
                  *([length] * 3 + [1.0] * 3 if unknowns.has_base else [])]
-        self.sizes = np.array(sizes)
-        self.sigmas = np.array([q.sigma for some in quantities for q in some for _ in q.labels()])
+        read = [encoder.sigma for encoder in unknowns.encoders]
+        self.sizes = np.array([*sizes, *read])
+        self.sigmas = np.array(
+            [*(q.sigma for some in quantities for q in some for _ in q.labels()), *read])
+        self._base = slice(len(sizes) - 6, len(sizes))
 
     # ------------------------------------------------------------ values
 
@@ -120,8 +126,15 @@ class Predictions:
     def held(self, x: Array) -> list[dict[str, float]]:
         """Return where the drivers are at each pose, by coordinate [rad or m]."""
         offsets = self.offsets_at(x)
-        return [{name: value + offsets.get(name, 0.0) for name, value in read.items()}
-                for read in self._drivers]
+        found = [{name: value + offsets.get(name, 0.0) for name, value in read.items()}
+                 for read in self._drivers]
+        for encoder, off in zip(self.unknowns.encoders, self._misread(x), strict=True):
+            found[encoder.pose][encoder.coordinate] += encoder.sigma * off
+        return found
+
+    def _misread(self, x: Array) -> Array:
+        """Return by how much encoders have read too little [sigma]."""
+        return x[len(x) - len(self.unknowns.encoders) :]
 
     def dimensions_at(self, x: Array) -> dict[str, float]:
         """Return the dimensions at values of the unknowns."""
@@ -141,7 +154,7 @@ class Predictions:
             return None
         if not self.unknowns.has_base:
             return self._start.base
-        moved, start = self.sizes[-6:] * x[-6:], self._start.base
+        moved, start = self.sizes[self._base] * x[self._base], self._start.base
         return pin.SE3(pin.exp3(moved[3:]) @ start.rotation, start.translation + moved[:3])
 
     def errors(self, x: Array) -> Array:
@@ -155,7 +168,8 @@ class Predictions:
             with evaluation_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 parts += [q.error(evaluation, here.base)[0] for q in quantities]
-        return np.concatenate(parts) / self.sigmas
+        told = np.concatenate(parts)
+        return np.concatenate([told / self.sigmas[: len(told)], self._misread(x)])
 
     # ------------------------------------------------------------ derivatives
 
@@ -163,7 +177,8 @@ class Predictions:
         """Return the derivatives (m, n) of `errors` for x; raises as `slopes`."""
         found = self.slopes(x)
         if self.unknowns.has_base:  # of exp(w) for w: the turn that is added, from the left
-            found[:, -3:] = found[:, -3:] @ pin.Jexp3(x[-3:]).T
+            turns = slice(self._base.stop - 3, self._base.stop)
+            found[:, turns] = found[:, turns] @ pin.Jexp3(x[turns]).T
         return found
 
     def slopes(self, x: Array) -> Array:
@@ -180,7 +195,9 @@ class Predictions:
             with evaluation_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 rows.append(self._pose_rows(i, evaluation, here, [c[i] for c in changes]))
-        return np.concatenate(rows) * self.sizes / self.sigmas[:, None]
+        k = len(self.unknowns.encoders)
+        told = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
+        return np.vstack([told, np.eye(k, len(self.sizes), len(self.sizes) - k)])
 
     def _changes(self, here: Situation, name: str) -> list[tuple[Array, Array]]:
         """Return by pose the derivatives for a dimension, q being the same.
@@ -222,16 +239,17 @@ class Predictions:
         self._check_determined(i, svd, slopes)
         columns = [own + slopes @ self._motion(svd, -rows, name, len(stands))
                    for name, (rows, own) in zip(self.unknowns.dimensions, changes, strict=True)]
-        for coordinate in self._coordinates:
-            moved = np.zeros(n + len(stands))
-            if coordinate in held:
-                moved[n + held.index(coordinate)] = 1.0 / m.velocity_scale[coordinate.v]
-            columns.append(slopes @ svd.minimum_norm(moved))
+        driven = np.eye(n + len(stands))[n : n + len(held)]
+        of = {c.name: slopes @ svd.minimum_norm(row / m.velocity_scale[c.v])
+              for c, row in zip(held, driven, strict=True)}
+        still = np.zeros(len(slopes))
+        columns += [of.get(c.name, still) for c in self._coordinates]
         found = np.array(columns).reshape(len(columns), len(slopes)).T
-        if not self.unknowns.has_base or here.base is None:
-            return found
-        base = [q.base_slope(evaluation, here.base) for q in self._quantities[i]]
-        return np.hstack([found, np.vstack(base)])
+        base = [np.vstack([q.base_slope(evaluation, here.base) for q in self._quantities[i]])
+                ] if self.unknowns.has_base and here.base is not None else []
+        read = np.array([of[e.coordinate] if e.pose == i else still
+                         for e in self.unknowns.encoders]).reshape(-1, len(slopes)).T
+        return np.hstack([found, *base, read])
 
     def _motion(self, svd: Decomposition, opened: Array, name: str, n_still: int) -> Array:
         """Return how the joints go (nv,) to keep the loops closed."""
