@@ -125,7 +125,7 @@ class Problem:
         self.demands = [g for g in goals if isinstance(g, Demand)]
         self._guess = guess
         self._nominal: State | None = None
-        self._last: tuple[bytes, Members] | None = None
+        self._last: tuple[bytes, tuple[Members, Members]] | None = None
         own = [f"{s.goal.name}: {name}" for s in self.settlings for name in s.names]
         self.n = len(bounds)
         self.names = (*bounds, *own)
@@ -201,18 +201,26 @@ class Problem:
         return settled.taken(slice(best, best + 1))
 
     def members(self, x: Array) -> Members:
-        """Return the mechanism of x; the last one is kept."""
-        key = x[: self.n].tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self.family.at(x[: self.n, None])
-        return self._last[1]
+        """Return the mechanism of x."""
+        return self._together(x)[0]
 
     def around(self, x: Array) -> tuple[Members, Array]:
         """Return mechanisms ahead of and behind each dimension, and the widths between (n,)."""
-        n, steps = self.n, STEP * self.sizes[: self.n]
-        ends = x[:n, None] + np.concatenate([np.diag(steps), -np.diag(steps)], axis=1)
-        widths = (ends[:, :n] - ends[:, n:]).diagonal()
-        return self.family.at(ends), widths
+        steps = STEP * self.sizes[: self.n]
+        return self._together(x)[1], (x[: self.n] + steps) - (x[: self.n] - steps)
+
+    def _together(self, x: Array) -> tuple[Members, Members]:
+        """Return the mechanism of x and those around it; the last ones are kept.
+
+        Many cost little more than one.
+        """
+        here = x[: self.n, None]
+        if self._last is None or self._last[0] != here.tobytes():
+            steps = np.diag(STEP * self.sizes[: self.n])
+            every = self.family.at(np.concatenate([here, here + steps, here - steps], axis=1))
+            self._last = here.tobytes(), (every.taken(np.array([0])),
+                                          every.taken(np.arange(1, 2 * self.n + 1)))
+        return self._last[1]
 
     # ------------------------------------------------------------ solutions
 

@@ -29,6 +29,7 @@ CLOSINGS = 12  # Newton's: from a step of half a radian four to six
 FIRST_DAMPING = 1e-3  # of Levenberg's method, relative to equations of order one
 EASED, HARDENED = 0.2, 8.0  # by what damping goes after a step that helped, and one that did not
 MOST_DAMPING = 1e6  # with which nothing moves any more
+MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is closed quadratically
 # Levenberg's term beside equations of order one: the square root of round-off in their products,
 # as Gauss's method needs none next to a solution.
 FLOOR_DAMPING = 1e-14
@@ -79,7 +80,7 @@ class Rows(NamedTuple):
 
     def where(self, better: NDArray[np.bool_], others: Rows) -> Rows:
         """Return others where they are better."""
-        return Rows(*(np.where(better.reshape(-1, *[1] * (here.ndim - 1)), there, here)
+        return Rows(*(_chosen(better, there, here)
                       for here, there in zip(self, others, strict=True)))
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
@@ -256,25 +257,30 @@ class Settling:
     def exactly(
         self, members: Members, samples: Samples, own: Array
     ) -> tuple[Samples, Array, NDArray[np.bool_]]:
-        """Return closed configurations that meet the goal best, residuals, and which are closed."""
+        """Return closed configurations that meet the goal best, residuals, and which are closed.
+
+        Each step closes the loops and goes along them towards the goal at once. Steps are compared
+        by what would be missed if the loops were closed, to first order.
+        """
         samples, rows, is_closed = self.closed(members, samples, own)
+        if not is_closed.all():
+            return samples, rows.wanted, is_closed
+        along = _Along.of(rows)
         damping = np.full(len(samples.q), FLOOR_DAMPING)
-        for _ in range(SETTLING_STEPS if is_closed.all() else 0):
-            motions = null_spaces(rows.held_moves)
-            slope = rows.wanted_moves @ motions.transpose(0, 2, 1)
-            steps = np.einsum("mzv,mz->mv", motions, _steps(slope, rows.wanted, damping))
-            if np.abs(steps).max(initial=0.0) < TOLERANCES.nothing:
-                break
-            there, new, good = self.closed(
-                members, samples._replace(q=self._moved(samples, steps)), own)
-            better = good & (np.einsum("mi,mi->m", new.wanted, new.wanted)
-                             < np.einsum("mi,mi->m", rows.wanted, rows.wanted))
-            samples, rows = samples.where(better, there), rows.where(better, new)
+        for _ in range(SETTLING_STEPS):
+            steps = along.steps(damping)
+            there = samples._replace(q=self._moved(samples, steps))
+            rows, angles = self._rows(members, there, own)
+            new = _Along.of(rows)
+            better = (new.missed <= along.missed) & (new.open <= MOST_OPEN)
+            samples = samples.where(better, there._replace(angles=angles))
+            along = along.where(better, new)
             damping = np.where(better, EASED * damping,
                                HARDENED * np.maximum(damping, FIRST_DAMPING))
             still = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
             if np.all(still | (damping > MOST_DAMPING)):
                 break
+        samples, rows, is_closed = self.closed(members, samples, own)
         return samples, rows.wanted, is_closed
 
     def residual(self, members: Members, samples: Samples, own: Array) -> Array:
@@ -295,6 +301,52 @@ class Settling:
         along = -pseudo_inverses(rows.held_moves, TOLERANCES.singular) @ held
         whole = wanted + rows.wanted_moves @ along
         return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1))
+
+
+class _Along(NamedTuple):
+    """What is missed at m configurations whose loops are nearly closed, and the way on.
+
+    Attributes:
+        back: (m, nv) steps that close the loops.
+        motions: (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros.
+        left: (m, r) what is missed after steps back.
+        slope: (m, r, nv) its derivatives along the motions.
+        missed: (m,) the sum of its squares.
+        open: (m,) by how much the loops are open.
+    """
+
+    back: Array
+    motions: Array
+    left: Array
+    slope: Array
+    missed: Array
+    open: Array
+
+    @classmethod
+    def of(cls, rows: Rows) -> _Along:
+        """Return it from equations."""
+        inverse = pseudo_inverses(rows.held_moves, TOLERANCES.singular)
+        back = -np.einsum("mvh,mh->mv", inverse, rows.held)
+        motions = null_spaces(rows.held_moves)
+        left = rows.wanted + np.einsum("mrv,mv->mr", rows.wanted_moves, back)
+        return cls(back, motions, left, rows.wanted_moves @ motions.transpose(0, 2, 1),
+                   np.einsum("mr,mr->m", left, left),
+                   np.abs(rows.held).max(axis=1, initial=0.0))
+
+    def steps(self, damping: Array) -> Array:
+        """Return steps (m, nv) back, and Levenberg's along the motions."""
+        return self.back + np.einsum("mzv,mz->mv", self.motions,
+                                     _steps(self.slope, self.left, damping))
+
+    def where(self, better: NDArray[np.bool_], others: _Along) -> _Along:
+        """Return others where they are better."""
+        return _Along(*(_chosen(better, there, here)
+                        for here, there in zip(self, others, strict=True)))
+
+
+def _chosen(better: NDArray[np.bool_], there: Array, here: Array) -> Array:
+    """Return of each sample what is there, or here."""
+    return np.where(better.reshape(-1, *[1] * (here.ndim - 1)), there, here)
 
 
 def _steps(slope: Array, residual: Array, damping: Array) -> Array:
