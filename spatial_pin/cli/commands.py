@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import signal
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.readings import check_sigma, read_readings
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.formats.export import export_urdf
@@ -294,6 +297,54 @@ def _calibrate(options: argparse.Namespace) -> None:
         print("".join(f"wrote {path}\n" for path in written), end="")
 
 
+def _design(options: argparse.Namespace) -> None:
+    mechanism = _load(options)
+    goals, bounds = read_goals(options.goals, mechanism)
+    bounds |= dict(options.dimensions)
+    if len(dict(options.dimensions)) < len(options.dimensions):
+        options.usage_error("a name is given two ranges")
+    if not bounds:
+        options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
+    check_bounds(bounds)
+    with _workers(options.workers) as executor:
+        found = sp.design(mechanism, goals, bounds, guess=_guess(options), starts=options.starts,
+                          method=options.method, seed=options.seed, executor=executor,
+                          progress=True, resume=options.resume, most=options.most)
+    if options.json != "-":
+        print(found)
+    for path in _designed(options, found):
+        if options.json != "-":
+            print(f"wrote {path}")
+    if not found.is_whole:
+        raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _workers(count: int) -> Iterator[Executor | None]:
+    """Make processes that leave Ctrl-C to this one; none for one."""
+    if count == 1:
+        yield None
+        return
+    with ProcessPoolExecutor(count, initializer=signal.signal,
+                             initargs=(signal.SIGINT, signal.SIG_IGN)) as executor:
+        yield executor
+
+
+def _designed(options: argparse.Namespace, found: sp.Designs) -> Iterator[Path | str]:
+    """Write what was asked for of designs, and yield the files."""
+    if options.json:
+        _write_json(found.as_dict(), options.json)
+        yield options.json
+    if not found:
+        return
+    if options.save:
+        yield found[0].mechanism.save(options.save)
+    if options.html:
+        yield sp.export_html(found, options.html)
+    if options.report:
+        yield sp.report(found, options.report)
+
+
 def _beginning(
     options: argparse.Namespace, mechanism: sp.Mechanism, speeds: list[tuple[str, float]],
     duration: float,
@@ -498,6 +549,7 @@ RUNS = {
     "reach": _reach,
     "workspace": _workspace,
     "calibrate": _calibrate,
+    "design": _design,
     "simulate": _simulate,
     "tradeoff": _tradeoff,
     "limits": _limits,

@@ -188,6 +188,32 @@ def _calibrate_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--folder", metavar="F", help="write the calibrated mechanism into a folder")
 
 
+def _design_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("dimensions", nargs="*", default=[], type=_bounded,
+                     metavar="NAME=LO..HI", help="a dimension that may change, and its bounds; "
+                     "NAME alone has none; besides those of the file")
+    sub.add_argument("--goals", metavar="F", required=True,
+                     help="what is asked for: a .toml file with [[goal]] tables and [dimensions], "
+                          "or a .csv file with columns as tip.x [mm], tip.y, tip.z (a path), with "
+                          "tip.rx, tip.ry, tip.rz (poses), or coordinates (a function), and "
+                          "drivers")
+    sub.add_argument("--starts", type=_count, default=20, help="local solutions to try (20)")
+    sub.add_argument("--method", choices=("multistart", "evolution", "local"),
+                     default="multistart", help="where they start (multistart)")
+    sub.add_argument("--seed", type=_number_from_zero, default=0, help="of random numbers (0)")
+    sub.add_argument("--most", type=_count, default=10, help="designs to tell of (10)")
+    sub.add_argument("--workers", type=_count, default=1,
+                     help="processes that work on it; the answer is the same (1)")
+    sub.add_argument("--resume", metavar="F",
+                     help="keep what is found in this file, and go on from what it has")
+    _guess_option(sub)
+    sub.add_argument("--save", metavar="FOLDER", help="write the best as a mechanism")
+    sub.add_argument("--json", metavar="F", help="write all as JSON (- for the screen)")
+    sub.add_argument("--html", metavar="F", help="write a page that shows the best with its goals")
+    sub.add_argument("--report", metavar="F",
+                     help="write a page to send and to print: the best with its goals")
+
+
 def _simulate_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--duration", type=_quantity, required=True, help="how long, as 10 or 500ms")
     sub.add_argument("--rows", type=_count, default=1001, help="number of rows (1001)")
@@ -344,6 +370,12 @@ def _setting(text: str) -> tuple[str, float]:
     return name, _quantity(value)
 
 
+def _number_from_zero(text: str) -> int:
+    if not text.strip().isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 up")
+    return int(text)
+
+
 def _range(text: str) -> tuple[str, tuple[float, float]]:
     name, equals, value = text.partition("=")
     low, dots, high = value.partition("..")
@@ -382,6 +414,7 @@ COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {  
     "workspace": ("where a frame gets to over ranges of drivers or poses", _workspace_options),
     "calibrate": ("find dimensions, offsets of encoders and the base from measurements",
                   _calibrate_options),
+    "design": ("find dimensions with which it does what is asked", _design_options),
     "simulate": ("let it move under gravity, springs and efforts", _simulate_options),
     "tradeoff": ("measure what accuracy settings cost and lose on a motion of it",
                  _tradeoff_options),

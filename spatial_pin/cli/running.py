@@ -16,7 +16,7 @@ from spatial_pin.cli.parser import options_of
 from spatial_pin.outputs import figure_suffix
 
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
-         "picture", "curves")  # options that name a file to write
+         "picture", "curves", "report", "resume")  # options that name a file to write
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

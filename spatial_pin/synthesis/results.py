@@ -159,6 +159,16 @@ class Design:
                                   f"through the samples of {met.goal.name!r}")
         return _through(self.mechanism, names, met.states)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain numbers and lists, as JSON has them; None for no bound."""
+        bounds = {name: [x if np.isfinite(x) else None for x in ends]
+                  for name, ends in self.bounds.items()}
+        return {"error": self.error, "dimensions": self.dimensions, "bounds": bounds,
+                "errors": {name: error._asdict() for name, error in self.errors.items()},
+                "numbers": self.numbers, "states": [state.q.tolist() for state in self.states],
+                "defects": [defect._asdict() for defect in self.defects],
+                "evaluations": self.evaluations}
+
     def __str__(self) -> str:
         on = self.at_bounds
         values = [f"{name} = {x:.6g}" + (f" (its {on[name]})" if name in on else "")
@@ -209,6 +219,12 @@ class Designs(Sequence[Design]):
 
     def __iter__(self) -> Iterator[Design]:
         return iter(self.designs)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all as plain numbers and lists, as JSON has them."""
+        return {"mechanism": self.name, "is_whole": self.is_whole, "starts": self.starts,
+                "failed": self.failed, "evaluations": self.evaluations,
+                "designs": [design.as_dict() for design in self.designs]}
 
     def __str__(self) -> str:
         n = len(self.designs)
