@@ -316,7 +316,11 @@ def use_rates(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[i
     given = ((None, 0, None, 0) if rng.random() < 0.5 else
              (address(chosen), len(chosen), address(fill), len(fill)))
     bias = np.ones(max(closed + idle, 0))
-    return {c.rates_columns(rates, moving, address(columns)),
+    beside = np.empty(int(ints[1]))
+    few = rng.normal(size=(max(nv - idle - len(chosen), 0), nv))
+    return {c.regular_beside(handle, address(q), address(turns), address(chosen), len(chosen),
+                             address(few), len(few), address(beside)),
+            c.rates_columns(rates, moving, address(columns)),
             c.rates_solve(rates, address(q), address(turns), *given, moving, address(speed[0]),
                           address(speed[1]), address(columns), address(v[0]), address(v[1]),
                           address(facts)),

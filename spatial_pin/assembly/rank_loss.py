@@ -9,12 +9,12 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.regular import step_beside
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import EPS, Array, Factors, decompose, independent_rows
+from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 STEP = TOLERANCES.trial_step
-CORRECTIONS = 8  # Newton steps of a trial: four square a hundredth down to round-off
 REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
 # Estimated from how equations turn over a trial step, they would become dependent after some way.
 # Lost rank is not looked for again within this part of it: they may turn faster farther on, but not
@@ -65,11 +65,12 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
     if known is not None and known.holds(evaluation.mechanism, q, rank):
         return 0
     evaluation.update(q)
-    jacobian, error = evaluation.jacobian[:n].copy(), evaluation.closure_error
-    svd = decompose(jacobian[independent_rows(jacobian)])
-    opened = _opened(evaluation, q, svd.null_space)
-    shut = max(TOLERANCES.closed, 2.0 * error)
-    if opened is not None and opened < shut:
+    jacobian = evaluation.jacobian[:n].copy()
+    rows = independent_rows(jacobian)
+    svd = decompose(jacobian[rows])
+    beside = step_beside(evaluation.mechanism, q, evaluation.turns, rows, svd.vt[len(rows) :])
+    if beside is not None and beside.is_closed:
+        evaluation.update(beside.q)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
         radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
         evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
@@ -77,33 +78,7 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
         return 0
     lost = _generic_rank(evaluation, q) - rank
     evaluation.update(q)
-    return max(lost, int(opened is not None))
-
-
-def _opened(evaluation: Evaluation, q: Array, freedoms: Array) -> float | None:
-    """Return by how much the loops are open a step from q, on the surface of independent rows.
-
-    The step is a random one of the freedoms (k, nv), scaled, which that surface has at q. None if
-    it was not found; the evaluation is left there.
-    """
-    n, scale = evaluation.constraints.n_rows, evaluation.mechanism.velocity_scale
-    rows = independent_rows(evaluation.jacobian[:n])
-    v = np.random.default_rng(3).standard_normal(len(freedoms)) @ freedoms
-    there = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
-    rhs, last = np.zeros(evaluation.model.nv), np.inf
-    for _ in range(CORRECTIONS):
-        evaluation.update(there)
-        residual = evaluation.residual[rows]
-        size = float(np.abs(residual).max(initial=0.0))
-        if size <= EPS or (size <= TOLERANCES.closed and size > 0.5 * last):
-            return evaluation.closure_error
-        last = size
-        rhs[: len(rows)] = -residual
-        x = Factors(np.vstack([evaluation.jacobian[rows], freedoms])).solve(rhs)
-        if not np.linalg.norm(x) < STEP:
-            return None
-        there = pin.integrate(evaluation.model, there, scale * x)
-    return None
+    return max(lost, int(beside is not None))
 
 
 def _generic_rank(evaluation: Evaluation, q: Array) -> int:

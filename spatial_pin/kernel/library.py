@@ -68,6 +68,7 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.rates_columns.argtypes = [POINTER, INT, POINTER]
     found.rates_acceleration.argtypes = found.rates_answer.argtypes = [POINTER] * 4
     found.rates_jacobian.argtypes = [POINTER, INT, INT, *[POINTER] * 3]
+    found.regular_beside.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
     found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL,

@@ -4,12 +4,11 @@
 #include "correcting.h"
 #include "regular.h"
 
-
 int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
 {
     Real *x = k->right, square = 0.0;
     memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_driven; i++)
+    for (Int i = 0; i < k->n_driven + k->n_fill; i++)
         x[k->n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* a direction of none of them alone */
     system_solve(k, x);
     for (Int v = 0; v < k->nv; v++)
@@ -22,6 +21,21 @@ int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
                     .allowed = TOLERANCE_TRIAL_STEP, .fixed = -1};
     const int code = correct(k, there, &c);
     if (code != DONE)
-        return code;
+        return code == UNSAFE ? NOT_CONVERGED : code;
     return equations_error(k) > fmax(TOLERANCE_CLOSED, 2.0 * error) ? UNSAFE : DONE;
+}
+
+/* The same at q with chosen equations and rows (n_fill, nv), with respect to v / scale, of the
+   freedoms that they leave. */
+EXPORT int regular_beside(Kernel *k, const Real *q, const Real *turns, const Int *chosen, Int n,
+                          const Real *freedom, Int n_freedom, Real *there)
+{
+    memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+    equations_values(k, q);
+    equations_jacobian(k);
+    const Real error = equations_error(k);
+    int code = system_set(k, chosen, n, NULL, 0, freedom, n_freedom);
+    if (code == DONE)
+        code = system_factor(k);
+    return code == DONE ? stays_closed(k, q, error, there) : code;
 }

@@ -1,0 +1,53 @@
+"""Whether loops stay closed beside a configuration, in the kernel: see `regular.c`."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.kernel.kernel import Kernel, address, check, numbers
+from spatial_pin.kernel.library import BAD_ARRAYS, DONE, UNSAFE
+from spatial_pin.kernel.packing import packed
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+
+class Beside(NamedTuple):
+    """The end of a step from a closed configuration, on the surface of independent equations.
+
+    Attributes:
+        q: (nq,) where it is.
+        is_closed: whether all other equations hold there.
+    """
+
+    q: Array
+    is_closed: bool
+
+
+def step_beside(
+    mechanism: Mechanism, q: Array, turns: Array, rows: NDArray[np.intp], freedoms: Array
+) -> Beside | None:
+    """Return the end of a step in all freedoms; None where none is found.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) closed configuration.
+        turns: (n_angles,) from which the angles of screws count [rad].
+        rows: independent closure equations at q.
+        freedoms: (k, nv) orthonormal scaled velocities that they leave.
+    """
+    with acquired(mechanism, "kernel without idle rotations",
+                  lambda: Kernel(mechanism, packed(mechanism, idle=False))) as kernel:
+        q, turns = numbers(q, (kernel.nq,)), numbers(turns, (kernel.n_angles,))
+        freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
+        chosen: NDArray[Any] = np.ascontiguousarray(rows, np.int64)
+        there: Array = np.empty(kernel.nq)
+        code = kernel.library.regular_beside(
+            kernel.handle, address(q), address(turns), address(chosen), len(chosen),
+            address(freedoms), len(freedoms), address(there))
+    if code == BAD_ARRAYS:
+        check(code)
+    return Beside(there, code == DONE) if code in (DONE, UNSAFE) else None
