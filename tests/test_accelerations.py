@@ -12,7 +12,8 @@ from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
 from test_simulation_extremes import uniform
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
 from spatial_pin.dynamics.solvers.equations import Equations

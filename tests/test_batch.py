@@ -9,7 +9,8 @@ import pytest
 from test_closures import JOINTS, somewhere, tree_with
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Constraints, Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start
 from spatial_pin.kernel.kernel import Kernel

@@ -14,7 +14,8 @@ import pytest
 from mechanisms import closure, coupling, driver, floating, load, point, refine, turning
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Constraints, Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES, COUPLING, PAIRS
 
 

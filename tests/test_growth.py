@@ -9,7 +9,8 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import Tree, TreeOfSubtrees, tree_of
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import rates_of

@@ -21,7 +21,8 @@ from mechanisms import between, closure, coupling, floating, load, point
 from test_closures import JOINTS, KEYS, TYPES, pose, refinement, somewhere, tree_with
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Constraints, Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
 from spatial_pin.kernel.paths import Samples, _Accuracy, _Rows

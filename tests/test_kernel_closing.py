@@ -11,7 +11,8 @@ from mechanisms import KNOWN
 
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.numerics.linalg import decompose
 

@@ -10,7 +10,8 @@ from test_closures import somewhere
 from test_kernel import everything
 
 from spatial_pin.accuracy import models
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.kkt import KKT
 from spatial_pin.kernel.library import BAD_ARRAYS, library

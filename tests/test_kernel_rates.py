@@ -12,7 +12,8 @@ import spatial_pin as sp
 from spatial_pin.accuracy import models
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.rates import Chosen, Rates
 from spatial_pin.mechanism.coordinates import coordinate_bias

@@ -17,7 +17,9 @@ from test_closures import check_derivatives, pose, refinement
 from test_kernel import asked_at, assert_same_as_pinocchio
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Constraints, Evaluation, composed_rates
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import Constraints
+from spatial_pin.constraints.composed_equations import composed_rates
 from spatial_pin.constraints.kinds import KINDS, Kind, Parts
 from spatial_pin.kernel.library import opened
 from spatial_pin.mechanism.equations import ConstraintEquation

@@ -25,7 +25,8 @@ from test_reaction_derivatives import check
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.constraints import trees
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.motion.report import info

@@ -22,7 +22,8 @@ from spatial_pin.accuracy.reference import Astray, SimulationReference, SweepRef
 from spatial_pin.accuracy.tasks import SHORTER, SimulationTask, task_of
 from spatial_pin.accuracy.tradeoff import pareto, tradeoff, with_reference
 from spatial_pin.cli import main
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.settings import MEASURED
 
 TURN = np.linspace(0.0, 2 * np.pi, 37)

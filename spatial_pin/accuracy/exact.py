@@ -17,7 +17,8 @@ from spatial_pin.accuracy.extended import EPS, Extended, Long
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate

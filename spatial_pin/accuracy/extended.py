@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.closure_equations import unit_length
+from spatial_pin.constraints.products import unit_length
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism import point_on_body as point_on

@@ -15,11 +15,8 @@ from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.within_limits import beyond_words
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.checks import checked, mapping
-from spatial_pin.constraints.closure_equations import (
-    Evaluation,
-    constraints_of,
-    evaluation_of,
-)
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,

@@ -25,12 +25,8 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import (
-    Constraints,
-    Evaluation,
-    constraints_of,
-    evaluation_of,
-)
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.kernel.closer import Examined, closer_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.frames import Located
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed

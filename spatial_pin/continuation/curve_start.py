@@ -12,7 +12,8 @@ from spatial_pin.assembly.holding import Hold, divided
 from spatial_pin.assembly.passive_freedoms import moved_bodies
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.continuation.solution_curve import Curve
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -13,7 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.checks import finite_number, mapping
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.mechanism.checks import has_inertia

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import constraints_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.library import CODES, library

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import constraints_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, address, check, numbers
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism

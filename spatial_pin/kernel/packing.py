@@ -13,8 +13,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import Constraints, Term, constraints_of
+from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.constraints.product_vectors import Term
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

@@ -11,7 +11,8 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import closed_there, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.checks import checked
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism

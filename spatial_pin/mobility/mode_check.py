@@ -13,7 +13,8 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import chain_links
 from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State, gap_of
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import finite_motions

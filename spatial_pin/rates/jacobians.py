@@ -11,7 +11,8 @@ import pinocchio as pin
 from spatial_pin.assembly.holding import BASE, Hold, free_bases
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.checks import checked, names_of
-from spatial_pin.constraints.closure_equations import Constraints, Evaluation, evaluation_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import finite_array, needed

@@ -15,12 +15,8 @@ import pinocchio as pin
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, of_mechanism
 from spatial_pin.checks import checked, finite_number
-from spatial_pin.constraints.closure_equations import (
-    TWIST_MATRIX,
-    Evaluation,
-    composed_rates,
-    evaluation_of,
-)
+from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, evaluation_of
+from spatial_pin.constraints.composed_equations import composed_rates
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.errors import SpatialPinError

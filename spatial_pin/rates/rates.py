@@ -11,7 +11,8 @@ from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, finite_number, mapping, names_of
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import Chosen, Solved

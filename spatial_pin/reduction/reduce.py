@@ -12,7 +12,8 @@ import numpy as np
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import joint_values, needed
 from spatial_pin.mechanism.mechanism import Mechanism

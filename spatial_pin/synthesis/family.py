@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import constraints_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.numbers import DimensionNumbers

@@ -12,6 +12,7 @@ from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -72,7 +73,7 @@ def _mirror_words(search: Search, q: Array) -> str:
     Where they close with other driver values, these are the cause; else the frames are.
     """
     closing = search.closing
-    opposite = closing.evaluation.opposite_axes()
+    opposite = opposite_axes(closing.evaluation.mechanism, closing.evaluation.data)
     names = " and ".join(map(repr, opposite))
     words = (f"closes only with the axes of closure {names} pointing opposite ways, which is "
              "no assembly of it; ")

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.closure_equations import TWIST_MATRIX, constraints_of
+from spatial_pin.constraints.closure_equations import TWIST_MATRIX
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives, twist_derivatives
 from spatial_pin.dynamics.forces import Forces

@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import combined_wrenches
+from spatial_pin.constraints.composed_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.dynamics.derivatives.closures import Rates, Rows

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.constraints.closure_equations import constraints_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.simulation.events import Found, Watch
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.problem import Problem

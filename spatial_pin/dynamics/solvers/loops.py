@@ -12,7 +12,8 @@ import numpy as np
 
 from spatial_pin.assembly.rank_loss import Regular, lost_rank, rank_loss
 from spatial_pin.assembly.state import State, all_angles
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of, evaluation_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of
 from spatial_pin.errors import SingularError

@@ -21,7 +21,8 @@ import pinocchio as pin
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedoms
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.forces import Forces, joint_efforts
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost

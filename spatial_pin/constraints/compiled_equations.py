@@ -1,0 +1,151 @@
+"""The closure equations of a mechanism, compiled once to flat arrays.
+
+Every equation that is one product of vectors A and B is
+
+    value      r = A . B - c
+    derivative J = sign * scale * (W J6),  W = (f B, X x B)
+
+where W is its wrench at the world origin, J6 Pinocchio's world joint Jacobian and sign is +1 (-1)
+for the freedoms that move body 2 (body 1) only. Lengths are divided by the characteristic length.
+
+A screw's equation adds -k * angle, the angle of two directions, from two more products. A distance
+that is that of two other frames (`length_between`) is the difference of two distances, the second
+a product more. A coupling is linear in the joint coordinates. A resolved passive freedom is the
+absolute rotation of a body about a line fixed in it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
+from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix, sum_of_rates
+from spatial_pin.constraints.products import Products
+from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.equations import ConstraintEquation
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.linalg import Array
+
+
+class EquationLabel(NamedTuple):
+    """Which equation of which closure a row is."""
+
+    closure: str
+    equation: int
+
+
+class Constraints:
+    """The compiled closure equations of a mechanism.
+
+    Attributes:
+        labels: closure and equation of each of the `n_rows` closure rows.
+        n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
+        n_angles: number of equations with an angle that counts turns.
+        n_wrenches: of `Evaluation.row_wrenches`.
+        equations: what they are made of, and after them the passive ones; see `kinds`.
+        plain: closure equations that are one product each; their numbers are its own.
+        composed: those that are more, by kind.
+        elsewhere: (equation, product) of products that act on other bodies than the closure's.
+        screws: (equation, product of the sine, pitch) of screws, in the order of their angles.
+        spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        terms: of the vectors A, B and X of each product, see `Term`.
+        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        products = Products(mechanism)
+        self.scale, self.supports, self.spins = products.scale, products.supports, products.spins
+        labels: list[EquationLabel] = []
+        made: list[tuple[Kind, Closure, ConstraintEquation]] = []
+        for closure in mechanism.closures:
+            for k, row in enumerate(closure.rows):
+                made.append((KINDS["difference" if closure.between else row.kind], closure, row))
+                products.add_first(closure, row)
+                labels.append(EquationLabel(closure.name, k))
+        self.n_products, self.n_angles = len(labels), 0
+        self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
+        labels += [EquationLabel(c.name, 0) for c in self.couplings]
+        equations = self._equations(made, products)
+        self.passive_at = len(products)
+        for passive in mechanism.passives:
+            products.add_rotation(passive.body, passive.axis)
+        self.labels = tuple(labels)
+        self.n_rows, self.n_passive = len(labels), len(self.spins)
+        equations += [Equation(KINDS["idle"], (at,))
+                      for at in range(self.passive_at, len(products))]
+        self.equations = tuple(equations)
+        self._sort()
+        self._lay_out(products)
+
+    def _equations(
+        self, made: list[tuple[Kind, Closure, ConstraintEquation]], products: Products
+    ) -> list[Equation]:
+        """Return the closure equations; products beside their first ones are added kind by kind."""
+        equations: list[Any] = [None] * len(made)
+        for kind in KINDS.values():
+            for at, (own, closure, row) in enumerate(made):
+                if own is kind:
+                    equations[at] = self._equation(kind, (at,), kind.parts(products, closure, row))
+        kind = KINDS["coupling"]
+        return equations + [self._equation(kind, (), kind.parts(products, closure, None))
+                            for closure in self.couplings]
+
+    def _equation(self, kind: Kind, first: tuple[int, ...], parts: Parts) -> Equation:
+        angle = self.n_angles if kind.angle else -1
+        self.n_angles += kind.angle is not None
+        return Equation(kind, (*first, *parts.products), parts.coordinates, parts.numbers, angle)
+
+    def _sort(self) -> None:
+        """Tell equations that are one product each from those that are more."""
+        self.plain = np.array([at for at, e in enumerate(self.equations[: self.n_products])
+                               if e.kind.is_product], np.intp)
+        self.composed = _composed(self.equations)
+        self.elsewhere = [(at, e.products[k]) for at, e in enumerate(self.equations)
+                          for k in e.kind.elsewhere]
+        self.n_wrenches = self.n_rows + len(self.elsewhere)
+        self.screws = [(at, e.products[1], e.numbers[0]) for at, e in enumerate(self.equations)
+                       if e.kind is KINDS["screw"]]
+
+    def _lay_out(self, products: Products) -> None:
+        """Make the arrays that products are evaluated by."""
+        model, r = self.mechanism.model, len(products)
+        self.terms = products.a.terms, products.b.terms, products.x.terms
+        a, b, x = (block.entries() for block in (products.a, products.b, products.x))
+        self.c_abx = matrix_of([a, b, x], [0, r, 2 * r], (3 * r, 4 * model.njoints))
+        self.c_rates = rate_matrix(a, b, r, model.njoints)
+        self.rate_sum = sum_of_rates(r)
+        self.constants = np.array(products.constants)
+        self.factors = np.array(products.factors).reshape(-1, 1)
+        self.signs = np.array(products.signs).reshape(r, model.nv)
+        self.signs *= self.mechanism.velocity_scale
+        self.spin_bias = np.zeros((self.n_passive, 6 * model.njoints))
+        for bias, (joint, axis) in zip(self.spin_bias, self.spins, strict=True):
+            bias[6 * joint + 3 : 6 * joint + 6] = axis
+
+    def support(self, joint: int) -> Array:
+        """(nv,) 1 for the freedoms that move the body of `joint`."""
+        mask: Array = self.supports[joint]
+        return mask
+
+
+def _composed(equations: tuple[Equation, ...]) -> list[Composed]:
+    """Return equations that are more than one product each, those of a kind together."""
+    found = []
+    for kind in dict.fromkeys(e.kind for e in equations if not e.kind.is_product):
+        rows = [at for at, e in enumerate(equations) if e.kind is kind]
+        found.append(Composed(kind, np.array(rows), tuple(equations[at] for at in rows)))
+    return found
+
+
+def constraints_of(mechanism: Mechanism) -> Constraints:
+    """Return the compiled constraints of a mechanism, made once."""
+    needed(mechanism)
+    if "constraints" not in mechanism.memo:
+        mechanism.memo["constraints"] = Constraints(mechanism)
+    found: Constraints = mechanism.memo["constraints"]
+    return found
