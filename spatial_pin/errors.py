@@ -10,6 +10,7 @@ from typing import Any
 
 State = Any  # a `spatial_pin.State`, and
 Motion = Any  # a `spatial_pin.Motion`: errors keep them, and know nothing of them
+Array = Any
 
 
 class SpatialPinError(Exception):
@@ -96,18 +97,24 @@ class ReachError(SpatialPinError):
         state: the nearest configuration that was found; its loops are closed.
         distances: how far off each target is there, by name [lengths relative to the
             characteristic length, rad].
+        residuals: the same with its components: from where each target should be to where it is.
         stops: what stops it there, in words.
+        reasons: for each of these "joint limit", "dead centre", "singular direction" (what moves
+            there does not move the targets the way of the residuals), "too few freedoms", "nothing
+            moves", "steps" (they ran out) or "nearest found".
         limits: names of the coordinates whose joint limits hold it back.
         motion: what was reached before it along a path of targets; else None.
     """
 
     def __init__(
-        self, message: str, *, state: State, distances: dict[str, float], stops: tuple[str, ...],
+        self, message: str, *, state: State, distances: dict[str, float],
+        residuals: dict[str, Array], stops: tuple[str, ...], reasons: tuple[str, ...],
         limits: tuple[str, ...],
     ) -> None:
         super().__init__(message)
         self.state = state
-        self.distances, self.stops, self.limits = distances, stops, limits
+        self.distances, self.residuals = distances, residuals
+        self.stops, self.reasons, self.limits = stops, reasons, limits
         self.motion: Motion | None = None
 
 

@@ -284,6 +284,179 @@ def test_the_answer_does_not_depend_on_what_was_asked_before():
     assert np.array_equal(sp.reach(mechanism, {"platform": point}, start).q, first.q)
 
 
+# ---------------------------------------------------------------- the nearest, by other solvers
+
+
+def leg_lengths(mechanism, start):
+    """Return the lengths of a Gough platform's legs as a function of where the platform is."""
+    home = start.placement("platform")
+    feet = [start.placement(f"cylinder_{k}").translation for k in range(1, 7)]
+    tops = [home.actInv(start.placement(f"platform_{k}").translation) for k in range(1, 7)]
+    slides = np.array([start.coordinate(f"leg_{k}").value for k in range(1, 7)])
+
+    def lengths(place):
+        return np.array([np.linalg.norm(place.act(t) - f) for t, f in zip(tops, feet, strict=True)])
+
+    before = lengths(home)
+    return lambda place: slides + lengths(place) - before
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nearest_points_of_a_gough_platform_are_those_of_its_closed_form(seed):
+    """Half of them out of reach, by its six legs' limits; none beyond these."""
+    mechanism = sp.load("stewart")
+    start = sp.assemble(mechanism)
+    home, size = start.placement("platform"), mechanism.characteristic_length
+    legs = leg_lengths(mechanism, start)
+    (low,), (high,) = (set(getattr(mechanism.model, f"{side}PositionLimit")[
+        [c.q for n, c in mechanism.coordinate_table.items() if n.startswith("slide")]])
+        for side in ("lower", "upper"))
+    point = start.placement("platform_4").translation
+    corner = home.actInv(point)
+    way = np.random.default_rng(seed).normal(size=3)
+    point = point + (0.5 if seed % 2 else 0.25) * size * way / np.linalg.norm(way)
+
+    def place(x):
+        return pin.SE3(home.rotation @ pin.exp3(x[3:]), home.translation + size * x[:3])
+
+    def off(x):
+        return np.sum((place(x).act(corner) - point) ** 2) / size**2
+
+    rng, best = np.random.default_rng(1), np.inf
+    for _ in range(12):
+        found = minimize(off, rng.uniform(-0.4, 0.4, 6), method="SLSQP", constraints=[
+            {"type": "ineq", "fun": lambda x: high - legs(place(x))},
+            {"type": "ineq", "fun": lambda x: legs(place(x)) - low}],
+            options={"ftol": 1e-16, "maxiter": 300})
+        inside = min((high - legs(place(found.x))).min(), (legs(place(found.x)) - low).min())
+        best = min(best, np.sqrt(found.fun)) if inside > -1e-7 else best
+    try:
+        state, distance = sp.reach(mechanism, {"platform_4": point}, start), 0.0
+    except sp.ReachError as error:
+        state, distance = error.state, error.distances["platform_4"]
+        assert error.reasons == ("joint limit",) and error.limits
+    assert not state.beyond_limits
+    assert distance == pytest.approx(best, abs=1e-5)
+
+
+def test_least_motion_goes_along_limits(tmp_path):
+    """A limit that the way to it meets; it is left again where the least motion leaves it."""
+    mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.4), limits=[(-3, 3), (-0.2, 0.45), (-0.3, 0.7)])
+    start = at(mechanism, 0.3, 0.4, 0.5, 0.1)
+    point = np.array([0.4, 1.9])
+    state = sp.reach(mechanism, {"tip": [*point, 0.0]}, start)
+
+    def tip(q):
+        angles, lengths = np.cumsum(q), np.array([1.0, 0.8, 0.6, 0.4])
+        return np.array([lengths @ np.cos(angles), lengths @ np.sin(angles)])
+
+    least = minimize(lambda q: np.sum((q - start.q) ** 2), start.q, method="SLSQP",
+                     bounds=[(-3, 3), (-0.2, 0.45), (-0.3, 0.7), (None, None)],
+                     constraints={"type": "eq", "fun": lambda q: tip(q) - point},
+                     options={"ftol": 1e-16, "maxiter": 500})
+    assert np.abs(state.q - least.x).max() < 1e-6
+    assert not state.beyond_limits
+
+
+@pytest.mark.parametrize(("wanted", "weight"), [((0.3, 2.0), 1.0), ((-1.5, 1.0), 0.3)])
+def test_sums_of_weighted_residuals_are_least_within_limits(tmp_path, wanted, weight):
+    mechanism = arm(tmp_path, limits=[(-3, 3), (-0.2, 0.9), (-0.5, 1.2)])
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    size = mechanism.characteristic_length
+    state = sp.reach(mechanism, {"tip": targets.position([*wanted, 0.0], weight=1.0),
+                                 "j1": targets.coordinate(0.2, weight=weight)}, start)
+
+    def cost(q):
+        angles, lengths = np.cumsum(q), np.array([1.0, 0.8, 0.6])
+        tip = np.array([lengths @ np.cos(angles), lengths @ np.sin(angles)])
+        return np.sum((tip - wanted) ** 2) / size**2 + (weight * (q[0] - 0.2)) ** 2
+
+    rng = np.random.default_rng(0)
+    bounds = [(-3, 3), (-0.2, 0.9), (-0.5, 1.2)]
+    least = min((minimize(cost, rng.uniform(*zip(*bounds, strict=True)), method="SLSQP",
+                          bounds=bounds, options={"ftol": 1e-16}) for _ in range(10)),
+                key=lambda found: found.fun)
+    assert cost(state.q) == pytest.approx(least.fun, rel=1e-9)
+    assert not state.beyond_limits
+
+
+def test_the_nearest_rocker_is_where_its_dead_centre_is():
+    mechanism = sp.load("rssr")
+    start = sp.assemble(mechanism)
+    with pytest.raises(sp.ReachError, match="dead centre") as caught:
+        sp.reach(mechanism, {"rocker_pin": start.coordinate("rocker_pin").value + 2.0}, start)
+    assert caught.value.reasons == ("dead centre",)
+    turn = sp.sweep(mechanism, "crank", np.linspace(0.0, 2.0 * np.pi, 20001), guess=start)
+    most = turn.coordinate("rocker_pin").value.max()
+    assert caught.value.state.coordinate("rocker_pin").value == pytest.approx(most, abs=1e-7)
+
+
+def test_a_dead_centre_at_which_it_starts_is_left():
+    mechanism = sp.load("rssr")
+    start = sp.assemble(mechanism)  # its rocker is at one end of its swing
+    wanted = start.coordinate("rocker_pin").value + 0.3
+    state = sp.reach(mechanism, {"rocker_pin": wanted}, start, starts=0)
+    assert state.coordinate("rocker_pin").value == pytest.approx(wanted, abs=1e-12)
+
+
+def test_few_steps_lead_to_the_nearest(monkeypatch):
+    """Newton's double the digits; Gauss's, of which there were 520, add one in ten of them."""
+    from spatial_pin.inverse_kinematics.descending import Descent
+    steps, made = [], Descent._landed
+    monkeypatch.setattr(Descent, "_landed", lambda *a: steps.append(0) or made(*a))
+    mechanism = sp.load("four_bar")
+    point = sp.assemble(mechanism).placement("coupler").translation + np.array([0.3, 0.1, 0.01])
+    with pytest.raises(sp.ReachError) as caught:
+        sp.reach(mechanism, {"coupler": point})
+    assert len(steps) < 200
+    q = caught.value.state.q
+    with pytest.raises(sp.ReachError) as again:
+        sp.reach(mechanism, {"coupler": point}, caught.value.state, starts=0)
+    assert np.abs(again.value.state.q - q).max() < 1e-10
+
+
+def test_a_state_beyond_limits_is_led_back_within(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8, 0.6), limits=[(-0.5, 0.5), (-3, 3), (-3, 3)])
+    with pytest.warns(sp.SpatialPinWarning, match="beyond joint limits"):
+        start = at(mechanism, 0.9, 0.4, 0.5)
+    state = sp.reach(mechanism, {"tip": [1.2, 1.3, 0.0]}, start)
+    assert not state.beyond_limits
+    assert np.abs(state.placement("tip").translation - [1.2, 1.3, 0.0]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("name", "wanted", "reason"), [
+    ("stewart", {"platform": [0.0, 0.0, 9.0]}, "joint limit"),
+    ("scotch_yoke", {"slide": 9.0}, "dead centre"),
+    ("delta", {"platform": [0.0, 0.0, 9.0]}, "singular direction"),
+    ("four_bar", {"coupler": [0.3, 0.1, 9.0]}, "too few freedoms"),
+    ("rssr", {"rocker": [0.3, 0.1, 9.0]}, "nothing moves"),
+    ("rssr", {"crank": 150.0}, "steps"),
+])
+def test_what_stops_it_has_a_word(name, wanted, reason):
+    with pytest.raises(sp.ReachError) as caught:
+        sp.reach(sp.load(name), wanted)
+    error = caught.value
+    assert error.reasons == (reason,) and len(error.stops) == 1
+    for key, off in error.residuals.items():
+        assert np.linalg.norm(off) == pytest.approx(error.distances[key])
+    assert bool(error.limits) == (reason == "joint limit")
+
+
+def test_one_frame_may_have_several_targets(tmp_path):
+    mechanism = sp.load("stewart")
+    start = sp.assemble(mechanism)
+    home = start.placement("platform")
+    tilted = pin.exp3(np.array([0.1, -0.05, 0.0])) @ home.rotation[:, 2]
+    point = home.translation + np.array([0.01, 0.02, 0.03])
+    state = sp.reach(mechanism, {"platform": [targets.position(point), targets.direction(
+        [0, 0, 1], tilted)]}, start)
+    there = state.placement("platform")
+    assert np.abs(there.translation - point).max() < 1e-12
+    assert np.abs(there.rotation[:, 2] - tilted).max() < 1e-12
+    with pytest.raises(TypeError, match="it is a point"):
+        sp.reach(mechanism, {"platform": [targets.position(point), "up"]}, start)
+
+
 # ---------------------------------------------------------------- refusals
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,9 +17,10 @@ from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.solving import Reached, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
-from spatial_pin.mechanism.joint_limits import joint_limits
+from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 EXACT = 1e-12  # residual of what is to be exact: some hundred times what round-off leaves
 START_SPREAD = 0.5  # rad, characteristic lengths: how far off other starts are, at most
@@ -45,11 +46,12 @@ def reach(
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: a point (3,) of the world for its origin [m], a
             `pinocchio.SE3` for its placement; by name of a coordinate or driver: its value [rad or
-            m]; or any of `spatial_pin.targets`: directions, distances, the centre of mass. With a
-            weight they are met as well as those without one, which are exact, leave freedom for.
+            m]; or any of `spatial_pin.targets`, or a list of these: directions, distances, the
+            centre of mass. With a weight they are met as well as those without one, which are
+            exact, leave freedom for.
         state: where to start; default the assembled guess.
         hold: names of what stands still where the state has it, as for `sweep`.
-        limits: whether joint limits are kept.
+        limits: whether joint limits are kept; a state beyond them is led back within them.
         starts: if it ends short of the targets from the state, how many others, nearby and always
             the same ones, it is tried from.
 
@@ -78,14 +80,14 @@ def reach(
         for q in _starts(start, solver, starts):
             found = solver.solve(q)
             evaluation.update(found.q)
-            if solver.is_closed() and (q is start.q or found.distance < best.distance):
+            if solver.is_closed() and (q is start.q or found.order < best.order):
                 best = found
-            if best.distance <= EXACT:
-                break
+            if best.is_met(EXACT) or (q is start.q and found.is_on_its_way):
+                break  # others near it have as far to go
         evaluation.update(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
-        if best.distance > EXACT:
+        if not best.is_met(EXACT):
             raise _short(start, solver, best, reached)
     return reached
 
@@ -100,43 +102,65 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 
+class Stop(NamedTuple):
+    """What stops it: one of the reasons of `ReachError`, and a sentence."""
+
+    reason: str
+    words: str
+
+
 def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
-    mechanism, lengths = state.mechanism, {}
-    at = 0
+    mechanism, residuals, at = state.mechanism, dict[str, Array](), 0
     for target in solver.exact:
         n = len(target.residual(solver.evaluation)[0])
-        lengths[target.name] = float(np.linalg.norm(found.exact[at : at + n]))
+        residuals[target.name] = np.append(residuals.get(target.name, ()), found.exact[at : at + n])
         at += n
+    lengths = {name: float(np.linalg.norm(x)) for name, x in residuals.items()}
     worst = max(lengths, key=lengths.__getitem__)
     stops = tuple(_stops(start, solver, found))
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
         f"off by {lengths[worst]:.3g} (lengths relative to the characteristic length, "
-        f"{mechanism.characteristic_length:.4g} m; angles in rad); {'; '.join(stops)}",
-        state=state, distances=lengths, stops=stops,
+        f"{mechanism.characteristic_length:.4g} m; angles in rad); "
+        f"{'; '.join(stop.words for stop in stops)}",
+        state=state, distances=lengths, residuals=residuals,
+        stops=tuple(stop.words for stop in stops), reasons=tuple(stop.reason for stop in stops),
         limits=tuple(limit.name for limit in found.limits))
 
 
-def _stops(start: State, solver: Solver, found: Reached) -> Iterable[str]:
+def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
     """Yield what stops a mechanism short of its targets."""
+    if found.beyond:
+        yield Stop("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
+                   "come within from there: start from another state, or with limits=False")
+        return
     if found.limits:
-        yield "it is stopped by the " + " and the ".join(limit.words for limit in found.limits)
+        yield Stop("joint limit", "it is stopped by the " + _words(found.limits))
         return
     asked = len(found.exact)
-    rank = solver.rank(found.q)
-    others = (solver.closed(q) for q in _starts(start, solver, 1))
-    freedom = max(rank, *map(solver.rank, others))  # where it is not stretched out
+    slopes = [solver.slopes(q) for q in
+              (found.q, *map(solver.closed, _starts(start, solver, 1)))]
+    least = TOLERANCES.half_precision * max(s.max(initial=0.0) for s in slopes)
+    rank, *others = (int(np.count_nonzero(s > max(least, TOLERANCES.zero))) for s in slopes)
+    freedom = max(rank, *others)  # where it is not stretched out
     if not freedom:
-        yield "nothing that is free to move moves them: let go of what is held, or ask for another"
+        yield Stop("nothing moves", "nothing that is free to move moves them: let go of what is "
+                   "held, or ask for another")
     elif rank < freedom:
-        yield ("it is stretched out or folded: at this singular configuration no motion takes it "
-               "further towards them")
+        reason = "dead centre" if freedom == 1 else "singular direction"
+        place = "dead centre" if freedom == 1 else "singular configuration"
+        yield Stop(reason, f"it is stretched out or folded: at this {place} no motion takes it "
+                   "further towards them")
     elif found.is_on_its_way:
-        yield ("it was still coming nearer when the steps ran out: go on from the state of this "
-               "error, or start nearer")
+        yield Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
+                   "state of this error, or start nearer")
     elif freedom < asked:
-        yield (f"it has {freedom} freedom{'s' * (freedom != 1)} there for {asked} numbers asked "
-               "for: ask for fewer, or give some a weight")
+        yield Stop("too few freedoms", f"it has {freedom} freedom{'s' * (freedom != 1)} there for "
+                   f"{asked} numbers asked for: ask for fewer, or give some a weight")
     else:
-        yield "this is the nearest that was found: start from another state"
+        yield Stop("nearest found", "this is the nearest that was found: start from another state")
+
+
+def _words(limits: Iterable[JointLimit]) -> str:
+    return " and the ".join(limit.words for limit in limits)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError, SingularError, SpatialPinError
@@ -50,7 +50,8 @@ def reach_path(
 ) -> Motion:
     """Return the motion in which frames and coordinates go along tables of targets.
 
-    The first targets are reached from a state as `reach` does; from there one branch is followed,
+    The first targets are reached from a state as `reach` does, beyond joint limits only if the
+    state meets them there already; from there one branch is followed,
     with the guarantees of `follow`: the drivers go where the targets take them. Between the samples
     positions and coordinates go along cubic splines, two times continuously differentiable
     ("not-a-knot" at the ends); orientations have at the samples the rates of the cubic spline of
@@ -102,7 +103,9 @@ def reach_path(
     held = () if hold is None else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [mechanism.prescribed_coordinate(t.name) for t in tables
                                if t.points is None], held)
-    first = reach(mechanism, _targets(tables, 0), state, hold=hold)
+    wanted = _targets(tables, 0)
+    first = reach(mechanism, wanted, state, hold=hold,
+                  limits=state is None or not _is_met(mechanism, wanted, state))
     freedom, chains = _chains(first, tables, s, hold)
     asked = sum(chain.n for chain in chains)
     if asked > freedom:
@@ -117,6 +120,15 @@ def reach_path(
             raise
         return _by_drivers(first, tables, moved, hold, accuracy, progress)
     return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
+
+
+def _is_met(mechanism: Mechanism, targets: Mapping[str, Any], state: State) -> bool:
+    """Whether targets are met at a state, joint limits kept or not."""
+    state = of_mechanism(mechanism, state)
+    with evaluation_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        return all(np.linalg.norm(target.residual(evaluation)[0]) <= TOLERANCES.closed
+                   for target in read_targets(mechanism, targets))
 
 
 def _targets(tables: list[Table], k: int) -> dict[str, Any]:
@@ -154,8 +166,8 @@ def _too_much(state: State, tables: list[Table], asked: int, freedom: int) -> Re
         f"path, but there {'are' if freedom != 1 else 'is'} {freedom} "
         f"freedom{'s' * (freedom != 1)} at its start; ask for fewer (a position instead of a "
         "placement, or a coordinate), or start beside a singular configuration", state=state,
-        distances={t.name: 0.0 for t in tables}, stops=("more is asked for than is free",),
-        limits=())
+        distances={t.name: 0.0 for t in tables}, residuals={}, limits=(),
+        stops=("more is asked for than is free",), reasons=("too few freedoms",))
 
 
 def _followed(

@@ -272,7 +272,7 @@ def centre_of_mass(
 
 
 def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
-    """Return targets given by name: a Target, a point (3,), a placement or a number.
+    """Return targets given by name: a Target, a list of them, a point (3,), placement or number.
 
     Raises:
         UnknownNameError: there is no such frame or coordinate.
@@ -283,12 +283,17 @@ def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Targe
         raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
     found = []
     for name, given in targets.items():
-        target = given if isinstance(given, Target) else _plain(name, given)
-        if not target.name:
-            target = replace(target, name=name)
-        target.check(mechanism)
-        found.append(target)
+        for one in given if _is_list(given) else [given]:
+            target = one if isinstance(one, Target) else _plain(name, one)
+            if not target.name:
+                target = replace(target, name=name)
+            target.check(mechanism)
+            found.append(target)
     return found
+
+
+def _is_list(given: Any) -> bool:
+    return isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
 
 
 def _plain(name: str, given: Any) -> Target:

@@ -1,0 +1,277 @@
+"""Least squares of targets' residuals, on closed loops and within joint limits.
+
+Gauss's steps go quickly to what can be reached. Towards what cannot, they creep: they leave out how
+residuals and loops bend, which counts in proportion to what stays off. There Newton's steps are
+made on the Lagrangian [NocedalWright2006, 18], along the freedoms that are left; they also lead
+away from dead centres and folded positions at which the distance is greatest, not least.
+
+Joint limits are kept by an active set: a joint that a step takes beyond its limit stands there,
+until a step would take it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.inverse_kinematics.constrained import Constrained, Held
+from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+STEPS_AT_MOST = 200  # of a level: Newton's take ten, towards what is far away some dozens
+SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gauss's creep
+# First damping where a step did not help, relative to the largest singular value.
+LEAST_DAMPING = 1e-3
+MOST_DAMPING = 1e6  # with which nothing moves any more
+NO_LONGER = 1e-9  # rad, characteristic lengths: how far off a least sum may be
+CURVATURE_STEP = 1e-6  # of differences of first derivatives: half of their digits are good
+
+
+class Place(NamedTuple):
+    """Where a descent stands.
+
+    Attributes:
+        q: (nq,) configuration.
+        held: joint limits that it stands at.
+        size: length of the residuals that are wanted small.
+    """
+
+    q: Array
+    held: Held
+    size: float
+
+
+class Slope(NamedTuple):
+    """How half the square of the residuals changes along the freedoms that there are.
+
+    Attributes:
+        motions: (k, nv) the freedoms.
+        gradient: (k,) along these.
+        sizes: (k,) curvatures along its principal directions, rising.
+        ways: (k, k) these, in columns.
+    """
+
+    motions: Array
+    gradient: Array
+    sizes: Array
+    ways: Array
+
+    def step(self, damping: float) -> Array:
+        """Return Newton's step (nv,), which goes down where the curvature is negative too."""
+        if not len(self.gradient):
+            return np.zeros(self.motions.shape[1])
+        size, along = np.abs(self.sizes), self.ways.T @ self.gradient
+        most = max(float(size.max()), TOLERANCES.zero)
+        little = TOLERANCES.half_precision  # of differences: what is flat, as an idle rotation is
+        along[(size <= little * most) & (np.abs(along) <= little * np.abs(along).max())] = 0.0
+        parts = along / (np.maximum(size, TOLERANCES.nothing * most) + damping * most)
+        found: Array = -(self.ways @ parts) @ self.motions
+        return found
+
+    def off_summit(self) -> Array | None:
+        """Return the way (nv,) that it bends down most along; None where it does not."""
+        size = np.abs(self.sizes).max(initial=0.0)
+        if not len(self.sizes) or self.sizes[0] >= -TOLERANCES.half_precision * size:
+            return None
+        way: Array = self.ways[:, 0] @ self.motions
+        return way if way[np.argmax(np.abs(way))] > 0.0 else -way
+
+
+class Descent:
+    """The way down to where the sum of squared residuals is least.
+
+    Attributes:
+        base: the mechanism.
+        kept: targets that stay met.
+        wanted: targets whose residuals are to become small.
+    """
+
+    def __init__(
+        self, base: Constrained, kept: Sequence[Target], wanted: Sequence[Target]
+    ) -> None:
+        self.base, self.kept, self.wanted = base, kept, wanted
+        self._damping, self._slow = 0.0, 0
+        self._known: tuple[Array, Held, Slope] | None = None
+
+    def run(self, q: Array, held: Held) -> tuple[Array, Held, bool]:
+        """Go down from a configuration (nq,) and the limits it stands at.
+
+        Returns:
+            The configuration, the limits that hold it, and whether it went on by long steps until
+            these ran out.
+        """
+        place, moved = Place(q, held, self._size(q)), 0.0
+        for _ in range(STEPS_AT_MOST):
+            place = place._replace(held=self._released(place))
+            step, now_held = self._step(place)
+            moved = float(np.linalg.norm(step))
+            there = self._landed(place.q, step, now_held)
+            is_last = moved < (TOLERANCES.half_precision if self._converges else NO_LONGER)
+            if there is not None and self._is_as_good(there, place, is_last):
+                is_last = is_last and there.held.keys() == place.held.keys()
+                self._judge(there.size / place.size if place.size else 0.0, moved)
+                place = there
+                if place.size <= self.base.tolerance:
+                    return place.q, place.held, False
+            else:
+                self._damping = max(LEAST_DAMPING, 4.0 * self._damping)
+                self._slow += 1
+                is_last = is_last or self._damping > MOST_DAMPING
+            if is_last:
+                onward = self._onward(place)
+                if onward is None:
+                    return place.q, place.held, False
+                place = onward
+        return place.q, place.held, moved > 0.5 * TOLERANCES.damped_step
+
+    @property
+    def _is_bent(self) -> bool:
+        """Whether steps are Newton's."""
+        return self._slow >= SLOW_STEPS
+
+    @property
+    def _converges(self) -> bool:
+        """Whether steps are such that the next would be far shorter, if this one is short."""
+        return self._is_bent and self._damping < TOLERANCES.half_precision
+
+    def _size(self, q: Array) -> float:
+        return float(np.linalg.norm(self.base.residual(q, self.wanted)[0]))
+
+    def _is_as_good(self, there: Place, place: Place, is_last: bool) -> bool:
+        """Whether a step is to be made: not one that only stands still, or goes up."""
+        if there.size < place.size:
+            return True
+        if there.held.keys() != place.held.keys():
+            return there.size <= place.size * (1.0 + TOLERANCES.nothing)
+        if self._converges and is_last:  # the sum of squares does not tell such places apart
+            return there.size <= place.size * (1.0 + TOLERANCES.tight)
+        return there.size <= self.base.tolerance
+
+    def _judge(self, left: float, moved: float) -> None:
+        """Take note of what a step has left of the residuals."""
+        self._damping *= 0.1
+        if left < 0.1:
+            self._slow = 0
+        elif left > 0.5 and moved < 0.99 * TOLERANCES.damped_step:
+            self._slow += 1
+
+    def _onward(self, place: Place) -> Place | None:
+        """Return where to go on from a place that steps do not leave; None if it is the least."""
+        if place.size <= self.base.tolerance:
+            return None
+        self._damping = 0.0
+        if not self._is_bent:
+            self._slow = SLOW_STEPS
+            return place
+        way = self._slope(place.q, place.held).off_summit()
+        if way is None:
+            return None
+        found = [self._landed(place.q, side * TOLERANCES.unexplained * way, place.held)
+                 for side in (1.0, -1.0)]
+        return min((x for x in found if x is not None and x.size < place.size),
+                   key=lambda x: x.size, default=None)
+
+    # ---------------------------------------------------------------- steps
+
+    def _step(self, place: Place) -> tuple[Array, Held]:
+        """Return a scaled step (nv,), and the limits that it stops at."""
+        held = dict(place.held)
+        while True:
+            step = self._free_step(place.q, held)
+            length = np.linalg.norm(step)
+            if length > TOLERANCES.damped_step:
+                step *= TOLERANCES.damped_step / length
+            passed = self.base.passed(place.q, step, held)
+            if passed is None:
+                return step, held
+            held[passed.v] = passed
+
+    def _free_step(self, q: Array, held: Held) -> Array:
+        if self._is_bent:
+            return self._slope(q, held).step(self._damping)
+        motions = self.base.motions(q, self.base.free(held), self.kept)
+        residual, rows = self.base.residual(q, self.wanted)
+        found: Array = damped(rows @ motions.T, -residual, self._damping) @ motions
+        return found
+
+    def _landed(self, q: Array, step: Array, held: Held) -> Place | None:
+        """Return where a step leads, what is kept met again, within limits; None if too far."""
+        base = self.base
+        while True:
+            there = base.kept(base.moved(q, step, held), base.free(held), self.kept)
+            if there is None:
+                return None
+            beyond = base.beyond(there, held, q)
+            if not beyond:
+                return Place(there, held, self._size(there))
+            held = held | beyond
+
+    def _released(self, place: Place) -> Held:
+        """Return limits that a free step, of some of them released, would not leave."""
+        held = dict(place.held)
+        for v, limit in place.held.items():
+            without = {k: x for k, x in held.items() if k != v}
+            motions = self.base.motions(place.q, self.base.free(without), self.kept)
+            residual, rows = self.base.residual(place.q, self.wanted)
+            step = -(residual @ rows @ motions.T) @ motions
+            if limit.side * step[v] < -TOLERANCES.nothing * place.size:
+                held = without
+        return held
+
+    # ---------------------------------------------------------------- curvature
+
+    def _slope(self, q: Array, held: Held) -> Slope:
+        """Return gradient and curvature of half the square, along freedoms between limits held."""
+        if self._known is not None:
+            at, known, found = self._known
+            if at is q and known.keys() == held.keys():
+                return found
+        free = self.base.free(held)
+        motions = self.base.motions(q, free, self.kept)
+        residual, rows = self.base.residual(q, self.wanted)
+        slope = rows @ motions.T
+        curvature = slope.T @ slope + self._bending(q, motions, free)
+        found = Slope(motions, residual @ slope, *np.linalg.eigh(curvature))
+        self._known = q, dict(held), found
+        return found
+
+    def _bending(self, q: Array, motions: Array, free: NDArray[np.bool_]) -> Array:
+        """Return what the bending of residuals and loops adds to the curvature (k, k).
+
+        It is the second derivative of the residuals and of what is kept, each times what it weighs
+        in the Lagrangian: first derivatives are differenced along the motions.
+        """
+        residual, rows = self.base.residual(q, self.wanted)
+        weights = decompose(self._kept_rows(q)[:, free].T).minimum_norm(-(residual @ rows)[free])
+
+        def gradient(q: Array) -> Array:
+            """Return the Lagrangian's along the motions, residuals and weights as they are."""
+            rows = self.base.residual(q, self.wanted)[1]
+            return motions @ (residual @ rows + weights @ self._kept_rows(q))
+
+        here, model = gradient(q), self.base.evaluation.model
+        found = np.array([
+            gradient(pin.integrate(model, q, CURVATURE_STEP * self.base.scale * way)) - here
+            for way in motions]).reshape(len(motions), len(motions)) / CURVATURE_STEP
+        return 0.5 * (found + found.T)
+
+    def _kept_rows(self, q: Array) -> Array:
+        """Return derivatives (k, nv) of the loops' equations and of targets that stay met."""
+        rows = self.base.residual(q, self.kept)[1]
+        return np.vstack([self.base.closures(), rows])
+
+
+def damped(a: Array, b: Array, damping: float) -> Array:
+    """Return x (n,) with a x = b as nearly as can be, of least norm; damped as Levenberg does."""
+    svd = decompose(a, TOLERANCES.singular)
+    if not svd.rank:
+        return np.zeros(a.shape[1])
+    s = svd.s[: svd.rank]
+    parts = s / (s * s + damping * svd.s[0] ** 2)
+    found: Array = (parts * (svd.u[:, : svd.rank].T @ b)) @ svd.vt[: svd.rank]
+    return found
