@@ -23,6 +23,7 @@ from test_closures import JOINTS, KEYS, TYPES, pose, refinement, somewhere, tree
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import Constraints
+from spatial_pin.kernel.closer import MeantPlaces
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
 from spatial_pin.kernel.paths import Samples, _Accuracy, _Rows
@@ -168,7 +169,7 @@ def test_displacements_are_pinocchios(tmp_path, size):
 
 def integrated(kernel: Kernel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
     moved = q.copy()
-    library().kernel_integrate(kernel.handle, address(moved), address(step))
+    library().kernel_integrate(kernel.handle, 1, address(moved), address(step))
     return moved
 
 
@@ -270,7 +271,7 @@ def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> se
     sizes = (9 * n, 3 * n, n_closure, n_angles, (n_closure + n_idle) * nv, n_closure + n_idle)
     out = [np.empty(size) for size in sizes]
     ends = {c.kernel_evaluate(handle, *map(address, (q, v, turns, *out)))}
-    c.kernel_integrate(handle, address(q), address(v))
+    c.kernel_integrate(handle, 1, address(q), address(v))
     chosen = rng.integers(-1, n_closure + 1, max(nv - n_idle, 0))
     chosen, driven = np.split(chosen, [rng.integers(len(chosen) + 1)])
     driven, fill = np.split(driven, [rng.integers(len(driven) + 1)])
@@ -346,9 +347,15 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
         free, pinned = rng.integers(0, 2, nv), rng.choice(ODD, m)
         first, angles = rng.integers(0, 2, nv), turns.copy()
         two, error, mirrored = np.array([q, q]), np.empty(3), np.empty(2, np.int64)
+        distance = np.empty(2)
         c.closer_close(closer, 2, address(two), rng.choice([None, address(first)]),
                        address(free), address(pinned), address(turns), 1e-2, 1e-3, 4, 1e-12,
                        address(error), address(mirrored))
+        said, limits = rng.integers(0, 8, nq), rng.choice(ODD, (2, nq))
+        values = rng.choice(ODD, nq)
+        meant = MeantPlaces(*map(address, (values, said, *limits)))
+        c.closer_judge(closer, 2, address(two), address(turns), ctypes.byref(meant), address(error),
+                       address(mirrored), address(distance))
         end = c.closer_examine(closer, address(two[0]), address(turns), address(error),
                                address(angles), address(mirrored))
         c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(error))

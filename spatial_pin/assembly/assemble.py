@@ -24,6 +24,7 @@ from spatial_pin.mechanism.coordinates import (
     finite_number,
     joint_values,
     needed,
+    with_values,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -127,11 +128,13 @@ def assembled(
     with (evaluation_of(mechanism, angles) as evaluation,
           _of_whole(mechanism, evaluation.turns) as whole):
         def searched(accuracy: Accuracy) -> Search:
-            search = Search(Closing(evaluation, whole, held, standing, named, accuracy), limits)
+            search = Search(Closing(
+                evaluation, whole, held, standing, named, accuracy, start.q), limits)
             search.run(start.q, release)
             if search.best is None and standing and release and not search.is_near:
                 search = Search(Closing(
-                    evaluation, whole, held, {}, standing | named, accuracy, said), limits)
+                    evaluation, whole, held, {}, standing | named, accuracy,
+                    with_values(mechanism, start.q, standing), said), limits)
                 search.run(start.q)
             return search
 
@@ -225,7 +228,7 @@ def _at_home(
     with (evaluation_of(mechanism) as evaluation,
           _of_whole(mechanism, evaluation.turns) as whole):
         search = Search(Closing(
-            evaluation, whole, {}, drivers, start.named, accuracy_of(None)), False)
+            evaluation, whole, {}, drivers, start.named, accuracy_of(None), start.q), False)
         search.attempt(start.q)
     if search.best is not None:
         return {}

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.closer import Closed, closer_of
+from spatial_pin.kernel.closer import Closed, Reached, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_gradient
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -22,6 +23,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # start is worth more than so many further steps.
 DAMPED_STEPS = 60
 NOTHING: Mapping[str, float] = MappingProxyType({})
+Found = TypeVar("Found", Closed, Reached)
 
 
 def close(
@@ -69,7 +71,7 @@ def closed(
         return finite(closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut))
 
 
-def finite(found: Closed) -> Closed:
+def finite(found: Found) -> Found:
     """Return where closing has led; raises as `close`."""
     if not math.isfinite(found.error):
         raise SingularError(NOT_FINITE)

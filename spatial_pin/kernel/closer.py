@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
+NAMED, HELD, TURNS = 1, 2, 4  # what is said of an entry of q; TURNS: whole turns mean nothing
+AT_ONCE = 8  # starts at most that loops are closed from in one call
 LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
 
 
@@ -33,6 +35,47 @@ class Closed(NamedTuple):
     q: Array
     error: float
     may_be_mirrored: bool
+
+
+class Reached(NamedTuple):
+    """The result of closing loops where something is named.
+
+    Attributes:
+        q: the configuration (nq,), whole turns taken off its angles.
+        error, may_be_mirrored: as of `Closed`.
+        distance: from what is named, but of components of balls and floating joints [rad,
+            characteristic lengths].
+    """
+
+    q: Array
+    error: float
+    may_be_mirrored: bool
+    distance: float
+
+
+class Meant(NamedTuple):
+    """What configurations are judged by.
+
+    Angles that mean the same after a whole turn are taken to where they are named, else nearest to
+    zero, to half a turn rather than its negative; a turn further where only that is in the limits.
+    Held ones have their values.
+
+    Attributes:
+        value: (nq,) of what is named or held; those of a ball together.
+        said: (nq,) NAMED, HELD, TURNS, or several, of each; those of a ball at its first entry.
+        lower, upper: (nq,) limits.
+    """
+
+    value: Array
+    said: NDArray[np.int64]
+    lower: Array
+    upper: Array
+
+
+class MeantPlaces(ctypes.Structure):
+    """Where the arrays of a `Meant` are, for C."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in Meant._fields]
 
 
 class Examined(NamedTuple):
@@ -84,11 +127,19 @@ class Closer:
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._turns, self._angles = np.empty((2, kernel.n_angles))
         self._error, self._mirrored = np.empty(3), np.empty(1, np.int64)
+        self._starts, self._mirrors = np.empty((AT_ONCE, kernel.nq)), np.empty(AT_ONCE, np.int64)
+        self._errors, self._distances = np.empty((2, AT_ONCE))
+        self._value, self._lower, self._upper = np.empty((3, kernel.nq))
+        self._said = np.empty(kernel.nq, np.int64)
         self.knows_mirrors = rotations.shape[1] == sum(
             c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
         self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
             address(x) for x in (self._q, self._first, self._free, self._pinned, self._turns))
         self._ends = address(self._error), address(self._mirrored)
+        self._at_starts = address(self._starts)
+        meant = MeantPlaces(*map(address, (self._value, self._said, self._lower, self._upper)))
+        self._reached = ctypes.byref(meant), *map(
+            address, (self._errors, self._mirrors, self._distances))
         self._facts = address(self._error), address(self._angles), address(self._mirrored)
 
     def close(
@@ -113,32 +164,48 @@ class Closer:
         return Closed(self._q.copy(), self._error.item(0),
                       not self.knows_mirrors or self._mirrored.item() != 0)
 
-    def close_all(
-        self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
-        pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None = None,
-    ) -> list[Closed]:
-        """Close each row of q (m, nq) by itself, as `close` does."""
-        q, errors = np.array(q, order="C"), np.empty(len(q))
-        mirrored = np.empty(len(q), np.int64)
-        self._close(len(q), address(q), free, turns, tolerance, iterations, pinned, cut, first,
-                    address(errors), address(mirrored))
-        return [Closed(*row) for row in zip(
-            q, errors.tolist(), ((mirrored != 0) | (not self.knows_mirrors)).tolist(),
-            strict=True)]
+    def reach(
+        self, q: Sequence[Array], free: NDArray[np.bool_], turns: Array, tolerance: float,
+        iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
+        meant: Meant,
+    ) -> list[Reached]:
+        """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does."""
+        m = len(q)
+        self._starts[:m] = q
+        self._take(meant)
+        self._close(m, self._at_starts, free, turns, tolerance, iterations, pinned, cut, first,
+                    *self._reached)
+        return [Reached(*row) for row in zip(
+            self._starts[:m].copy(), self._errors[:m].tolist(),
+            (x != 0 or not self.knows_mirrors for x in self._mirrors[:m].tolist()),
+            self._distances[:m].tolist(), strict=True)]
+
+    def judge(self, q: Array, turns: Array | float, meant: Meant) -> Reached:
+        """Return what q (nq,) is, whole turns taken off its angles."""
+        self._q[:], self._turns[:] = q, turns
+        self._take(meant)
+        self._library.closer_judge(
+            self.handle, 1, self._at_q, self._at_turns, *self._reached)
+        return Reached(self._q.copy(), self._errors.item(0),
+                       not self.knows_mirrors or self._mirrors.item(0) != 0,
+                       self._distances.item(0))
+
+    def _take(self, meant: Meant) -> None:
+        self._value[:], self._said[:], self._lower[:], self._upper[:] = meant
 
     def _close(
         self, m: int, q: int, free: NDArray[np.bool_], turns: Array, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
-        error: int, mirrored: int,
+        *out: Any,
     ) -> None:
         self._free[:], self._turns[:] = free, turns
         if first is not None:
             self._first[:] = first
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
-        self._library.closer_close(
-            self.handle, m, q, None if first is None else self._at_first, self._at_free, *self._at,
-            self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, error, mirrored)
+        close = self._library.closer_close if len(out) == 2 else self._library.closer_reach
+        close(self.handle, m, q, None if first is None else self._at_first, self._at_free,
+              *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, *out)
 
     def examine(self, q: Array, turns: Array) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""

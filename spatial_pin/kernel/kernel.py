@@ -129,8 +129,7 @@ class Kernel:
         """Return q (m, nq) moved by joint displacements (m, nv), as `pin.integrate`."""
         q = np.array(numbers(q, (len(q), self.nq)))
         steps = numbers(steps, (len(q), self.nv))
-        for own, step in zip(q, steps, strict=True):
-            self.library.kernel_integrate(self.handle, address(own), address(step))
+        self.library.kernel_integrate(self.handle, len(q), address(q), address(steps))
         return q
 
 

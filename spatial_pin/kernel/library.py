@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.sources import LIBRARY, source_hash
@@ -59,7 +60,8 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.kernel_evaluate.argtypes = [POINTER] * 10
     found.kernel_evaluate_all.restype = None
     found.kernel_evaluate_all.argtypes = [POINTER, INT, *[POINTER] * 4]
-    found.kernel_integrate.argtypes = [POINTER] * 3
+    found.kernel_integrate.restype = None
+    found.kernel_integrate.argtypes = [POINTER, INT, POINTER, POINTER]
     found.kernel_solve.argtypes = [POINTER] * 4
     found.system_set.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, INT]
     found.rates_create.argtypes = [POINTER, POINTER, INT, POINTER]
@@ -71,8 +73,11 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.regular_beside.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
-    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL,
-                                   *[POINTER] * 2]
+    found.closer_reach.restype = found.closer_judge.restype = None
+    closing: list[Any] = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL]
+    found.closer_close.argtypes = [*closing, *[POINTER] * 2]
+    found.closer_reach.argtypes = [*closing, *[POINTER] * 4]
+    found.closer_judge.argtypes = [POINTER, INT, *[POINTER] * 6]
     found.closer_examine.argtypes = [POINTER] * 6
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
     found.dimensions_close.argtypes = [POINTER, POINTER, POINTER, INT, POINTER]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,9 +14,9 @@ from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
-from spatial_pin.assembly.search.whole_turns import periodic, turned_angles, with_places
+from spatial_pin.assembly.search.whole_turns import meant_by, periodic
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.kernel.closer import LOOSE, Closed, Examined, closer_of
+from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Reached, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -40,6 +41,7 @@ class Closing:
         standing: drivers that stand, by coordinate.
         named: other coordinates that the guess names.
         accuracy: the tolerance to reach.
+        goal: (nq,) where what the guess names has its values.
         let_go: drivers that go as little as possible from these values.
     """
 
@@ -51,6 +53,7 @@ class Closing:
         standing: Mapping[str, float],
         named: Mapping[str, float],
         accuracy: Accuracy,
+        goal: Array,
         let_go: Mapping[str, float] | None = None,
     ) -> None:
         self.mechanism = evaluation.mechanism
@@ -64,7 +67,10 @@ class Closing:
         left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), tuple(self.named))
         self.pinned = {name: self.held[name] for name in left.pinned}
         self.still, self.free = left.still, left.free
-        self.first = left.first
+        self.first, self._goal, self._is_whole = left.first, goal, left.is_whole
+        said = self.held | self.named
+        self._meant = meant_by(self.mechanism, left.said, goal,
+                               {at: said[name] for name, at in left.places.items()})
 
     def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
@@ -81,48 +87,54 @@ class Closing:
                        cut=self._cut).q
         return closed(self.mechanism, q, free, self.evaluation.turns, tolerance, pinned=pinned)
 
-    def reached(self, starts: Sequence[Array]) -> Iterator[Closed]:
-        """Yield where starts (nq,) lead, first while what is named is held too."""
+    def reached(self, starts: Sequence[Array]) -> Iterator[Reached]:
+        """Yield where starts (nq,) lead, first while what is named is held too.
+
+        Of starts `AT_ONCE` at most.
+        """
         if self.whole is not None:
             for q in starts:
                 if self.first is not None:
                     q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
-                yield self.closed(q, self.free, self.pinned)
+                yield self.seen(self.closed(q, self.free, self.pinned).q)
             return
-        rest = (self.free, self.evaluation.turns, self.tolerance, DAMPED_STEPS,
-                self.pinned.values(), TOLERANCES.rank, self.first)
         with closer_of(self.mechanism, self.pinned) as closer:
-            found = ([closer.close(starts[0], *rest)] if len(starts) == 1 else
-                     closer.close_all(np.array(starts), *rest))
+            found = closer.reach(starts, self.free, self.evaluation.turns, self.tolerance,
+                                 DAMPED_STEPS, self.pinned.values(), TOLERANCES.rank, self.first,
+                                 self._meant)
         yield from map(finite, found)
+
+    def seen(self, q: Array) -> Reached:
+        """Return what q (nq,) is, whole turns taken off its angles."""
+        with closer_of(self.mechanism) as closer:
+            return closer.judge(q, self.evaluation.turns, self._meant)
 
     def examined(self, q: Array) -> Examined:
         """Return what the equations, of the mechanism alone, are like at q (nq,)."""
         with closer_of(self.mechanism) as closer:
             return closer.examine(q, self.evaluation.turns)
 
-    def judged(self, q: Array, known: Closed | None = None) -> tuple[Array, float, str]:
-        """Return q with its whole turns, its closure error, and the closure at fault or nothing.
-
-        Args:
-            q: the configuration.
-            known: what was found there, if something was.
-        """
+    def judged(self, found: Reached) -> tuple[float, str]:
+        """Return the closure error of what was found, and the closure at fault or nothing."""
+        if self.whole is None and found.error <= ACCEPTED and not found.may_be_mirrored:
+            return found.error, ""
         evaluation = self.evaluation
-        turned = turned_angles(self.mechanism, q, self.held, self.named)
-        q = with_places(q, turned) if turned else q
-        if self.whole is None:
-            seen = known if known is not None and q is known.q else self.examined(q)
-            if seen.error <= ACCEPTED and not seen.may_be_mirrored:
-                return q, seen.error, ""
-        evaluation.update(q)
+        evaluation.update(found.q)
         error = evaluation.closure_error
-        fault = "" if error <= self.accepted(q) else evaluation.worst_closure()
+        fault = "" if error <= self.accepted(found.q) else evaluation.worst_closure()
         if self.whole is not None and not fault:
-            self.whole.update(q)
+            self.whole.update(found.q)
             if self.whole.closure_error > self.gap:
-                return q, self.whole.closure_error, self.whole.worst_closure()
-        return q, error, fault or evaluation.mirrored()
+                return self.whole.closure_error, self.whole.worst_closure()
+        return error, fault or evaluation.mirrored()
+
+    def distance(self, found: Reached) -> float:
+        """Return how far what was found is from what is named."""
+        if self._is_whole:
+            return found.distance
+        there = with_values(self.mechanism, found.q, self.named)
+        gaps = pin.difference(self.mechanism.model, found.q, there)
+        return math.hypot(*(gaps / self.mechanism.velocity_scale).tolist())
 
     def accepted(self, q: Array) -> float:
         """Return the closure error that q (nq,) may have, round-off of its own included.

@@ -8,9 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
+from spatial_pin.kernel.closer import AT_ONCE
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
     finite_array,
@@ -96,26 +99,55 @@ def starts_from(
     After half of the starts what is named is shaken too, first by up to a radian, in the end by
     any angle, and lengths in proportion; named lengths far beyond the mechanism's size are cut.
     """
-    model, scale = mechanism.model, mechanism.velocity_scale
     fixed = with_values(mechanism, q, held)
     yield fixed
+    shakes = _shakes(mechanism, tuple(held), tuple(named), tuple(still))
+    if shakes is None:
+        return
     table, far = mechanism.coordinate_table, ANOTHER_SIZE * mechanism.characteristic_length
     nearer = {name: min(max(value, -far), far) for name, value in named.items()
               if table[name].unit == "m"}
     near = with_values(mechanism, fixed, {**nearer, **held})
-    is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
-    is_named = np.array([name in named for name in table], dtype=bool)
-    is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
-    if not np.any(~is_held):
-        return
-    open_ones = ~is_held & ~is_named
-    sizes, draws = np.where(is_angle, 1.0, scale * 0.2), _draws(mechanism)
-    n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
-    reach = np.where(open_ones, np.pi, 0.0)
-    for at, part, shake in ((fixed, draws[:n], 0.0), (near, draws[n:late], 1.0),
-                            (near, draws[late:], np.pi)):
-        for step in part * (np.where(is_named, shake, reach) * sizes):
-            yield pin.integrate(model, at, step)
+    for i in range(0, MAX_STARTS - 1, AT_ONCE):
+        phase = shakes.phase[i : i + AT_ONCE]
+        steps = _draws(mechanism)[i : i + AT_ONCE] * shakes.size[phase]
+        with kernel_of(mechanism) as kernel:
+            moved = kernel.displaced(np.array([fixed, near, near])[phase], steps)
+        yield from moved
+
+
+class _Shakes(NamedTuple):
+    """How far further starts are from what the guess says.
+
+    Attributes:
+        phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
+            to a radian, 2 by any angle.
+        size: (3, nv) of the steps in each.
+    """
+
+    phase: NDArray[np.intp]
+    size: Array
+
+
+def _shakes(
+    mechanism: Mechanism, held: tuple[str, ...], named: tuple[str, ...], still: tuple[int, ...]
+) -> _Shakes | None:
+    """Return how far further starts are; None where all is held. Worked out once for the same."""
+    key = "shakes", held, named, still
+    if key not in mechanism.memo:
+        table = mechanism.coordinate_table
+        is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
+        is_named = np.array([name in named for name in table], dtype=bool)
+        is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
+        open_ones = ~is_held & ~is_named
+        sizes = np.where(is_angle, 1.0, mechanism.velocity_scale * 0.2)
+        reach = np.where(open_ones, np.pi, 0.0)
+        n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
+        mechanism.memo[key] = None if is_held.all() else _Shakes(
+            np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late]),
+            np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)]))
+    found: _Shakes | None = mechanism.memo[key]
+    return found
 
 
 def _draws(mechanism: Mechanism) -> Array:

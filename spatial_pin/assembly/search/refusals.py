@@ -116,10 +116,11 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     """
     closing = search.closing
     named = {**closing.named, **closing.held}
+    start = with_values(closing.mechanism, q, named)
     other = Search(Closing(
         closing.evaluation, closing.whole, {}, {}, named,
-        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0)), search.limits)
-    other.run(with_values(closing.mechanism, q, named))
+        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0), start), search.limits)
+    other.run(start)
     if other.best is None:
         return {}
     closing.evaluation.update(other.best[1])

@@ -17,9 +17,8 @@ from spatial_pin.assembly.search.closing import (
 )
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, starts_from
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
-from spatial_pin.assembly.search.targets import Target
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
-from spatial_pin.kernel.closer import Closed, Examined
+from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
 from spatial_pin.lazy import cached_property
 from spatial_pin.numerics.linalg import Array
 
@@ -27,8 +26,8 @@ from spatial_pin.numerics.linalg import Array
 # beside where they stand is found from there, and other starts seldom find a nearer one.
 FEW_STARTS = 4
 # Starts after the first success, to find the branch nearest to the guess: of two branches that as
-# many starts end at, the nearer is missed in one of 256 cases.
-MORE_STARTS = 8
+# many starts end at, the nearer is missed in one of 256 cases. They are closed in one call.
+MORE_STARTS = AT_ONCE
 # rad, characteristic lengths; drivers that go no further are just out of reach: by rounding of what
 # one reads off a drawing, not by a wrong value.
 OUT_OF_REACH = 0.05
@@ -52,7 +51,6 @@ class Search:
         self.is_near = False
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
-        self._target = Target(self.mechanism, closing.named)
         self._found_at = -1
 
     def run(self, q: Array, release: bool = False) -> None:
@@ -124,32 +122,31 @@ class Search:
         """Solve from one start and keep the result if it is the best so far."""
         self._keep(next(self.closing.reached([q])))
 
-    def _keep(self, found: Closed) -> None:
+    def _keep(self, found: Reached) -> None:
         """Keep where closing has led if it is the best so far."""
         closing = self.closing
         evaluation = closing.evaluation
-        q, error = found.q, found.error
-        if closing.let_go and error <= ACCEPTED:
-            least, error = closing.least(q, closing.free)
+        if closing.let_go and found.error <= ACCEPTED:
+            least, _ = closing.least(found.q, closing.free)
             if closing.given or can_move(evaluation, closing.free, closing.let_go, closing.pinned):
-                q = least
-        q, error, problem = closing.judged(q, found)
-        violated = violated_limit(self.mechanism, q) if self.limits and not problem else ""
+                found = closing.seen(least)
+        error, problem = closing.judged(found)
+        violated = violated_limit(self.mechanism, found.q) if self.limits and not problem else ""
         if violated:
-            bounded, loose_ones = within_limits(evaluation, q, closing.free, closing.let_go)
-            bounded = (closing.least(bounded, loose_ones)[0] if closing.let_go else
-                       closing.closed(bounded, loose_ones, closing.pinned).q)
-            bounded, _, fault = closing.judged(bounded)
-            if fault or violated_limit(self.mechanism, bounded):
+            q, loose_ones = within_limits(evaluation, found.q, closing.free, closing.let_go)
+            bounded = closing.seen(closing.least(q, loose_ones)[0] if closing.let_go else
+                                   closing.closed(q, loose_ones, closing.pinned).q)
+            if closing.judged(bounded)[1] or violated_limit(self.mechanism, bounded.q):
                 problem = violated
             else:
-                q = bounded
+                found = bounded
+        q = found.q
         if problem:
             self.is_near |= closing.whole is None and closing.accepted(q) < error <= closing.gap
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
             return
-        distance = self._target.distance(q)
+        distance = closing.distance(found)
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best = (distance, q)
 

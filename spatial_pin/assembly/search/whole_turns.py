@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
@@ -31,38 +34,40 @@ def _periodic(mechanism: Mechanism) -> list[Coordinate]:
     ]
 
 
+def said_of(
+    mechanism: Mechanism, held: Iterable[str], named: Iterable[str]
+) -> NDArray[np.int64]:
+    """Return (nq,) what is said of the entries of q, for `Meant`; nothing of balls."""
+    said = np.zeros(mechanism.model.nq, np.int64)
+    said[[c.q for c in periodic(mechanism)]] = TURNS
+    for names, bit in ((held, HELD), (named, NAMED)):
+        said[[c.q for name in names if (c := mechanism.coordinate_table[name]).q >= 0]] |= bit
+    return said
+
+
+def meant_by(
+    mechanism: Mechanism, said: NDArray[np.int64], q: Array, values: Mapping[int, float]
+) -> Meant:
+    """Return what configurations are judged by.
+
+    Args:
+        mechanism: the mechanism, whose model has the limits that count now.
+        said: of the entries of q.
+        q: (nq,) has the named orientations.
+        values: of the other entries that are named or held.
+    """
+    model, q = mechanism.model, q.copy()
+    for at, value in values.items():
+        q[at] = value
+    return Meant(q, said, model.lowerPositionLimit, model.upperPositionLimit)
+
+
 def nearest_turn(
     mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
 ) -> Array:
     """Take whole turns off the angles: nearest to the named value, else to zero, in limits."""
-    return with_places(q, turned_angles(mechanism, q, held, named))
-
-
-def with_places(q: Array, values: Mapping[int, float]) -> Array:
-    """Return a copy of q (nq,) with values by place."""
-    q = q.copy()
-    for at, value in values.items():
-        q[at] = value
-    return q
-
-
-def turned_angles(
-    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
-) -> dict[int, float]:
-    """Return the angles, by place in q (nq,), that `nearest_turn` changes."""
-    turn, changed = 2.0 * math.pi, {}
-    lower, upper = mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
-    for c in periodic(mechanism):
-        before = angle = float(q[c.q])
-        if c.name in held:
-            angle = held[c.name]
-        else:
-            target = named.get(c.name, 0.0)
-            angle -= turn * math.ceil((angle - target) / turn - 0.5 - 1e-9)  # half a turn is +pi
-            if angle > upper[c.q] and angle - turn >= lower[c.q]:
-                angle -= turn
-            elif angle < lower[c.q] and angle + turn <= upper[c.q]:
-                angle += turn
-        if angle != before:
-            changed[c.q] = angle
-    return changed
+    table = mechanism.coordinate_table
+    values = {table[name].q: x for name, x in {**named, **held}.items() if table[name].q >= 0}
+    meant = meant_by(mechanism, said_of(mechanism, held, named), q, values)
+    with closer_of(mechanism) as closer:
+        return closer.judge(q, 0.0, meant).q

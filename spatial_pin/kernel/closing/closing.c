@@ -16,6 +16,7 @@
 #include "envelope.h"
 #include "far_rotations.h"
 #include "least_motion.h"
+#include "meant.h"
 #include "pins.h"
 
 /* Residual from which products lead where the logarithms do: of angles of a hundredth radian
@@ -376,6 +377,33 @@ EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int 
         mirrored[i] = rotations_are_mirrored(c->k, &c->rotations);
         memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
     }
+}
+
+/* Take whole turns off the angles of configurations q (m, nq), see meant.c. error: (m) their closure
+   errors; mirrored: (m) whether axes point opposite ways; distance: (m) from what is named. */
+EXPORT void closer_judge(Closer *c, Int m, Real *q, const Real *turns, const Meant *meant,
+                         Real *error, Int *mirrored, Real *distance)
+{
+    Kernel *k = c->k;
+    memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
+    for (Int i = 0; i < m; i++, q += k->nq) {
+        meant_put_turns(k, meant, q);
+        equations_values(k, q);
+        error[i] = equations_error(k);
+        mirrored[i] = rotations_are_mirrored(k, &c->rotations);
+        distance[i] = meant_distance(k, meant, q);
+    }
+}
+
+/* Close the loops as closer_close does, and judge where that leads. */
+EXPORT void closer_reach(Closer *c, Int m, Real *q, const Int *first, const Int *free,
+                         const Real *pinned, const Real *turns, Real loose, Real tolerance,
+                         Int iterations, Real cut, const Meant *meant, Real *error, Int *mirrored,
+                         Real *distance)
+{
+    closer_close(c, m, q, first, free, pinned, turns, loose, tolerance, iterations, cut, error,
+                 mirrored);
+    closer_judge(c, m, q, turns, meant, error, mirrored, distance);
 }
 
 /* Make the columns of the closure equations' derivatives alike: short levers are none then. What is

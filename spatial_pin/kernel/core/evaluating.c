@@ -50,11 +50,11 @@ EXPORT void kernel_evaluate_all(Kernel *k, Int m, const Real *q, Real *R, Real *
     }
 }
 
-/* Move q by a joint displacement, as `pin.integrate`. */
-EXPORT int kernel_integrate(const Kernel *k, Real *q, const Real *step)
+/* Move configurations q (m, nq) by joint displacements (m, nv), as `pin.integrate`. */
+EXPORT void kernel_integrate(const Kernel *k, Int m, Real *q, const Real *step)
 {
-    tree_integrate(k, q, step);
-    return DONE;
+    for (Int i = 0; i < m; i++)
+        tree_integrate(k, q + i * k->nq, step + i * k->nv);
 }
 
 /* Solve the square system of `system_set` at q: right sides of chosen equations, idle rotations,
