@@ -98,6 +98,11 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "Path": (lambda x: isinstance(x, os.PathLike), "a path"),
     "Output": (lambda x: hasattr(x, "values") and hasattr(x, "label"), "an Output"),
 }
+# classes of which every object is of a kind: these need not be asked any more
+PLAIN: dict[str, tuple[type, ...]] = {
+    "None": (type(None),), "str": (str,), "bool": (bool,), "float": (float,), "Mapping": (dict,),
+    "Iterable": (list, tuple, dict), "Sequence": (list, tuple),
+    "tuple": (tuple, list), "Array": (list, tuple, np.ndarray)}
 # arguments that functions refuse in words of their own
 OWN_WORDS = ("motion_or_state", "movie.motion", "plot.motion", "reduce.outputs", "tradeoff.task")
 MADE_BY = {
@@ -183,6 +188,7 @@ def checked(function: Function) -> Function:
     kinds = {k: x for k, x in parts.items()
              if not {k, f"{function.__name__}.{k}"} & set(OWN_WORDS)
              and all(y in KINDS or y in MADE_BY for y in x)}
+    plain = {k: {own for kind in x for own in PLAIN.get(kind, ())} for k, x in kinds.items()}
     code = function.__code__
     names = code.co_varnames[: code.co_argcount]
 
@@ -190,7 +196,7 @@ def checked(function: Function) -> Function:
     def asked(*args: Any, **given: Any) -> Any:
         whole: dict[str, int] = {}
         for name, value in (*zip(names, args, strict=False), *given.items()):
-            if name in kinds:
+            if name in kinds and type(value) not in plain[name]:
                 if not _is_of(value, kinds[name]):
                     _refuse(f"{function.__name__}: {name}", kinds[name], value)
                 if kinds[name] == ["int"] and not isinstance(value, int):

@@ -132,13 +132,12 @@ class State:
         released: Mapping[str, float] = MappingProxyType({}),
         in_time: bool = True,
     ) -> None:
-        nv = mechanism.model.nv
         self.mechanism = mechanism
         self.q = _frozen(q)
-        self.v = _frozen(np.zeros(nv) if v is None else v)
-        self.a = _frozen(np.zeros(nv) if a is None else a)
+        self.v = _rest(mechanism) if v is None else _frozen(v)
+        self.a = _rest(mechanism) if a is None else _frozen(a)
         self.closure_error = float(closure_error)
-        self.angles = _frozen(np.empty(0) if angles is None else angles)
+        self.angles = NO_ANGLES if angles is None or not angles.size else _frozen(angles)
         self.branch = branch
         self.released = dict(released)
         self._rate_error = rate_error
@@ -377,3 +376,14 @@ def _frozen(array: Array) -> Array:
     copy = np.array(array, dtype=np.float64)
     copy.setflags(write=False)
     return copy
+
+
+NO_ANGLES = _frozen(np.empty(0))
+
+
+def _rest(mechanism: Mechanism) -> Array:
+    """Return the rates (nv,) of what stands still."""
+    if "rest" not in mechanism.memo:
+        mechanism.memo["rest"] = _frozen(np.zeros(mechanism.model.nv))
+    found: Array = mechanism.memo["rest"]
+    return found

@@ -37,6 +37,25 @@ class Closed(NamedTuple):
     may_be_mirrored: bool
 
 
+class Examined(NamedTuple):
+    """What a configuration is like.
+
+    Attributes:
+        error: its closure error.
+        angles: (n_angles,) of screw closures, counting turns [rad].
+        may_be_mirrored: as of `Closed`.
+        least: of its closure equations, the columns of their derivatives made alike: the length
+            of what is left of the last one that is independent, relative to the first one's.
+        left_out: likewise of the longest of those that follow from others.
+    """
+
+    error: float
+    angles: Array
+    may_be_mirrored: bool
+    least: float
+    left_out: float
+
+
 class Reached(NamedTuple):
     """The result of closing loops where something is named.
 
@@ -45,12 +64,14 @@ class Reached(NamedTuple):
         error, may_be_mirrored: as of `Closed`.
         distance: from what is named, but of components of balls and floating joints [rad,
             characteristic lengths].
+        examined: what it is like, where one start alone has led to a closed configuration.
     """
 
     q: Array
     error: float
     may_be_mirrored: bool
     distance: float
+    examined: Examined | None = None
 
 
 class Meant(NamedTuple):
@@ -76,25 +97,6 @@ class MeantPlaces(ctypes.Structure):
     """Where the arrays of a `Meant` are, for C."""
 
     _fields_ = [(name, ctypes.c_void_p) for name in Meant._fields]
-
-
-class Examined(NamedTuple):
-    """What a configuration is like.
-
-    Attributes:
-        error: its closure error.
-        angles: (n_angles,) of screw closures, counting turns [rad].
-        may_be_mirrored: as of `Closed`.
-        least: of its closure equations, the columns of their derivatives made alike: the length
-            of what is left of the last one that is independent, relative to the first one's.
-        left_out: likewise of the longest of those that follow from others.
-    """
-
-    error: float
-    angles: Array
-    may_be_mirrored: bool
-    least: float
-    left_out: float
 
 
 class Closer:
@@ -174,7 +176,11 @@ class Closer:
         self._starts[:m] = q
         self._take(meant)
         self._close(m, self._at_starts, free, turns, tolerance, iterations, pinned, cut, first,
-                    *self._reached)
+                    *self._reached, *self._facts[:2])
+        if m == 1:
+            return [Reached(self._starts[0].copy(), self._errors.item(0), self._is_mirrored(
+                self._mirrors), self._distances.item(0),
+                self._examined(self._mirrors) if self._error.item(0) < np.inf else None)]
         return [Reached(*row) for row in zip(
             self._starts[:m].copy(), self._errors[:m].tolist(),
             (x != 0 or not self.knows_mirrors for x in self._mirrors[:m].tolist()),
@@ -186,8 +192,7 @@ class Closer:
         self._take(meant)
         self._library.closer_judge(
             self.handle, 1, self._at_q, self._at_turns, *self._reached)
-        return Reached(self._q.copy(), self._errors.item(0),
-                       not self.knows_mirrors or self._mirrors.item(0) != 0,
+        return Reached(self._q.copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
                        self._distances.item(0))
 
     def _take(self, meant: Meant) -> None:
@@ -204,16 +209,22 @@ class Closer:
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
         close = self._library.closer_close if len(out) == 2 else self._library.closer_reach
-        close(self.handle, m, q, None if first is None else self._at_first, self._at_free,
-              *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, *out)
+        check(close(
+            self.handle, m, q, None if first is None else self._at_first, self._at_free,
+            *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, *out))
 
     def examine(self, q: Array, turns: Array) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
         self._q[:], self._turns[:] = q, turns
         check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
+        return self._examined(self._mirrored)
+
+    def _examined(self, mirrored: NDArray[np.int64]) -> Examined:
         error, least, left_out = self._error.tolist()
-        return Examined(error, self._angles.copy(),
-                        not self.knows_mirrors or self._mirrored.item() != 0, least, left_out)
+        return Examined(error, self._angles.copy(), self._is_mirrored(mirrored), least, left_out)
+
+    def _is_mirrored(self, mirrored: NDArray[np.int64]) -> bool:
+        return not self.knows_mirrors or mirrored.item(0) != 0
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int

@@ -73,10 +73,10 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.regular_beside.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
-    found.closer_reach.restype = found.closer_judge.restype = None
+    found.closer_judge.restype = None
     closing: list[Any] = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL]
     found.closer_close.argtypes = [*closing, *[POINTER] * 2]
-    found.closer_reach.argtypes = [*closing, *[POINTER] * 4]
+    found.closer_reach.argtypes = [*closing, *[POINTER] * 6]
     found.closer_judge.argtypes = [POINTER, INT, *[POINTER] * 6]
     found.closer_examine.argtypes = [POINTER] * 6
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]

@@ -222,10 +222,14 @@ def rotation_vector(quaternion: Array) -> Array:
 
     To the last digits near half a turn too, where `pin.log3` of the matrix loses three.
     """
-    x, y, z, w = quaternion.tolist()
+    return np.array(rotation_components(*quaternion.tolist()))
+
+
+def rotation_components(x: float, y: float, z: float, w: float) -> list[float]:
+    """Do as `rotation_vector` with plain numbers."""
     sine = math.hypot(x, y, z)
     factor = math.copysign(2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0, w)
-    return np.array([factor * x, factor * y, factor * z])
+    return [factor * x, factor * y, factor * z]
 
 
 def rotation_vectors(quaternions: Array) -> Array:

@@ -109,9 +109,11 @@ def sweep(
         raise ValueError("values is empty; a sweep needs at least one driver value")
     values = finite_array(values, (max(values.size, 1),), "values")
     speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
-    accels = _per_sample(acceleration, values, "acceleration")
-    is_even = not accels.any()
-    if speed is None and not is_even:
+    accels = None
+    if type(acceleration) is not float or acceleration != 0.0:
+        accels = _per_sample(acceleration, values, "acceleration")
+        accels = accels if accels.any() else None
+    if speed is None and accels is not None:
         raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
     coordinate = mechanism.prescribed_coordinate(driver)
     given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
@@ -136,7 +138,8 @@ def sweep(
             except Stopped as caught:
                 stop, n = caught.arrival, caught.row
     motion = _motion(mechanism, driver, samples, values[:n], speeds[:n],
-                     None if is_even else accels[:n], coordinate.unit if speed is None else "s")
+                     None if accels is None else accels[:n],
+                     coordinate.unit if speed is None else "s")
     motion.held = held
     check_gaps(motion, accuracy.gap)
     motion.events += _released(state, start.driven, start.still, float(values[0]))
@@ -191,8 +194,8 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 
 def _per_sample(value: Any, values: Array, what: str) -> Array:
     """Return one number, or one for every sample, as (N,)."""
-    numbers = as_array(value, what)
-    if numbers.ndim:
+    numbers = value if type(value) is float else as_array(value, what)
+    if isinstance(numbers, np.ndarray) and numbers.ndim:
         return finite_array(numbers, values.shape, what)
     return np.full(values.shape, finite_number(float(numbers), what))
 

@@ -180,11 +180,15 @@ def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold
     Raises:
         ValueError: names it.
     """
+    key = "not held", tuple(named), None if hold is None else tuple(names_of(hold, "hold"))
+    if key in mechanism.memo:
+        return
     moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
     for c in named:
         if c not in moving or c in held:
             raise ValueError(f"mechanism {mechanism.name!r}: {c.name!r} is held, and given a rate "
                              "too: choose one")
+    mechanism.memo[key] = True
 
 
 @checked
@@ -298,7 +302,7 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
     Raises:
         ValueError: they have, under `what`.
     """
-    if not np.isfinite(v).all() or not np.isfinite(a).all():
+    if not (np.isfinite(v) & np.isfinite(a)).all():
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 

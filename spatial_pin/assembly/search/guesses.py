@@ -18,7 +18,7 @@ from spatial_pin.mechanism.coordinates import (
     by_joint,
     finite_array,
     joint_values,
-    joint_vector,
+    rotation_components,
     with_values,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -79,11 +79,14 @@ def _as_given(
 
 def _all_values(mechanism: Mechanism, q: Array) -> dict[str, float]:
     """Return all coordinates at q (nq,)."""
-    named, places = {}, q.tolist()
+    places, starts = q.tolist(), mechanism.model.idx_qs
+    named = {c.name: places[c.q] for c in mechanism.coordinate_table.values() if c.q >= 0}
     for joint, coordinates in by_joint(mechanism).items():
-        values = ([places[c.q] for c in coordinates] if coordinates[0].q >= 0
-                  else joint_vector(mechanism, q, joint).tolist())
-        named.update({c.name: x for c, x in zip(coordinates, values, strict=True)})
+        if coordinates[0].q < 0:
+            at = starts[mechanism.joint_id(joint)] + len(coordinates) - 3
+            values = places[at - len(coordinates) + 3 : at] + rotation_components(
+                *places[at : at + 4])
+            named.update({c.name: x for c, x in zip(coordinates, values, strict=True)})
     return named
 
 

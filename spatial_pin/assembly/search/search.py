@@ -51,6 +51,7 @@ class Search:
         self.is_near = False
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
+        self._known: Examined | None = None
         self._found_at = -1
 
     def run(self, q: Array, release: bool = False) -> None:
@@ -148,13 +149,13 @@ class Search:
             return
         distance = closing.distance(found)
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
-            self.best = (distance, q)
+            self.best, self._known = (distance, q), found.examined
 
     @cached_property
     def examined(self) -> Examined:
         """What the best closed configuration is like, once there is one."""
         assert self.best is not None
-        return self.closing.examined(self.best[1])
+        return self._known or self.closing.examined(self.best[1])
 
     def may_be_rounded(self) -> bool:
         """Whether loops closed nearly, or some equations nearly follow from others."""

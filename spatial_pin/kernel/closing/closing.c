@@ -395,17 +395,6 @@ EXPORT void closer_judge(Closer *c, Int m, Real *q, const Real *turns, const Mea
     }
 }
 
-/* Close the loops as closer_close does, and judge where that leads. */
-EXPORT void closer_reach(Closer *c, Int m, Real *q, const Int *first, const Int *free,
-                         const Real *pinned, const Real *turns, Real loose, Real tolerance,
-                         Int iterations, Real cut, const Meant *meant, Real *error, Int *mirrored,
-                         Real *distance)
-{
-    closer_close(c, m, q, first, free, pinned, turns, loose, tolerance, iterations, cut, error,
-                 mirrored);
-    closer_judge(c, m, q, turns, meant, error, mirrored, distance);
-}
-
 /* Make the columns of the closure equations' derivatives alike: short levers are none then. What is
    no column stays none; `square` (nv) is scratch. */
 static void make_even(Kernel *k, Real *square)
@@ -453,6 +442,22 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *turns, Real *fac
     memcpy(angle, k->angle, angles);
     *mirrored = rotations_are_mirrored(k, &c->rotations);
     return judge_independence(c, facts + 1, facts + 2);
+}
+
+/* Close the loops as closer_close does, and judge where that leads. A single configuration that is
+   closed is examined too; else facts[0] is infinite. */
+EXPORT int closer_reach(Closer *c, Int m, Real *q, const Int *first, const Int *free,
+                        const Real *pinned, const Real *turns, Real loose, Real tolerance,
+                        Int iterations, Real cut, const Meant *meant, Real *error, Int *mirrored,
+                        Real *distance, Real *facts, Real *angle)
+{
+    closer_close(c, m, q, first, free, pinned, turns, loose, tolerance, iterations, cut, error,
+                 mirrored);
+    closer_judge(c, m, q, turns, meant, error, mirrored, distance);
+    facts[0] = INFINITY;
+    if (m != 1 || !(error[0] <= TOLERANCE_CLOSED))
+        return DONE;
+    return closer_examine(c, q, turns, facts, angle, mirrored);
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of
