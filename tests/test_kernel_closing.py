@@ -13,7 +13,7 @@ import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import Closer, Meant
+from spatial_pin.kernel.closer import NAMED, TURNS, Closer, Meant
 from spatial_pin.numerics.linalg import decompose
 
 LIBRARY = sp.list_mechanisms()
@@ -126,3 +126,34 @@ def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) 
         known = alone.close(start, *rest)
         assert np.array_equal(found.q, known.q)
         assert found[1:3] == known[1:]
+
+
+@pytest.mark.parametrize(("angle", "named", "limits", "meant"), [
+    (7.0, None, (-9.0, 9.0), 7.0 - 2.0 * np.pi),
+    (7.0, 8.0, (-9.0, 9.0), 7.0),
+    (-np.pi, None, (-9.0, 9.0), np.pi),  # half a turn is the positive one
+    (3.0, None, (-4.0, 0.0), 3.0 - 2.0 * np.pi),  # only that is in the limits
+    (3.0, None, (-1.0, 1.0), 3.0),  # nor is that
+])
+def test_angles_are_taken_to_where_they_are_meant(angle, named, limits, meant) -> None:
+    mechanism = sp.load("rssr")
+    at = mechanism.coordinate("rocker_pin").q
+    q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
+    q[at], said[at] = angle, TURNS | (NAMED if named is not None else 0)
+    value, lower, upper = (np.zeros(mechanism.model.nq) for _ in range(3))
+    value[at], lower[at], upper[at] = named or 0.0, *limits
+    found = Closer(mechanism).judge(q, 0.0, Meant(value, said, lower, upper))
+    assert abs(found.q[at] - meant) <= 1e-15
+    assert found.distance == pytest.approx(0.0 if named is None else abs(meant - named))
+
+
+def test_distance_from_a_named_orientation_is_its_angle() -> None:
+    mechanism = sp.load("rssr")
+    ball = mechanism.model.idx_qs[mechanism.joint_id("ball_a")]
+    q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
+    said[ball] = NAMED
+    goal, at_rest = q.copy(), np.zeros(mechanism.model.nq)
+    goal[ball : ball + 4] = -np.array([0.0, np.sin(0.2), 0.0, np.cos(0.2)])  # turned by 0.4
+    found = Closer(mechanism).judge(q, 0.0, Meant(goal, said, at_rest, at_rest))
+    assert found.distance == pytest.approx(0.4, abs=1e-15)
+    assert np.array_equal(found.q, q)
