@@ -332,6 +332,33 @@ def test_the_traced_sarrus_linkage_comes_round():
     np.testing.assert_allclose([e.value for e in motion.events], met, atol=1e-8)
 
 
+# ---------------------------------------------------------------- simulations and sweeps
+
+
+@pytest.mark.parametrize("thrown", [
+    partial(sp.load, "four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1),  # parallelogram
+    partial(sp.load, "four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.3),  # kite
+    partial(sp.load, "four_bar", r1=0.1, r2=0.25, r3=0.15, r4=0.3),  # flat once a turn
+    partial(models.ladder, 5), partial(sp.load, "sarrus")],
+    ids=["parallelogram", "kite", "flat once", "windows", "sarrus"])
+def test_simulations_pass_branch_points_where_sweeps_do(thrown):
+    """Two engines, the kernel in simulations and Python in sweeps, are on one smooth branch."""
+    mech = thrown()
+    driver = next(iter(mech.drivers), "pin_0")
+    begin = {driver: 0.3 if driver == "pin_0" else 1.0}
+    state = sp.solve_rates(mech, sp.assemble(mech, begin), {driver: -5.0})
+    motion = sp.simulate(mech, state, 2.0)
+    leading = motion.events[0].text.split()[3]  # the independent coordinate
+    led = motion.coordinate(leading)
+    swept = sp.sweep(mech, leading, led.value, guess=state, hold=None)
+    assert np.abs(motion.q - swept.q).max() < 1e-11
+    assert np.abs(motion.v - led.rate[:, None] * swept.v).max() < 1e-10 * np.abs(motion.v).max()
+    assert {e.kind for e in motion.events} == {"branch point"}
+    assert [e.row for e in motion.events] == [e.row for e in swept.events]
+    np.testing.assert_allclose([e.value for e in motion.events], [e.value for e in swept.events],
+                               rtol=0, atol=1e-11)
+
+
 # ---------------------------------------------------------------- singular places of matrices
 
 SAMPLES = np.linspace(-0.3, 0.5, 12)

@@ -34,6 +34,7 @@ typedef struct {
     Int near, far;            /* the nodes at the ends */
     Real crossing[MOST_CROSSINGS];
     Int n_crossings;
+    Real order; /* of the determinant's zeros there */
 } Passage;
 
 typedef struct {
@@ -41,6 +42,7 @@ typedef struct {
     Int passage, turn;
     Int has_bend; /* as below */
     Real *bend, *bend_rate, *change;
+    Real room, room_step;
 } Place;
 
 typedef struct Dynamics {
@@ -89,6 +91,7 @@ typedef struct Dynamics {
     Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
     Real room; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
+    Real room_step; /* change of x in the step that told it */
     Real *change; /* (n_held) derivatives of the determinant along the last step, relative to it */
     Real mantissa;
     Int exponent; /* of the determinant here */

@@ -302,7 +302,7 @@ static void note_change(Dynamics *d, const Real *from, Real mantissa, Int expone
     if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
     if (d->passes)
-        d->room = (from[0] - x[0]) / change;
+        d->room = (from[0] - x[0]) / change, d->room_step = x[0] - from[0];
     for (Int i = 0; i < d->n_held; i++)
         d->change[i] = change * (x[i] - from[i]) / square;
 }
@@ -479,6 +479,8 @@ void independent_remember(const Dynamics *d, Place *place)
     memcpy(place->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
     memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
     memcpy(place->change, d->change, (size_t)d->n_held * sizeof *d->change);
+    place->room = d->room;
+    place->room_step = d->room_step;
 }
 
 int independent_return(Dynamics *d, const Place *place)
@@ -491,6 +493,8 @@ int independent_return(Dynamics *d, const Place *place)
     memcpy(d->bend, place->bend, (size_t)d->k->nv * sizeof *d->bend);
     memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
     memcpy(d->change, place->change, (size_t)d->n_held * sizeof *d->change);
+    d->room = place->room;
+    d->room_step = place->room_step;
     note_point(d);
     return code;
 }
