@@ -29,7 +29,7 @@ from spatial_pin.synthesis.problem import Found, Problem
 from spatial_pin.synthesis.search import Searched
 
 TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and from sample to sample
-MOST_SAMPLES = 4000  # of a curve: thirteen turns of one driver
+MOST_TRACED = 4000  # of a curve: thirteen turns of one driver
 WIDTH = 100  # characters of a line of the report
 EQUAL = 1e-9  # errors that differ by less are the same: least squares end at some 1e-12
 AT_BOUND = 1e-6  # part of the bounds' width: least squares keep clear of bounds by some 1e-9
@@ -248,7 +248,7 @@ def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
         start = float(state.coordinate(driver).value)
         return sweep(mechanism, driver, start + np.linspace(0.0, 2.0 * np.pi, TURN_SAMPLES),
                      guess=state)
-    return trace(mechanism, driver, state, most_rows=MOST_SAMPLES)
+    return trace(mechanism, driver, state, most_rows=MOST_TRACED)
 
 
 def _through(mechanism: Mechanism, names: Sequence[str], states: Sequence[State]) -> Motion:

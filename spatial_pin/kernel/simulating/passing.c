@@ -26,7 +26,7 @@
 /* Part of the way across that the continued curve may be off */
 #define OFF_CURVE TOLERANCE_REGULAR
 #define BRIDGED 4.0     /* way to a known crossing, by an estimate of it: there is no other before */
-#define PROBE_OF_ORDER 0.1      /* part of the way to a crossing on which the determinant tells its order */
+#define PROBE_OF_ORDER 0.1 /* part of the way to a crossing on which the determinant tells its order */
 #define REFUSED 0.1     /* change of x from where no passage was found, at which one may be */
 /* Step, relative to the way to go, that is tried last: limits are met as roots */
 #define LAST_STEP TOLERANCE_NOTHING

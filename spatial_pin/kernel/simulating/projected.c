@@ -19,7 +19,7 @@
 #define FASTER_THAN_HELD 4.0
 /* Of the pivots where equations were chosen, at which others are tried: what the chosen ones leave
    open in those left out enters velocities by the square of their pivots */
-#define RESELECT_PIVOTS 0.5
+#define RESELECT_PROJECTED 0.5
 /* Apart, scaled, at which two closed configurations with the same held coordinates are one: what
    their tolerance leaves where the equations are ill conditioned */
 #define SAME_PLACE TOLERANCE_HALF_PRECISION
@@ -165,7 +165,7 @@ static int leads_there(Dynamics *d)
 
 static int has_better_equations(const Dynamics *d)
 {
-    return d->k->n_chosen < d->k->n_closure && d->pivot < RESELECT_PIVOTS * d->first_pivot;
+    return d->k->n_chosen < d->k->n_closure && d->pivot < RESELECT_PROJECTED * d->first_pivot;
 }
 
 /* Take unknowns y (n_unknowns) at the end of a step to closed loops; tells how far these were open

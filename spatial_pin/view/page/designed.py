@@ -14,7 +14,7 @@ from spatial_pin.view.page.plots import COLOURS, abscissa, plot, style, svg
 
 ASKED = "#141419"  # the colour of what is asked for, in the picture too
 WIDTH, HEIGHT = 7.5, 2.8  # of a figure [in]
-STRAIGHT = 0.999  # part of a direction along a world axis from which on it is called by that
+ALONG_AXIS = 0.999  # part of a direction along a world axis from which on it is called by that
 LEAST, MOST = 2.4, 6.0  # height of the figure of a path [in]
 
 
@@ -113,7 +113,7 @@ def _view(points: Array) -> tuple[Array, Array]:
     spread = np.linalg.eigh(away.T @ away)[1].T[::-1]
     normal = spread[2]
     k = int(np.argmax(np.abs(normal)))
-    if abs(normal[k]) > STRAIGHT:
+    if abs(normal[k]) > ALONG_AXIS:
         i, j = ((1, 2), (0, 2), (0, 1))[k]
         return np.eye(3)[i], np.eye(3)[j]
     across, up = (v * np.sign(v[np.argmax(np.abs(v))]) for v in spread[:2])
@@ -123,7 +123,7 @@ def _view(points: Array) -> tuple[Array, Array]:
 def _direction(axis: Array) -> str:
     """Return what a direction of the world is called."""
     k = int(np.argmax(np.abs(axis)))
-    if abs(axis[k]) > STRAIGHT:
+    if abs(axis[k]) > ALONG_AXIS:
         return f"{'xyz'[k]} [m]"
     return "along ({:.2f}, {:.2f}, {:.2f}) [m]".format(*axis)
 
