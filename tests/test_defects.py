@@ -263,3 +263,11 @@ def test_an_unknown_output_is_refused():
         defects(mechanism, states, output="rocker")
     with pytest.raises(sp.UnknownNameError):
         defects(mechanism, states, "cranks")
+
+
+def test_a_coordinate_that_leads_instead_of_the_driver_is_judged():
+    """The rocker cannot lead across its dead centres, where the crank is in line."""
+    mechanism, states = four_bar(CRANK_ROCKER, (0.9, 1), (2.0, 1), (5.0, 1))
+    assert kinds(defects(mechanism, states[:2], "rocker_pin", least_angle=0.01)) == []
+    found = defects(mechanism, states, "rocker_pin", output="crank_pin", least_angle=0.01)
+    assert ("branch", (0, 1, 2)) in kinds(found)

@@ -128,6 +128,8 @@ def _unjudged(mechanism: Mechanism, states: Sequence[State], driver: str | None)
         n = len(mechanism.drivers)
         return f"{n} drivers move, say which one" if n else "no driver moves it"
     own = mechanism.driven_coordinate(driver)
+    if len(mechanism.drivers) == 1:
+        return ""  # it leads, or follows the coordinate that leads instead
     for name, other in mechanism.drivers.items():
         coordinate = mechanism.driven_coordinate(other.joint)
         values = [state.coordinate(coordinate.name).value for state in states]

@@ -44,7 +44,7 @@ def path(
 
     Args:
         frame: name of a link, frame or joint.
-        points: (k, 3), or (k, 2) in the x-y plane of the world [m].
+        points: (k, 3), or (k, 2) in the x-y plane of the world [m]; one alone may be (3,).
         drivers: {name: (k,)} values of drivers at the points [rad or m]; None: the timing is free.
         closed: whether the path comes back to its first point.
         scale: whether the points may be scaled together.
@@ -56,8 +56,8 @@ def path(
         ValueError: points or values are not numbers, or not as many.
     """
     array = np.asarray(points)
-    flat = array.ndim == 2 and array.shape[1] == 2
-    found = finite_points(points, 2 if flat else 3, "points")
+    flat = array.shape[-1:] == (2,)
+    found = np.atleast_2d(finite_points(points, 2 if flat else 3, "points"))
     if flat:
         found = np.hstack([found, np.zeros((len(found), 1))])
     if not len(found):

@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
+from errno import ENOENT
 from pathlib import Path, PurePath
 from time import monotonic
 from typing import Any
@@ -37,7 +38,7 @@ class Kept:
 
     Raises:
         SpatialPinError: what is there is of another search, or of something else.
-        OSError: it cannot be read.
+        OSError: it cannot be read; there is no such folder.
     """
 
     def __init__(self, key: str, path: str | Path | None) -> None:
@@ -47,6 +48,9 @@ class Kept:
         self._written, self._is_new = monotonic(), False
         if self.path is not None and self.path.exists():
             self._read(self.path)
+        elif self.path is not None and not self.path.parent.is_dir():
+            raise FileNotFoundError(ENOENT, "there is no folder for the file to resume from",
+                                    str(self.path))
 
     def __enter__(self) -> Kept:
         return self

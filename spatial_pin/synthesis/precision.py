@@ -350,9 +350,9 @@ class Function(Precision):
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Precision`."""
-        if self.output in self.drivers:
+        own = simple(mechanism, self.output)
+        if own in [simple(mechanism, name) for name in self.drivers]:
             raise ValueError(f"function: {self.output!r} is its own driver; name another output")
-        simple(mechanism, self.output)
 
 
 def simple(mechanism: Mechanism, name: str) -> Any:

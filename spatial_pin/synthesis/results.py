@@ -271,18 +271,20 @@ def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
 
 
 def _ranked(designs: Sequence[Design]) -> list[Design]:
-    """Return designs as they are, but of equal errors those with fewer grave defects first."""
+    """Return designs as they are, but of equal errors those with fewer defects first."""
     found: list[Design] = []
     left = list(designs)
     while left:
         equal = [x for x in left if abs(x.error - left[0].error) <= EQUAL * (1.0 + left[0].error)]
-        found += equal if len(equal) == 1 else sorted(equal, key=_grave)
+        found += equal if len(equal) == 1 else sorted(equal, key=_flaws)
         left = [x for x in left if all(x is not y for y in equal)]
     return found
 
 
-def _grave(design: Design) -> int:
-    return sum(defect.kind in ("circuit", "branch", "order") for defect in design.defects)
+def _flaws(design: Design) -> tuple[int, int]:
+    """Return how many defects keep it from moving as asked, and how many others it has."""
+    grave = sum(defect.kind in ("circuit", "branch", "order") for defect in design.defects)
+    return grave, len(design.defects) - grave
 
 
 def design_of(problem: Problem, found: Found) -> Design:

@@ -1,0 +1,202 @@
+"""`sp.design` as it is asked: what is refused, the same answer anywhere, what is kept."""
+
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.synthesis.problem import Problem
+
+goals = sp.goals
+PHI, PSI = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
+BOUNDS = {"r2": (0.05, 0.6), "r3": (0.05, 0.6), "r4": (0.05, 0.6)}
+FUNCTION = goals.function("rocker_pin", PSI, {"crank": PHI})
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return sp.load("four_bar")
+
+
+@pytest.fixture(scope="module")
+def alone(four_bar):
+    return sp.design(four_bar, FUNCTION, BOUNDS, starts=4)
+
+
+def exactly(shift=0.0):
+    return goals.function("rocker_pin", PSI + shift, {"crank": PHI}, weight=None)
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(("goal", "bounds", "options", "error", "says"), [
+    (goals.path("tipp", [[0, 0, 1]]), BOUNDS, {}, sp.UnknownNameError, "frame or joint 'tipp'"),
+    (goals.poses("tipp", [pin.SE3.Identity()]), BOUNDS, {}, sp.UnknownNameError, "'tipp'"),
+    (goals.function("rocker", PSI, {"crank": PHI}), BOUNDS, {}, sp.UnknownNameError,
+     "did you mean 'rocker_pin'"),
+    (goals.function("rocker_pin", PSI, {"cranc": PHI}), BOUNDS, {}, sp.UnknownNameError,
+     "did you mean 'crank'"),
+    (goals.function("crank", PSI, {"crank": PHI}), BOUNDS, {}, ValueError, "is its own driver"),
+    (goals.function("crank_pin", PSI, {"crank": PHI}), BOUNDS, {}, ValueError,
+     "is its own driver"),
+    (FUNCTION, {"r9": (0.1, 0.2)}, {}, sp.UnknownNameError, "no dimension 'r9'; there are: r1"),
+    (FUNCTION, {"r2": (0.6, 0.05)}, {}, ValueError, "bounds of 'r2' are 0.6 to 0.05: the first"),
+    (FUNCTION, {"r2": (0.6, 0.6)}, {}, ValueError, "the first must be the smaller one"),
+    (FUNCTION, {"r2": 0.6}, {}, ValueError, "bounds of 'r2' are (least, most), not 0.6"),
+    (FUNCTION, {"r2": (0.1, np.nan)}, {}, ValueError, "a bound of 'r2' has a value that is NaN"),
+    (FUNCTION, {}, {}, ValueError, "nothing may change"),
+    (FUNCTION, ["r2", "r2"], {}, ValueError, "dimensions names one twice"),
+    ([], BOUNDS, {}, ValueError, "goals is empty"),
+    ("path", BOUNDS, {}, TypeError, "goals are of sp.goals"),
+    (None, BOUNDS, {}, TypeError, "goals are of sp.goals"),
+    ([exactly(), exactly(0.1)], BOUNDS, {}, ValueError, "goals contradict: function of rocker_pin"),
+    (goals.path("coupler_b", [[0, 0, 1], [0, 0, 2]], {"crank": [1.0, 1.0]}, weight=None), BOUNDS,
+     {}, ValueError, "sample 0, and path of coupler_b, sample 1, have the same drivers"),
+    (FUNCTION, BOUNDS, {"starts": 0}, ValueError, "starts is 0"),
+    (FUNCTION, BOUNDS, {"starts": 1.5}, ValueError, "starts must be a whole number"),
+    (FUNCTION, BOUNDS, {"seed": -1}, ValueError, "seed is -1"),
+    (FUNCTION, BOUNDS, {"most": 0}, ValueError, "most is 0"),
+    (FUNCTION, BOUNDS, {"method": "swarm"}, ValueError, "it is one of multistart, evolution"),
+    (FUNCTION, BOUNDS, {"executor": 3}, TypeError, "an executor of concurrent.futures"),
+    (FUNCTION, BOUNDS, {"guess": {"rockr": 1.0}}, sp.UnknownNameError, "'rockr'"),
+    (FUNCTION, BOUNDS, {"resume": "no_such_folder/f"}, OSError, "there is no folder"),
+])
+def test_what_cannot_be_is_refused_before_the_work(
+    four_bar, monkeypatch, goal, bounds, options, error, says
+):
+    def worked(*_):
+        raise AssertionError("work began")
+
+    monkeypatch.setattr("spatial_pin.synthesis.problem.Problem.solve", worked)
+    with pytest.raises(error) as told:
+        sp.design(four_bar, goal, bounds, **options)
+    assert says in str(told.value)
+
+
+@pytest.mark.parametrize(("make", "says"), [
+    (lambda: goals.path("tip", []), "points has shape"),
+    (lambda: goals.path("tip", [[0.0, np.nan, 1.0]]), "NaN"),
+    (lambda: goals.path("tip", [[0.0, 0.0, 0.0, 1.0]]), "points has shape (1, 4)"),
+    (lambda: goals.path("tip", [[0, 0, 1]], {"crank": [1, 2]}), "drivers: values of 'crank' has"),
+    (lambda: goals.path("tip", [[0, 0, 1]], weight=0.0), "weight is 0; it is larger than 0, or"),
+    (lambda: goals.path("tip", [[0, 0, 1]], weight=np.inf), "weight has a value that is NaN"),
+    (lambda: goals.path("tip", [[0, 0, 1]], weight="hard"), "weight must be a number or None"),
+    (lambda: goals.poses("tip", []), "there are no placements"),
+    (lambda: goals.poses("tip", [np.zeros((4, 4))]), "placement 0 has no rotation"),
+    (lambda: goals.poses("tip", [np.eye(3)]), "placement 0 has shape (3, 3)"),
+    (lambda: goals.function("out", [1.0], {}), "drivers names no driver"),
+    (lambda: goals.function("out", 1.0, {"crank": 1.0}), "values of 'out' are a list of numbers"),
+])
+def test_goals_that_are_none_are_refused_when_they_are_made(make, says):
+    with pytest.raises(ValueError) as told:
+        make()
+    assert says in str(told.value)
+
+
+def test_a_single_point_is_a_path_of_one():
+    assert goals.path("tip", [0.0, 0.0, 1.0]).points.shape == (1, 3)
+    assert goals.path("tip", [0.1, 0.2]).points.tolist() == [[0.1, 0.2, 0.0]]
+
+
+def test_a_mechanism_without_a_file_has_no_dimensions_to_change():
+    robot = sp.Mechanism.from_model(pin.buildSampleModelManipulator())
+    with pytest.raises(sp.SpatialPinError, match="has no file to change dimensions in"):
+        sp.design(robot, goals.path("universe", [[0, 0, 1]]), ["a"])
+
+
+def test_a_mechanism_that_does_not_close_is_refused():
+    with pytest.raises(sp.AssemblyError):
+        sp.design(sp.load("four_bar", r2=2.0), FUNCTION, BOUNDS)
+
+
+# ---------------------------------------------------------------- the same answer anywhere
+
+
+class AtOnce:
+    """An executor that works where it stands."""
+
+    def submit(self, work, *arguments):
+        done = Future()
+        done.set_result(work(*arguments))
+        return done
+
+
+def assert_same(found, other):
+    assert str(found) == str(other) and len(found) == len(other)
+    for one, two in zip(found, other, strict=True):
+        assert one.error == two.error and one.dimensions == two.dimensions
+        for a, b in zip(one.states, two.states, strict=True):
+            assert np.array_equal(a.q, b.q)
+
+
+@pytest.mark.parametrize("make", [
+    AtOnce, lambda: ThreadPoolExecutor(3), lambda: ProcessPoolExecutor(2),
+    lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn"))],
+    ids=["own", "threads", "processes", "spawned"])
+def test_the_answer_is_the_same_wherever_it_is_worked_out(four_bar, alone, make):
+    executor = make()
+    try:
+        found = sp.design(four_bar, FUNCTION, BOUNDS, starts=4, executor=executor)
+    finally:
+        getattr(executor, "shutdown", lambda: None)()
+    assert_same(alone, found)
+
+
+def test_an_executor_stays_open(four_bar):
+    with ThreadPoolExecutor(1) as executor:
+        sp.design(four_bar, FUNCTION, BOUNDS, starts=1, executor=executor)
+        assert executor.submit(int).result() == 0
+
+
+def test_a_design_that_was_asked_before_is_the_same(four_bar, alone):
+    sp.design(four_bar, goals.path("coupler_b", [[0.1, 0.0, 0.3]]), {"r2": (0.05, 0.2)}, starts=1)
+    assert_same(alone, sp.design(four_bar, FUNCTION, BOUNDS, starts=4))
+
+
+@pytest.mark.parametrize("first", [1, 3])
+def test_after_ctrl_c_it_goes_on_to_the_same_answer(four_bar, alone, tmp_path, monkeypatch, first):
+    kept, solve = tmp_path / "kept", Problem.solve
+    calls = []
+
+    def interrupted(*arguments):
+        calls.append(arguments)
+        if len(calls) == first:
+            raise KeyboardInterrupt
+        return solve(*arguments)
+
+    def ask():
+        return sp.design(four_bar, FUNCTION, BOUNDS, starts=4, resume=kept)
+
+    monkeypatch.setattr(Problem, "solve", interrupted)
+    if first == 1:  # before anything was found
+        with pytest.raises(KeyboardInterrupt):
+            ask()
+    else:
+        found = ask()
+        assert (found.is_whole, found.starts, len(found)) == (False, first - 1, 1)
+        assert str(found).splitlines()[0].endswith("cut short")
+    assert_same(alone, ask())
+    assert len(calls) == 4 + 1
+    assert_same(alone, ask())
+    assert len(calls) == 4 + 1
+
+
+def test_what_was_kept_of_another_search_is_refused(four_bar, tmp_path):
+    kept = tmp_path / "kept"
+    sp.design(four_bar, FUNCTION, BOUNDS, starts=1, resume=kept)
+    for bounds, options in (({**BOUNDS, "r2": (0.1, 0.6)}, {}), (BOUNDS, {"seed": 1})):
+        with pytest.raises(sp.SpatialPinError, match="a search with another mechanism, other"):
+            sp.design(four_bar, FUNCTION, bounds, starts=1, resume=kept, **options)
+    kept.write_text("no search")
+    with pytest.raises(sp.SpatialPinError, match="not a search for dimensions"):
+        sp.design(four_bar, FUNCTION, BOUNDS, starts=1, resume=kept)
+
+
+def test_more_starts_find_at_least_as_much(four_bar, alone):
+    more = sp.design(four_bar, FUNCTION, BOUNDS, starts=6)
+    assert more[0].error <= alone[0].error + 1e-12 and len(more) >= len(alone)
+    assert len(sp.design(four_bar, FUNCTION, BOUNDS, starts=6, most=1)) == 1
