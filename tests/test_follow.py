@@ -267,6 +267,7 @@ def test_drivers_may_stand_for_a_while():
 
 @pytest.mark.parametrize(("values", "times", "more", "error", "words"), [
     ({}, None, {}, ValueError, "values is empty"),
+    ({"leg_1": []}, None, {}, ValueError, "has no sample"),
     ({"nobody": [0.0, 1.0]}, None, {}, sp.UnknownNameError, "nobody"),
     ({"leg_1": [0.0, 1.0], "leg_2": [0.0]}, None, {}, ValueError, "differ in length"),
     ({"leg_1": [0.4, 0.4], "slide_1": [0.4, 0.4]}, None, {}, ValueError, "two tables"),

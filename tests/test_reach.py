@@ -467,10 +467,25 @@ def test_one_frame_may_have_several_targets(tmp_path):
     ({"coupler": [0, 0]}, TypeError, "it is a point"),
     ({"coupler": [0, 0, np.nan]}, ValueError, "coupler"),
     ({}, ValueError, "targets is empty"),
+    ({"crank": 0.1, "crank_pin": 0.2}, ValueError, "contradict .* coordinate 'crank_pin'"),
+    ({"coupler": [targets.position([0, 0, 1]), targets.position([0, 0, 2])]}, ValueError,
+     "contradict .* the origin of 'coupler'"),
+    ({"coupler": targets.distance("coupler", 1.0)}, ValueError, "from itself"),
+    ({"coupler": pin.SE3(2.0 * np.eye(3), np.zeros(3))}, ValueError, "no rotation matrix"),
 ])
 def test_bad_targets_are_refused_before_work_begins(wanted, error, words):
     with pytest.raises(error, match=words):
         sp.reach(sp.load("four_bar"), wanted)
+
+
+def test_targets_that_contradict_may_have_weights_and_may_agree():
+    mechanism = sp.load("four_bar")
+    state = sp.reach(mechanism, {"crank": 0.1, "crank_pin": targets.coordinate(0.3, weight=1.0)})
+    assert state.coordinate("crank_pin").value == pytest.approx(0.1, abs=1e-12)
+    state = sp.reach(mechanism, {"crank": 0.1, "crank_pin": 0.1})
+    assert state.coordinate("crank_pin").value == pytest.approx(0.1, abs=1e-12)
+    with pytest.raises(ValueError, match="starts is -1"):
+        sp.reach(mechanism, {"crank": 0.1}, starts=-1)
 
 
 @pytest.mark.parametrize("made", [

@@ -402,6 +402,27 @@ def test_bad_tables_are_refused_in_words(targets, times, error, words):
         sp.reach_path(sp.load("stewart"), targets, times)
 
 
+@pytest.mark.parametrize(("table", "error", "words"), [
+    ([], ValueError, "has no sample"),
+    ([pin.SE3(2.0 * np.eye(3), np.zeros(3))], ValueError, "no rotation matrix"),
+    ([pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))], ValueError, "no rotation matrix"),
+    ([pin.SE3.Identity(), [0.0, 0.0, 1.0]], TypeError, "is no table"),
+    ([sp.targets.position([0.0, 0.0, 1.0])], TypeError, "is no table"),
+])
+def test_lists_of_something_else_are_refused_in_words(table, error, words):
+    with pytest.raises(error, match=words):
+        sp.reach_path(sp.load("stewart"), {"platform": table})
+
+
+def test_one_point_stands_still():
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    point = start.placement("platform").translation
+    motion = sp.reach_path(mechanism, {"platform": point}, TIMES, start)
+    assert len(motion) == len(TIMES)
+    assert np.abs(motion.frame("platform").position - point).max() < 1e-12
+
+
 def test_more_targets_than_freedoms_are_refused_before_work_begins():
     mechanism = sp.load("delta")
     home = sp.assemble(mechanism).placement("platform")

@@ -64,9 +64,11 @@ def reach(
         UnknownNameError: there is no such frame, coordinate or driver.
         AssemblyError: the guess does not close.
         TypeError: a target is of no kind there is.
-        ValueError: a number is not finite.
+        ValueError: a number is not finite, or targets contradict each other.
     """
     needed(mechanism)
+    if starts < 0:
+        raise ValueError(f"starts is {starts}; it is how many other starts are tried, 0 or more")
     asked = read_targets(mechanism, targets)
     start = assembled(mechanism, {}) if state is None else of_mechanism(mechanism, state)
     mechanism = start.mechanism

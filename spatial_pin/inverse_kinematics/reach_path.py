@@ -71,7 +71,7 @@ def reach_path(
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: points (N, 3) of the world for its origin [m],
             or N `pinocchio.SE3` for its placement; by name of a coordinate or driver: values (N,)
-            [rad or m]. One placement, or one number, stands still. A point or placement may not
+            [rad or m]. One placement, point or number stands still. A point or placement may not
             leave the plane, or turn about other axes, than the frame can at all.
         times: (N,) rising [s]. Without them the motion has no time: its rates are those per
             sample, and its forces statics.

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from spatial_pin.checks import finite_array, finite_number, mapping
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.inverse_kinematics.targets import Target, check_rotations
 from spatial_pin.mechanism.coordinates import continued_rotation_vectors, spin_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -121,7 +121,7 @@ def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) ->
     if not found:
         raise ValueError("targets is empty: say where something should be, as {'tip': points}, "
                          "points (N, 3)")
-    moving = [t for t in found if not (len(t) == 1 and _stands(targets[t.name]))]
+    moving = [t for t in found if not (len(t) == 1 and _stands(t, targets[t.name]))]
     lengths = {t.name: len(t) for t in moving}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
@@ -132,8 +132,11 @@ def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) ->
     return [t if len(t) == n else _repeated(t, n) for t in found]
 
 
-def _stands(given: Any) -> bool:
-    return isinstance(given, pin.SE3) or np.ndim(given) == 0
+def _stands(table: Table, given: Any) -> bool:
+    """Whether it was given as one placement, point or number."""
+    if table.rotations is not None:
+        return isinstance(given, pin.SE3)
+    return np.ndim(given) == (0 if table.points is None else 1)
 
 
 def _repeated(table: Table, n: int) -> Table:
@@ -143,34 +146,49 @@ def _repeated(table: Table, n: int) -> Table:
 
 def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
     what = f"target {name!r}"
-    placements = [given] if isinstance(given, pin.SE3) else given
-    if not isinstance(placements, np.ndarray | str | Target) and np.iterable(placements):
-        placements = list(placements)
-        if placements and all(isinstance(x, pin.SE3) for x in placements):
-            mechanism.frame_id(name)
-            n = len(placements)
-            full = finite_array([x.homogeneous for x in placements], (n, 4, 4), what)
-            return Table(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
-    if not isinstance(given, str | Target):
-        if np.ndim(given) == 0 and given is not None:
-            mechanism.prescribed_coordinate(name)
-            return Table(name, values=np.array([finite_number(given, what)]))
-        shape = _shape(given)
-        if len(shape) == 1:
-            mechanism.prescribed_coordinate(name)
-            return Table(name, values=finite_array(given, shape, what))
-        if len(shape) == 2 and shape[1] == 3:
-            mechanism.frame_id(name)
-            return Table(name, finite_array(given, (shape[0], 3), what))
-    raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or numbers "
-                    "(N,) of a coordinate")
+    placements = [given] if isinstance(given, pin.SE3) else _objects(given)
+    if placements and all(isinstance(x, pin.SE3) for x in placements):
+        mechanism.frame_id(name)
+        full = finite_array([x.homogeneous for x in placements], (len(placements), 4, 4), what)
+        check_rotations(full[:, :3, :3], f"a rotation of {what}")
+        return Table(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
+    shape = _shape(given)
+    if shape and not shape[0]:
+        raise ValueError(f"{what} has no sample")
+    if shape is None or any(isinstance(x, pin.SE3 | Target) for x in placements):
+        raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or "
+                        "numbers (N,) of a coordinate")
+    if shape == (3,) and _is_point(mechanism, name):
+        return Table(name, finite_array(given, (3,), what)[None])
+    if len(shape) == 2:
+        mechanism.frame_id(name)
+        return Table(name, finite_array(given, shape, what))
+    mechanism.prescribed_coordinate(name)
+    values = finite_array(given, shape, what) if shape else [finite_number(given, what)]
+    return Table(name, values=np.asarray(values))
 
 
-def _shape(given: Any) -> tuple[int, ...]:
+def _objects(given: Any) -> list[Any]:
+    """Return what a list, or the like, consists of; nothing if it is an array or a word."""
+    is_list = np.iterable(given) and not isinstance(given, np.ndarray | str | bytes)
+    return list(given) if is_list else []
+
+
+def _is_point(mechanism: Mechanism, name: str) -> bool:
+    """Whether three numbers of that name are a point: it is a frame, and no coordinate."""
+    return name in mechanism.frame_ids and name not in mechanism.coordinate_table and (
+        name not in mechanism.drivers)
+
+
+def _shape(given: Any) -> tuple[int, ...] | None:
+    """Return the shape of a number, numbers (N,) or points (N, 3); None of anything else."""
+    if given is None or isinstance(given, str | bytes | Target):
+        return None
     try:
-        return np.shape(given)
+        shape = np.shape(given)
     except ValueError:
-        return ()
+        return None
+    return shape if len(shape) < 2 or (len(shape) == 2 and shape[1] == 3) else None
 
 
 # ---------------------------------------------------------------- turns

@@ -7,7 +7,7 @@ radians. To add a kind of target: a class with `residual`, and its line in the c
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_va
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 Residual = tuple[Array, Array]  # (k,), and its derivative (k, nv) for joint velocities
 
@@ -50,6 +51,10 @@ class Target(ABC):
         """
         mechanism.frame_id(self.name)
 
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """Yield what it wants in words, with the value: two of the same words are to agree."""
+        return ()
+
 
 def _frame(evaluation: Evaluation, name: str) -> tuple[pin.SE3, Array]:
     """Return where a frame is, and its Jacobian (6, nv) at its origin in world axes."""
@@ -77,6 +82,10 @@ class Position(Target):
         """See `Target`."""
         return _offset(evaluation, *_frame(evaluation, self.name), self.point)
 
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        yield f"the origin of {self.name!r}", self.point
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Orientation(Target):
@@ -87,6 +96,10 @@ class Orientation(Target):
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`: the logarithm of the rotation from where it should be to where it is."""
         return _turn(*_frame(evaluation, self.name), self.rotation)
+
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        yield f"the orientation of {self.name!r}", self.rotation
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,6 +114,11 @@ class Pose(Target):
         parts = [_offset(evaluation, at, slope, self.placement.translation),
                  _turn(at, slope, self.placement.rotation)]
         return (np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts]))
+
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        yield f"the origin of {self.name!r}", self.placement.translation
+        yield f"the orientation of {self.name!r}", self.placement.rotation
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -145,6 +163,10 @@ class CoordinateValue(Target):
         """See `Target`."""
         mechanism.prescribed_coordinate(self.name)
 
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        yield f"coordinate {mechanism.prescribed_coordinate(self.name).name!r}", self.value
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Distance(Target):
@@ -165,8 +187,13 @@ class Distance(Target):
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Target`."""
-        mechanism.frame_id(self.name)
-        mechanism.frame_id(self.other)
+        if mechanism.frame_id(self.name) == mechanism.frame_id(self.other):
+            raise ValueError(f"target {self.name!r} is a distance from itself: name another frame")
+
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        first, second = sorted([self.name, self.other])
+        yield f"the distance of {first!r} and {second!r}", self.length
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -198,6 +225,12 @@ class CentreOfMass(Target):
             raise SpatialPinError(f"mechanism {mechanism.name!r}: its links have no mass, so that "
                                   "it has no centre of mass")
 
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        for axis, value in zip("xyz", self.point, strict=True):
+            if value is not None:
+                yield f"{axis} of the centre of mass", value
+
 
 # ---------------------------------------------------------------- constructors
 
@@ -224,10 +257,20 @@ def position(point: Array, weight: float | None = None) -> Target:
 def orientation(rotation: Array, weight: float | None = None) -> Target:
     """Return the target that a frame's axes are the columns of a rotation (3, 3) of the world."""
     found = finite_array(rotation, (3, 3), "rotation")
-    if not np.allclose(found @ found.T, np.eye(3), atol=1e-9) or np.linalg.det(found) < 0.0:
-        raise ValueError("rotation is no rotation matrix: its columns are not three axes of length "
-                         "one normal to each other, right-handed")
+    check_rotations(found, "rotation")
     return Orientation(weight=_weight(weight), rotation=found)
+
+
+def check_rotations(matrices: Array, what: str) -> None:
+    """Refuse matrices (3, 3) or (N, 3, 3) that turn nothing.
+
+    Raises:
+        ValueError: one is no rotation.
+    """
+    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3))
+    if off.max() > TOLERANCES.nothing or np.any(np.linalg.det(matrices) < 0.0):
+        raise ValueError(f"{what} is no rotation matrix: its columns are not three axes of length "
+                         "one normal to each other, right-handed")
 
 
 def pose(placement: pin.SE3, weight: float | None = None) -> Target:
@@ -235,6 +278,7 @@ def pose(placement: pin.SE3, weight: float | None = None) -> Target:
     if not isinstance(placement, pin.SE3):
         raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
     finite_array(placement.homogeneous, (4, 4), "placement")
+    check_rotations(placement.rotation, "the rotation of a placement")
     return Pose(weight=_weight(weight), placement=placement)
 
 
@@ -277,7 +321,8 @@ def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Targe
     Raises:
         UnknownNameError: there is no such frame or coordinate.
         TypeError: a target is nothing of that.
-        ValueError: there is none, or a number is not finite.
+        ValueError: there is none, or a number is not finite, or two that are to be reached exactly
+            contradict each other.
     """
     if not targets:
         raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
@@ -289,7 +334,19 @@ def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Targe
                 target = replace(target, name=name)
             target.check(mechanism)
             found.append(target)
+    _check_agreement(mechanism, found)
     return found
+
+
+def _check_agreement(mechanism: Mechanism, targets: Iterable[Target]) -> None:
+    wanted = dict[str, Any]()
+    for target in targets:
+        for words, value in target.wishes(mechanism) if target.weight is None else ():
+            before = wanted.setdefault(words, value)
+            if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
+                    1.0 + np.abs(before).max()):
+                raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
+                                 f"and at {value}; leave one out, or give one a weight")
 
 
 def _is_list(given: Any) -> bool:

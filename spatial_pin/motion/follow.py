@@ -206,9 +206,12 @@ def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], 
         raise ValueError("values is empty: give a table for every driver that moves")
     lengths = {len(c) for c in columns.values() if c.ndim}
     if len(lengths) > 1:
-        said = ", ".join(f"{name!r} {len(c)}" for name, c in columns.items() if c.ndim)
+        said = ", ".join(f"{name!r} {len(c)}" for name, c in zip(values, columns.values(),
+                                                                 strict=True) if c.ndim)
         raise ValueError(f"tables differ in length: {said}; every driver needs as many values")
     n = lengths.pop() if lengths else 1
+    if not n:
+        raise ValueError("values has no sample: give every driver one number at least")
     full = [_column(c, n, f"values of {name!r}")
             for name, c in zip(values, columns.values(), strict=True)]
     return list(columns), np.column_stack(full)
