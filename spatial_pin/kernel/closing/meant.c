@@ -1,0 +1,59 @@
+/* Configurations as they are meant: whole turns taken off their angles, and how far they are from
+ * what somebody has named. */
+#include "meant.h"
+
+static const Real WHOLE_TURN = 2.0 * PI;
+/* Turns, by which an angle half a turn away may be beyond it by round-off: it is +pi, not -pi */
+#define HALF_TURN_SLACK 1e-9
+
+/* The angle that is nearest to a value, or a turn away from there where only that is in limits. */
+static Real without_turns(Real angle, Real value, Real lower, Real upper)
+{
+    angle -= WHOLE_TURN * ceil((angle - value) / WHOLE_TURN - 0.5 - HALF_TURN_SLACK);
+    if (angle > upper && angle - WHOLE_TURN >= lower)
+        return angle - WHOLE_TURN;
+    if (angle < lower && angle + WHOLE_TURN <= upper)
+        return angle + WHOLE_TURN;
+    return angle;
+}
+
+/* Take whole turns off angles: nearest to what is named, else to zero; held ones have their values. */
+void meant_put_turns(const Kernel *k, const Meant *meant, Real *q)
+{
+    for (Int i = 0; i < k->nq; i++) {
+        if (!(meant->said[i] & TURNS))
+            continue;
+        const Real value = meant->said[i] & (NAMED | HELD) ? meant->value[i] : 0.0;
+        q[i] = meant->said[i] & HELD
+                   ? value
+                   : without_turns(q[i], value, meant->lower[i], meant->upper[i]);
+    }
+}
+
+/* Square of the angle between two orientations, given by quaternions. */
+static Real square_between(const Real *one, const Real *two)
+{
+    Real same = 0.0, opposite = 0.0;
+    for (int i = 0; i < 4; i++) {
+        same += (one[i] - two[i]) * (one[i] - two[i]);
+        opposite += (one[i] + two[i]) * (one[i] + two[i]);
+    }
+    const Real angle = 4.0 * atan2(sqrt(same < opposite ? same : opposite),
+                                   sqrt(same < opposite ? opposite : same));
+    return angle * angle;
+}
+
+/* How far q (nq) is from what is named: angles, and lengths by the size of a unit of each; of
+   floating joints nothing is named here. */
+Real meant_distance(const Kernel *k, const Meant *meant, const Real *q)
+{
+    Real sum = 0.0;
+    for (Int j = 0; j < k->n_joints; j++) {
+        const Int at = k->iq[j];
+        if (j == 0 || k->kind[j] == FREE || !(meant->said[at] & NAMED))
+            continue;
+        const Real gap = (q[at] - meant->value[at]) / k->scale[k->iv[j]];
+        sum += k->kind[j] == BALL ? square_between(q + at, meant->value + at) : gap * gap;
+    }
+    return sqrt(sum);
+}
