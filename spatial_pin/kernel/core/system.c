@@ -119,7 +119,8 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
         memcpy(rows, fill, (size_t)(n_fill * k->nv) * sizeof *rows);
     }
     memmove(k->chosen, chosen, (size_t)n_chosen * sizeof *chosen);
-    memmove(k->driven, driven, (size_t)n_driven * sizeof *driven);
+    if (n_driven > 0) /* else there may be no array */
+        memmove(k->driven, driven, (size_t)n_driven * sizeof *driven);
     k->n_chosen = n_chosen;
     k->n_driven = n_driven;
     k->n_fill = n_fill;
