@@ -24,7 +24,7 @@ def path_of(mechanism, driver, accuracy=None) -> tuple[Path, sp.State]:
     with evaluation_of(mechanism) as evaluation:
         evaluation.turns[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
-        return Path(Kernel(mechanism), system.rows, [c.v for c in driven], system.passive,
+        return Path(Kernel(mechanism), system.equations, [c.v for c in driven], system.passive,
                     accuracy or Accuracy()), state
 
 

@@ -35,7 +35,8 @@ def _square(mechanism: sp.Mechanism) -> tuple[State, SquareSystem]:
 def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndarray):
     """Return v and a (nv,), at rest but for what is driven, by NumPy: K v = drive, K a = ..."""
     evaluation, mechanism = system.evaluation, system.evaluation.mechanism
-    n, r, p = (evaluation.constraints.n_rows, len(system.rows), evaluation.constraints.n_passive)
+    n, p = evaluation.constraints.n_rows, evaluation.constraints.n_passive
+    r = len(system.equations)
     sizes = np.array([system.scale[c.v] for c in system.driven])
     first, second = np.zeros((2, len(system.matrix)))
     at = slice(r + p, r + p + len(system.driven))
@@ -43,7 +44,8 @@ def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndar
     v = system.scale * np.linalg.solve(system.matrix, first)
     bias = evaluation.bias(q, v)
     bent = [coordinate_bias(mechanism, c, q, v) if c.q < 0 else 0.0 for c in system.driven]
-    second[:r], second[r : r + p], second[at] = -bias[system.rows], -bias[n:], (more - bent) / sizes
+    second[:r], second[r : r + p] = -bias[system.equations], -bias[n:]
+    second[at] = (more - bent) / sizes
     return v, system.scale * np.linalg.solve(system.matrix, second)
 
 
@@ -59,8 +61,8 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
     found = rates.solve(state.q, state.angles)
     c = constraints_of(mechanism)
-    fits = len(system.rows) + c.n_passive + len(at) == mechanism.model.nv
-    clear = system.pivots()[1] > CLEAR
+    fits = len(system.equations) + c.n_passive + len(at) == mechanism.model.nv
+    clear = system.pivot > CLEAR
     assert found is not None or not (fits and clear)
     if found is None:
         return
@@ -68,8 +70,8 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     v, a = _rates(system, state.q, drive, more)
     assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
-    if len(system.rows) == c.n_rows:  # else others may be chosen
-        assert found.pivot == pytest.approx(system.pivots()[1], rel=1e-9)
+    if len(system.equations) == c.n_rows:  # else others may be chosen
+        assert found.pivot == pytest.approx(system.pivot, rel=1e-9)
     assert [found.v[k] for k in system.drive_at] == list(drive)
 
 
@@ -83,7 +85,7 @@ def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> 
     kernel = Kernel(bare)  # whose memory the rates work in
     rates = Rates(kernel, [*system.drive_at, *system.still], len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
-    found = rates.solve(state.q, state.angles, Chosen(system.rows, system.passive))
+    found = rates.solve(state.q, state.angles, Chosen(system.equations, system.passive))
     v, a = _rates(system, state.q, drive, more)
     assert found is not None
     assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()

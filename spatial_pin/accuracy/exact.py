@@ -159,13 +159,13 @@ class ExactRows:
             system = self._system(evaluation, closed, k)
             if system is not None:
                 found[k], inverses[k] = system, np.linalg.inv(system.matrix)
-        shapes = [(len(s.rows), len(s.passive)) for s in found.values()]
+        shapes = [(len(s.equations), len(s.passive)) for s in found.values()]
         r, p = max(shapes, default=(0, 0))
         rows, null = np.zeros((n, r), dtype=np.intp), np.zeros((n, p, nv))
         good = np.zeros(n, dtype=bool)
         for (k, system), shape in zip(found.items(), shapes, strict=True):
             if shape == (r, p):  # elsewhere the loops have lost rank
-                rows[k], null[k], good[k] = system.rows, system.passive, True
+                rows[k], null[k], good[k] = system.equations, system.passive, True
         inverses[~good] = 0.0
         return _Systems(closed, inverses, rows, null, good)
 
@@ -180,4 +180,4 @@ class ExactRows:
             system = SquareSystem(evaluation, self.driven, q[k])
         except SingularError:
             return None
-        return system if system.pivots()[1] > SINGULAR_PIVOT else None
+        return system if system.pivot > SINGULAR_PIVOT else None

@@ -19,13 +19,7 @@ from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import prescribed_places
 from spatial_pin.kernel.rates import Chosen, Rates, rates_of
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
-from spatial_pin.numerics.linalg import (
-    Array,
-    decompose,
-    independent_rows,
-    pivots_of,
-    rows_factored,
-)
+from spatial_pin.numerics.linalg import Array, Factors, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 SINGULAR_PIVOT = TOLERANCES.singular
@@ -34,23 +28,26 @@ SINGULAR_PIVOT = TOLERANCES.singular
 class SquareSystem:
     """The square linear system of a mechanism whose freedoms are all driven or passive.
 
-    Its rows are independent closure rows, resolved passive freedoms, drivers, what stands still,
-    and for each passive freedom that is not resolved a row that asks for the least motion; its
+    It has independent closure equations, resolved passive freedoms, drivers, what stands still, and
+    for each passive freedom that is not resolved an equation that asks for the least motion; its
     unknowns are scaled velocities.
 
     Attributes:
         evaluation: the closure equations at the current configuration.
         driven: the prescribed coordinates.
         still: places in the velocity vector that are zero.
-        rows: indices of the independent closure rows.
+        equations: indices of the independent closure equations.
         scale: (nv,) velocity of a unit of each unknown.
-        passive: (k, nv) unresolved passive freedoms where the rows were selected, orthonormal.
-        size: length of the longest independent closure row wherever they were selected.
+        drive: (d, nv) derivatives of what is driven, then of what stands still.
+        passive: (k, nv) unresolved passive freedoms where equations were selected, orthonormal.
+        size: length of the longest independent closure equation wherever they were selected.
+        matrix: (nv, nv) of the system, as last factored.
+        pivot: its smallest over largest pivot; 0 where it is singular.
 
     Args:
         evaluation: the closure equations.
         driven: the prescribed coordinates.
-        q: (nq,) where rows are selected.
+        q: (nq,) where equations are selected.
         still: default those of the free bases that nobody drives.
     """
 
@@ -63,23 +60,22 @@ class SquareSystem:
         self.still = still_entries(evaluation.mechanism, driven) if still is None else tuple(still)
         self.scale = evaluation.mechanism.velocity_scale
         nv = evaluation.model.nv
-        self._drive = np.zeros((len(self.driven) + len(self.still), nv))
-        for row, v in zip(self._drive, (*self.drive_at, *self.still), strict=True):
+        self.drive = np.zeros((len(self.driven) + len(self.still), nv))
+        for row, v in zip(self.drive, (*self.drive_at, *self.still), strict=True):
             row[v] = 1.0
         self._bent = [(k, c) for k, c in enumerate(self.driven)
                       if c.q < 0 and not isinstance(c, VelocityEntry)]
-        self.matrix = np.zeros((nv, nv))
         self.size = 0.0
         self.select(q)
 
     def _aim(self) -> None:
-        """Turn the rows of driven coordinates whose rates are no entries of the velocity."""
+        """Turn the derivatives of driven coordinates whose rates are no entries of the velocity."""
         evaluation = self.evaluation
         for k, c in self._bent:
-            self._drive[k] = scaled_row(evaluation.mechanism, c, evaluation.q)
+            self.drive[k] = scaled_row(evaluation.mechanism, c, evaluation.q)
 
     def select(self, q: Array) -> None:
-        """Choose the independent rows at q.
+        """Choose the independent equations at q.
 
         Raises:
             SingularError: the drivers are not independent there, or a freedom is not driven.
@@ -87,13 +83,13 @@ class SquareSystem:
         evaluation = self.evaluation
         evaluation.update(q)
         self._aim()
-        n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self._drive)
-        self.rows = independent_rows(evaluation.jacobian[:n])
-        r = len(self.rows)
-        lengths = np.linalg.norm(evaluation.jacobian[self.rows], axis=1)
-        self.size = max(self.size, float(lengths.max(initial=0.0)))
-        regular = np.vstack([evaluation.jacobian[self.rows], evaluation.jacobian[n:], self._drive])
-        asked = Asked(evaluation, self.driven, self._drive[: len(self.driven)], self.still)
+        n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.drive)
+        self.equations = independent_rows(evaluation.jacobian[:n])
+        r = len(self.equations)
+        chosen = evaluation.jacobian[self.equations]
+        self.size = max(self.size, float(np.linalg.norm(chosen, axis=1).max(initial=0.0)))
+        regular = np.vstack([chosen, evaluation.jacobian[n:], self.drive])
+        asked = Asked(evaluation, self.driven, self.drive[: len(self.driven)], self.still)
         svd = decompose(regular)
         if svd.rank < r + p + d:
             raise SingularError(dependence(asked, np.delete(
@@ -101,14 +97,12 @@ class SquareSystem:
         self.passive = svd.null_space
         if len(self.passive):
             check_passive(asked, self.passive, r, q)
-        self._closure = slice(0, r)
-        self._prescribed = slice(r + p, r + p + d)
         self.factor()
 
     @property
-    def has_redundant_rows(self) -> bool:
-        """Whether closure rows were left out because they follow from the others."""
-        return len(self.rows) < self.evaluation.constraints.n_rows
+    def has_redundant_equations(self) -> bool:
+        """Whether closure equations were left out because they follow from the others."""
+        return len(self.equations) < self.evaluation.constraints.n_rows
 
     def check_regular(self, q: Array) -> None:
         """Refuse a configuration q (nq,) at which the loops lose independent equations.
@@ -116,20 +110,15 @@ class SquareSystem:
         Raises:
             SingularError: they do.
         """
-        check_regular(self.evaluation, q, len(self.rows))
+        check_regular(self.evaluation, q, len(self.equations))
 
-    def factor(self) -> bool:
-        """Factor the matrix at the evaluation's configuration; False when it is singular."""
+    def factor(self) -> None:
+        """Factor the matrix at the evaluation's configuration."""
         self._aim()
         jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
-        np.concatenate([jacobian[self.rows], jacobian[n:], self._drive, self.passive],
-                       out=self.matrix)
-        self._lu, self._pivots, is_regular = rows_factored(self.matrix)
-        return is_regular
-
-    def pivots(self) -> tuple[int, float]:
-        """Return the sign of the determinant, and smallest over largest pivot, as last factored."""
-        return pivots_of(self._lu, self._pivots)
+        self.matrix = np.concatenate(
+            [jacobian[self.equations], jacobian[n:], self.drive, self.passive])
+        self.pivot = Factors(self.matrix.T).pivot  # sought among the unknowns of an equation
 
     @property
     def drive_at(self) -> list[int]:
@@ -137,19 +126,9 @@ class SquareSystem:
         return [c.v for c in self.driven]
 
     @property
-    def prescribed_rows(self) -> slice:
-        """Rows of the matrix that prescribe the drivers, then what stands still."""
-        return self._prescribed
-
-    @property
-    def closure_rows(self) -> slice:
-        """Rows of the matrix that close the loops."""
-        return self._closure
-
-    @property
     def chosen(self) -> Chosen:
         """The independent equations, and what fills the system up."""
-        return Chosen(self.rows, self.passive)
+        return Chosen(self.equations, self.passive)
 
     @contextmanager
     def _rates(self, q: Array) -> Iterator[Rates]:

@@ -146,7 +146,8 @@ class Cursor:
         """
         self.start.evaluation.turns[:] = angles
         self.start.evaluation.update(q)
-        if not system.factor():
+        system.factor()
+        if not system.pivot:
             system.select(q)
         return self._solved(system, q, s)
 
@@ -230,7 +231,7 @@ class Cursor:
             system = self.system()
         here = self.here
         wanted = self.start.accuracy.tolerance
-        if system.has_redundant_rows:  # open loops hide which equations are redundant
+        if system.has_redundant_equations:  # open loops hide which equations are redundant
             wanted = min(wanted, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
         arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
@@ -240,7 +241,7 @@ class Cursor:
             system.select(arrival.q)
         except SingularError:
             raise Stopped(Arrival("singular", arrival.q, value)) from None
-        if system.pivots()[1] < TOLERANCES.singular:
+        if system.pivot < TOLERANCES.singular:
             raise Stopped(Arrival("singular", arrival.q, value))
         self.stand(self._solved(system, arrival.q, value))
 

@@ -50,7 +50,7 @@ class Curve:
         self.system, self.evaluation = system, system.evaluation
         self.unknowns = Configurations(system) if unknowns is None else unknowns
         self.tolerance = tolerance
-        self.selected = system.rows
+        self.selected = system.equations
 
     def equations(self, x: Array) -> Array:
         """Return the (m - 1, m) independent equations' derivatives of the curve at x."""
@@ -67,10 +67,10 @@ class Curve:
     def settle(self, x: Array, along: Array) -> CurvePoint | None:
         """Return the point at x whose tangent is nearest to `along`; None where branches cross."""
         rows = self.equations(x)
-        if self.system.has_redundant_rows:
+        if self.system.has_redundant_equations:
             n = self.evaluation.constraints.n_rows
             selected = independent_rows(self.evaluation.jacobian[:n], TOLERANCES.singular)
-            if len(selected) < len(self.system.rows):
+            if len(selected) < len(self.system.equations):
                 return None
             self.selected = selected
             rows = self.equations(x)

@@ -110,7 +110,7 @@ class Start:
         """
         system = self.system(state.q, state.angles)
         system.check_regular(state.q)
-        if system.pivots()[1] < TOLERANCES.singular:
+        if system.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
                                 f"the start, {state}", state=state)
         return system
@@ -145,7 +145,7 @@ class Start:
             system.check_regular(q)
         except SingularError:
             return None
-        return self._path(system.rows, system.passive, q, angles, s)
+        return self._path(system.equations, system.passive, q, angles, s)
 
     def _path(
         self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array, s: float,

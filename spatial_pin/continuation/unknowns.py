@@ -31,7 +31,7 @@ class Configurations:
     def __init__(self, system: SquareSystem) -> None:
         self.model, self.scale = system.evaluation.model, system.scale
         self.at, self.rate = system.driven[0].q, system.driven[0].v
-        self.drive = system.matrix[system.prescribed_rows][1:]
+        self.drive = system.drive[1:]
 
     def of(self, q: Array, s: float) -> Array:
         """Return the unknowns at a configuration and a leading value, which q has already."""
@@ -86,7 +86,7 @@ class WithParameter(Configurations):
         self.model, self.law, self.unit = system.evaluation.model, law, unit
         self.scale = np.append(system.scale, unit)
         self.at = self.rate = -1
-        self.drive = system.matrix[system.prescribed_rows]
+        self.drive = system.drive
         self._places = [c.q for c in system.driven]
         self._sizes = np.array([system.scale[c.v] for c in system.driven])
 

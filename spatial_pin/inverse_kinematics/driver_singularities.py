@@ -96,7 +96,7 @@ def _rest(state: State, hold: Hold) -> _Rest | None:
         except SingularError:
             return None
         n = evaluation.constraints.n_rows
-        rows = np.concatenate([system.rows, np.arange(n, len(evaluation.jacobian))])
+        rows = np.concatenate([system.equations, np.arange(n, len(evaluation.jacobian))])
         columns = np.delete(np.arange(evaluation.model.nv), [*(c.v for c in driven), *still])
         passive = system.passive[:, columns]
     if len(rows) + len(passive) != len(columns):

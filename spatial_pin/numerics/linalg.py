@@ -196,11 +196,6 @@ def pivots_of(lu: Array, pivots: dense.Order) -> tuple[int, float]:
     return sign, smallest / largest
 
 
-def rows_factored(a: Array) -> tuple[Array, dense.Order, bool]:
-    """Return LU factors of the transpose of `a` (n, n), row order, and if it is regular."""
-    return dense.lu(a.T)
-
-
 class Factors:
     """LU factors of a square matrix (n, n), which may be empty.
 

@@ -82,12 +82,11 @@ def chosen_at(state: State, given: Prescription) -> Chosen:
             system.check_regular(state.q)
         except SingularError as error:
             raise SingularError(str(error), state=state) from None
-        _, pivot = system.pivots()
-        if pivot < SINGULAR_PIVOT:
+        if system.pivot < SINGULAR_PIVOT:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: singular configuration, {state}: smallest pivot "
-                f"{pivot:.1e} of the largest; the rates have no reliable digit there", state=state,
-            )
+                f"{system.pivot:.1e} of the largest; the rates have no reliable digit there",
+                state=state)
         return system.chosen
 
 

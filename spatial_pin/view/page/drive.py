@@ -219,7 +219,7 @@ class Drive:
         """Return where a point stands; the next move begins there if the motion is determined."""
         state = cursor.here.state(cursor.start)
         with contextlib.suppress(SingularError):
-            if cursor.start.checked_system(state).pivots()[1] >= FIRM:
+            if cursor.start.checked_system(state).pivot >= FIRM:
                 self._regular = state
         return state
 
