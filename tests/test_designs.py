@@ -114,6 +114,22 @@ def test_a_drawing_of_any_size_does_not_shrink_to_a_point():
     assert best.met[0].targets == pytest.approx(points, abs=1e-8)
 
 
+def test_a_drawing_in_another_unit_begins_about_as_large_as_the_mechanism():
+    mechanism = sp.load("four_bar", r2=0.11)
+    values = np.array([0.3, 1.3, 2.6, 4.0, 5.2])
+    points = np.array([sp.assemble(mechanism, {"crank": x}).placement("coupler_b").translation
+                       for x in values])
+    goal = goals.path("coupler_b", [300.0, 0.0, 200.0] + 2000.0 * points, {"crank": values},
+                      scale=True, placement=True)
+    best = designed((goal,), {"r2": (0.05, 0.2)}, starts=2)[0]
+    assert best.dimensions["r2"] == pytest.approx(0.11, rel=1e-6)
+    assert best.numbers["path of coupler_b: scale"] == pytest.approx(1.0 / 2000.0, rel=1e-6)
+    assert best.met[0].targets == pytest.approx(points, abs=1e-7)
+    near = goals.path("coupler_b", points, scale=True)
+    assert near.own_start(mechanism).tolist() == [0.0]
+    assert goals.path("coupler_b", points[:1], scale=True).own_start(mechanism).tolist() == [0.0]
+
+
 @pytest.mark.parametrize("make", [
     lambda places, values: goals.path("coupler", [x.translation for x in places], values,
                                       scale=True, placement=True, input_offset=True),

@@ -24,6 +24,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.family import Bodies
 
+FAR = 10.0  # times as large as the mechanism: a drawing in pixels, say, or in another unit
 Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) and (m, r, n_own)
 
 
@@ -78,6 +79,10 @@ class Precision(Goal):
     def own_names(self) -> tuple[str, ...]:
         """Names of the numbers that are found with the dimensions, but for the drivers' zeros."""
         return ()
+
+    def own_start(self, mechanism: Mechanism) -> Array:
+        """Return numbers of its own to begin with (n_own,)."""
+        return np.zeros(len(self.own_names))
 
     @property
     @abstractmethod
@@ -140,6 +145,16 @@ class _Drawn(Precision):
         """See `Precision`."""
         placed = tuple(f"placement.{x}" for x in ("x", "y", "z", "rx", "ry", "rz"))
         return (*(placed if self.placement else ()), *(("scale",) if self.scale else ()))
+
+    def own_start(self, mechanism: Mechanism) -> Array:
+        """See `Precision`: the size that is given, or about the mechanism's if it is far off."""
+        found = np.zeros(len(self.own_names))
+        if self.scale:
+            radius = float(np.linalg.norm(np.std(self.points, axis=0)))
+            ratio = 0.5 * mechanism.characteristic_length / (radius or 1.0)
+            if radius > 0.0 and not 1.0 / FAR < ratio < FAR:
+                found[-1] = np.log(ratio)
+        return found
 
     def _split(self, own: Array) -> tuple[Array, Array, float]:
         """Return shift (3,), rotation vector (3,) and the logarithm of the size."""

@@ -132,7 +132,8 @@ class Problem:
         low, high = np.array([*bounds.values()], dtype=float).reshape(-1, 2).T
         free = np.full(len(own), np.inf)
         self.lower, self.upper = np.concatenate([low, -free]), np.concatenate([high, free])
-        self.start = np.array([*(mechanism.dimensions[name] for name in bounds), *[0.0] * len(own)])
+        first = [x for s in self.settlings for x in s.own_start()]
+        self.start = np.array([*(mechanism.dimensions[name] for name in bounds), *first])
         self.start[: self.n] = np.clip(self.start[: self.n], low, high)
         length = mechanism.characteristic_length
         widths = np.where(np.isfinite(high - low), high - low,
@@ -157,7 +158,7 @@ class Problem:
                                    x[: self.n] * 2.0 ** (2.0 * part - 1.0))
         x[: self.n] = np.clip(x[: self.n], low, high)
         for settling, own in zip(self.settlings, self._own, strict=True):
-            x[own] = [_drawn(name, rng) for name in settling.names]
+            x[own] += [_drawn(name, rng) for name in settling.names]
         return x
 
     def nominal(self) -> State:

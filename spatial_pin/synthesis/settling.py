@@ -114,6 +114,11 @@ class Settling:
         self.names = (*goal.own_names, *zeros)
         self._n_zeros = len(zeros)
 
+    def own_start(self) -> Array:
+        """Return the goal's own numbers to begin with, drivers from zero."""
+        return np.concatenate([self.goal.own_start(self.family.mechanism),
+                               np.zeros(self._n_zeros)])
+
     # ------------------------------------------------------------ equations
 
     def _values_only(
