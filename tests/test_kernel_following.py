@@ -177,6 +177,15 @@ def test_redundant_equations_are_chosen_anew_on_the_way(monkeypatch):
     assert motion.closure_error.max() < 1e-14
 
 
+@pytest.mark.parametrize("rows", [181, 361])
+def test_accelerations_keep_their_digits_until_redundant_equations_are_chosen_anew(rows):
+    """Those of Bennett's linkage that are chosen get worse on the way, and rates with them."""
+    values = 1.0 + np.linspace(0.0, 2.0 * np.pi, rows)
+    motion, exact = (sp.sweep(sp.load("bennett"), "crank", values, accuracy=accuracy)
+                     for accuracy in (None, sp.Accuracy.named("reference")))
+    np.testing.assert_allclose(motion.a, exact.a, rtol=0, atol=2e-13)
+
+
 @pytest.mark.parametrize("end", [1.5477, 0.024])
 @pytest.mark.parametrize("rows", [40, 361])
 def test_rates_near_a_crossing_are_as_good_as_their_equations_allow(rows, end):

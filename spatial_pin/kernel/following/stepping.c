@@ -15,8 +15,9 @@
 #define WEAK 0.1         /* smallest over largest pivot: below, a residual leaves the more open in
                             configurations and rates, and is asked to be smaller by as much;
                             factors of another point are off where the equations are weakest */
-#define RESELECT_ORDERS 2.3  /* binary orders (a factor of 5) by which the determinant falls, */
-#define RESELECT_PIVOT 0.2   /* and the ratio of pivots, before redundant equations are chosen anew */
+#define RESELECT_ORDERS 1.0  /* binary orders by which the determinant falls, */
+#define RESELECT_PIVOT 0.5   /* and the ratio of pivots, before redundant equations are chosen anew:
+                               accelerations lose digits with its square */
 #define OPENED 2.0       /* times a residual that no choice makes smaller: one like it is no news */
 #define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
                             round-off grows by 20 r^5 */
