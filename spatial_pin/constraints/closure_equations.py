@@ -49,7 +49,7 @@ class Evaluation:
         q: (nq,) the last configuration; not to be changed before what is made of it.
         residual: (n_rows,) closure rows [-]; lengths divided by the characteristic length.
         jacobian: (n_rows + n_passive, nv) derivative of the rows with respect to the scaled
-            velocities v / `velocity_scale`; the last ones are spin rates.
+            velocities v / `velocity_scale`; the last ones are rates of idle rotations.
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
             one in `turns`.
         turns: (n_angles,) the angles to which `angles` stays nearest.
@@ -76,7 +76,7 @@ class Evaluation:
         self.placements = self._tree.placements
         self._g = self.placements.reshape(4 * n, 3)
         self._twists, self._accelerations = self._tree.twists, self._tree.accelerations
-        self._spins = self._accelerations.reshape(-1)
+        self._all_accelerations = self._accelerations.reshape(-1)
         self._joint_jacobian = self._tree.columns
         self._make_buffers(n, nv, r)
         self._plain = not c.composed
@@ -93,8 +93,8 @@ class Evaluation:
         self._values = np.zeros(r)
         self.wrenches = np.zeros((r, 6))
         self._forces, self._moments = self.wrenches[:, :3], self.wrenches[:, 3:]
-        spin = slice(self.constraints.passive_at, r)
-        self._spin_moments, self._spin_axes = self._moments[spin], self._b[spin]
+        idle = slice(self.constraints.passive_at, r)
+        self._idle_moments, self._idle_axes = self._moments[idle], self._b[idle]
         self._halves = np.empty((r, 6))
         self._first, self._second = self._halves[:, :3], self._halves[:, 3:]
         self._products = np.zeros((r, nv))
@@ -133,7 +133,7 @@ class Evaluation:
             np.multiply(self._x_cycles, self._b_cycles, out=self._halves)
             np.subtract(self._first, self._second, out=self._moments)
             if c.n_passive:
-                self._spin_moments[:] = self._spin_axes
+                self._idle_moments[:] = self._idle_axes
 
     def row_wrenches(self) -> Array:
         """Return (n_wrenches, 6) force on body 2 per unit of each row, and moment about the origin.
@@ -208,7 +208,7 @@ class Evaluation:
         bias = self._bias
         multiply(c.rate_sum, self._rate_products, bias)
         if c.n_passive:
-            bias[c.passive_at :] = np.dot(c.spin_bias, self._spins)
+            bias[c.passive_at :] = np.dot(c.idle_bias, self._all_accelerations)
         return bias if self._plain else self._finish_bias(q, v, bias)
 
     def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

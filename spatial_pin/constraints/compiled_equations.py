@@ -51,7 +51,7 @@ class Constraints:
         composed: those that are more, by kind.
         elsewhere: (equation, product) of products that act on other bodies than the closure's.
         screws: (equation, product of the sine, pitch) of screws, in the order of their angles.
-        spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
     """
@@ -59,7 +59,7 @@ class Constraints:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         products = Products(mechanism)
-        self.scale, self.supports, self.spins = products.scale, products.supports, products.spins
+        self.scale, self.supports, self.idle_axes = products.scale, products.supports, products.idle_axes
         labels: list[EquationLabel] = []
         made: list[tuple[Kind, Closure, ConstraintEquation]] = []
         for closure in mechanism.closures:
@@ -75,7 +75,7 @@ class Constraints:
         for passive in mechanism.passives:
             products.add_rotation(passive.body, passive.axis)
         self.labels = tuple(labels)
-        self.n_rows, self.n_passive = len(labels), len(self.spins)
+        self.n_rows, self.n_passive = len(labels), len(self.idle_axes)
         equations += [Equation(KINDS["idle"], (at,))
                       for at in range(self.passive_at, len(products))]
         self.equations = tuple(equations)
@@ -123,8 +123,8 @@ class Constraints:
         self.factors = np.array(products.factors).reshape(-1, 1)
         self.signs = np.array(products.signs).reshape(r, model.nv)
         self.signs *= self.mechanism.velocity_scale
-        self.spin_bias = np.zeros((self.n_passive, 6 * model.njoints))
-        for bias, (joint, axis) in zip(self.spin_bias, self.spins, strict=True):
+        self.idle_bias = np.zeros((self.n_passive, 6 * model.njoints))
+        for bias, (joint, axis) in zip(self.idle_bias, self.idle_axes, strict=True):
             bias[6 * joint + 3 : 6 * joint + 6] = axis
 
     def support(self, joint: int) -> Array:

@@ -25,7 +25,7 @@ class Products:
         constants: c of each.
         factors: of the force B in its wrench.
         signs: (nv,) 1 or -1 for the freedoms that move body 2 or body 1 only, of each.
-        spins: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
     """
 
@@ -36,7 +36,7 @@ class Products:
         self.constants: list[float] = []
         self.factors: list[float] = []
         self.signs: list[Array] = []
-        self.spins: list[tuple[int, Array]] = []
+        self.idle_axes: list[tuple[int, Array]] = []
         self.supports = _supports(mechanism.model)
 
     def __len__(self) -> int:
@@ -93,9 +93,9 @@ class Products:
         joint, _ = self.mechanism.frame_on_joint(body)
         a, b = (point_on_body(self.mechanism, joint, name) for name in axis)
         direction = (b - a) / np.linalg.norm(b - a)
-        self.spins.append((joint, direction))
+        self.idle_axes.append((joint, direction))
         self.a.add()
-        self.b.add(Term(1.0, joint, direction, 0.0, -len(self.spins)))
+        self.b.add(Term(1.0, joint, direction, 0.0, -len(self.idle_axes)))
         self.x.add()
         self._finish(0.0, 0.0, self.supports[joint])
 

@@ -88,7 +88,7 @@ def not_spinning(system: SquareSystem) -> list[int]:
     The others need not come back with the loops: what they spin over a turn is no whole one.
     """
     evaluation, mechanism = system.evaluation, system.evaluation.mechanism
-    spinning = {joint for joint, _ in evaluation.constraints.spins}
+    spinning = {joint for joint, _ in evaluation.constraints.idle_axes}
     if len(system.passive):
         spinning |= set(moved_bodies(evaluation, system.passive * system.scale))
     return [i for i in range(mechanism.model.njoints) if i not in spinning]

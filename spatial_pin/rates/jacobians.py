@@ -222,7 +222,7 @@ def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> 
     """
     c: Constraints = evaluation.constraints
     out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
-    for k, (joint, axis) in enumerate(c.spins):
+    for k, (joint, axis) in enumerate(c.idle_axes):
         columns = evaluation.placements[joint, :3] @ evaluation.body_jacobian(joint)[3:]
         out[c.n_rows + k] -= axis @ np.cross(columns @ u, columns @ w)
     return out

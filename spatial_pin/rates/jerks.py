@@ -164,7 +164,7 @@ def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
     a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
     products = [_product_rate(a, b, order) for order in range(4)]
     rows = composed_rates(c, products, [state.q, state.v, state.a])
-    return np.concatenate([rows, c.spin_bias @ bodies.reshape(-1)])
+    return np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)])
 
 
 def _product_rate(a: list[Array], b: list[Array], order: int) -> Array:

@@ -350,18 +350,18 @@ static Real estimated_error(Kkt *s)
     const Int nv = s->k->nv;
     const Int n = s->matrix->n;
     const Real pivot = s->matrix->pivot;
-    Real told = ROUNDING / fmax(pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
+    Real error = ROUNDING / fmax(pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
     if (!n || !(pivot > 0.0))
-        return told;
+        return error;
     for (Int v = 0; v < nv; v++) {
         size = fmax(size, s->unit[v] * fabs(s->x[v]));
         largest = fmax(largest, s->unit[v]);
         most = fmax(most, fabs(s->x[v]));
     }
-    told = fmax(told, entry_error(s));
+    error = fmax(error, entry_error(s));
     const Real condition = s->norm * factors_inverse_norm(s->matrix);
-    told = fmax(told, (Real)n * EPS * fmin(condition, 1.0 / EPS));
-    return size > 0.0 ? told * largest * most / size : told;
+    error = fmax(error, (Real)n * EPS * fmin(condition, 1.0 / EPS));
+    return size > 0.0 ? error * largest * most / size : error;
 }
 
 /* Joint forces (nv) of multipliers. */

@@ -23,7 +23,7 @@
    it is taken from otherwise have lost two digits */
 #define NEARLY_HALF 1e-2
 
-static Int n_rows(Int axes) { return axes == 3 ? 3 : 2; }
+static Int equations_of(Int axes) { return axes == 3 ? 3 : 2; }
 
 static Int product_of(const Kernel *k, Int equation) { return k->equation_int[4 * equation]; }
 
@@ -32,9 +32,9 @@ int rotations_are_sound(const Kernel *k, const Rotations *rotations)
     for (Int i = 0; i < rotations->n; i++) {
         const Int axes = rotations->axes[i], first = rotations->first[i];
         if ((axes != 1 && axes != 3) || first < 0 ||
-            first > k->n_closure - n_rows(axes))
+            first > k->n_closure - equations_of(axes))
             return 0;
-        for (Int e = first; e < first + n_rows(axes); e++) {
+        for (Int e = first; e < first + equations_of(axes); e++) {
             const Int p = product_of(k, e), entries = k->entry_start[e + 1] - k->entry_start[e];
             if (k->equation_kind[e] != PRODUCT ||
                 k->support_start[p + 1] - k->support_start[p] != entries)
@@ -83,7 +83,7 @@ static void relative_axes(const Kernel *k, Int first, Int axes, Real *r)
 {
     const Real *one[3], *two[3];
     Real z1[3];
-    for (Int i = 0; i < n_rows(axes); i++) {
+    for (Int i = 0; i < equations_of(axes); i++) {
         one[i] = k->B + 3 * product_of(k, first + i);
         two[(i + 1) % 3] = k->A + 3 * product_of(k, first + i);
     }
@@ -146,7 +146,7 @@ void rotations_put_values(Kernel *k, const Rotations *rotations)
         const Int axes = rotations->axes[i], first = rotations->first[i];
         Real phi[3];
         rotation_vector(k, first, axes, phi);
-        for (Int r = 0; r < n_rows(axes); r++)
+        for (Int r = 0; r < equations_of(axes); r++)
             k->residual[first + r] = sign_of(axes, r) * phi[axis_of(axes, r)];
     }
 }
@@ -155,7 +155,7 @@ void rotations_put_entries(Kernel *k, const Rotations *rotations)
 {
     for (Int i = 0; i < rotations->n; i++) {
         const Int axes = rotations->axes[i], first = rotations->first[i];
-        for (Int r = 0; r < n_rows(axes); r++) {
+        for (Int r = 0; r < equations_of(axes); r++) {
             /* the B of equation x1, y1, z1 is that axis of frame 1 */
             const Real *axis = k->B + 3 * product_of(k, first + axis_of(axes, r));
             const Int p = product_of(k, first + r), to = k->entry_start[first + r];

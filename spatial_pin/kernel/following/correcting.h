@@ -14,7 +14,7 @@ typedef struct Correction {
     Int fixed;    /* corrections to make whatever the residual; -1: as many as it takes */
     Prescribed *prescribed; /* what is given its values after every correction; NULL: nothing */
     Int reuse;    /* whether the factors at hand, of a point near by, may serve for the first one */
-    /* told */
+    /* answered */
     Real first;   /* size of the first correction; 0 if there was none */
     Int count;    /* corrections made */
 } Correction;
