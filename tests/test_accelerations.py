@@ -31,7 +31,7 @@ def by_null_space(mech, state, efforts=None, **load):
     evaluation, scale, model = equations.evaluation, mech.velocity_scale, mech.model
     svd = decompose(equations.scaled)
     free = svd.null_space * scale
-    a = -scale * svd.minimum_norm(evaluation.bias(state.q, state.v)[: equations.n_rows])
+    a = -scale * svd.minimum_norm(evaluation.bias(state.q, state.v)[: equations.n_closure])
     needed = pin.rnea(model, model.createData(), state.q, state.v, a)
     load = free @ (joint_efforts(mech, efforts) + equations.given - needed)
     return a + np.linalg.solve(free @ MassMatrix(model)(state.q) @ free.T, load) @ free
@@ -75,7 +75,7 @@ def test_no_regularisation_is_seen(name):
     answer = sp.forward_dynamics(mech, state, efforts)
     evaluation = Evaluation(constraints_of(mech))
     evaluation.update(state.q)
-    rows = slice(0, evaluation.constraints.n_rows)
+    rows = slice(0, evaluation.constraints.n_closure)
     gamma = evaluation.bias(state.q, state.v)[rows]
     change = evaluation.jacobian[rows] @ (answer.a / mech.velocity_scale)
     size = max(np.abs(gamma).max(), np.abs(answer.a).max())

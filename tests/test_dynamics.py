@@ -811,7 +811,7 @@ def test_sparse_spaces_are_the_dense_ones(name, tmp_path):
     assert len(stresses) == min(len(svd.left_null_space), 3)
     inside = stresses @ svd.left_null_space.T @ svd.left_null_space
     assert stresses == pytest.approx(inside, abs=1e-10)
-    force = np.random.default_rng(1).standard_normal(equations.n_rows) @ dense.scaled
+    force = np.random.default_rng(1).standard_normal(equations.n_closure) @ dense.scaled
     assert sparse.minimum_norm_transposed(force) == pytest.approx(
         svd.minimum_norm_transposed(force), abs=1e-9)
 

@@ -181,8 +181,8 @@ def square_system(mechanism: sp.Mechanism, rng: np.random.Generator):
     kernel = Kernel(mechanism)
     q, v = asked_at(mechanism, rng)
     jacobian = kernel.evaluate(q, v, np.zeros(kernel.n_angles)).jacobian
-    closures, idle = jacobian[: kernel.n_rows], jacobian[kernel.n_rows :]
-    kept = independent(closures, rng.permutation(kernel.n_rows), idle)
+    closures, idle = jacobian[: kernel.n_closure], jacobian[kernel.n_closure :]
+    kept = independent(closures, rng.permutation(kernel.n_closure), idle)
     rows = np.vstack([closures[kept], idle])
     missing = kernel.nv - len(rows)
     driven = independent(np.eye(kernel.nv), rng.permutation(kernel.nv), rows)[: missing // 2]

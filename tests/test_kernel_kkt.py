@@ -38,7 +38,7 @@ def check(mechanism, kkt, q, rng):
     nv, scale = mechanism.model.nv, mechanism.velocity_scale
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.update(q)
-    n = evaluation.constraints.n_rows
+    n = evaluation.constraints.n_closure
     mass, (v, given, needed) = masses(mechanism, rng), rng.standard_normal((3, nv))
     kkt.mass[:] = mass.ravel()
     a = kkt.accelerations(q, v, evaluation.turns, given, needed).copy()
@@ -100,7 +100,7 @@ def test_indices_that_do_not_fit_are_refused(wrong):
     """Closures' first equations, then row, column and place of one mass."""
     mechanism = models.ladder(1)
     kernel, handle = Kernel(mechanism), ctypes.c_void_p()
-    ints = np.array([0, kernel.n_rows, 2, 2, 2, 3], np.int64)
+    ints = np.array([0, kernel.n_closure, 2, 2, 2, 3], np.int64)
     at, value = wrong
     ints[[0, 1, 2, 3, 4, 2][at]] = value
     code = library().kkt_create(kernel.handle, address(ints), 1, 1, 3, 1.0, ctypes.byref(handle))

@@ -35,7 +35,7 @@ def _square(mechanism: sp.Mechanism) -> tuple[State, SquareSystem]:
 def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndarray):
     """Return v and a (nv,), at rest but for what is driven, by NumPy: K v = drive, K a = ..."""
     evaluation, mechanism = system.evaluation, system.evaluation.mechanism
-    n, p = evaluation.constraints.n_rows, evaluation.constraints.n_passive
+    n, p = evaluation.constraints.n_closure, evaluation.constraints.n_passive
     r = len(system.equations)
     sizes = np.array([system.scale[c.v] for c in system.driven])
     first, second = np.zeros((2, len(system.matrix)))
@@ -70,7 +70,7 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     v, a = _rates(system, state.q, drive, more)
     assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
-    if len(system.equations) == c.n_rows:  # else others may be chosen
+    if len(system.equations) == c.n_closure:  # else others may be chosen
         assert found.pivot == pytest.approx(system.pivot, rel=1e-9)
     assert [found.v[k] for k in system.drive_at] == list(drive)
 

@@ -49,7 +49,7 @@ def test_rows_of_every_kind_and_their_rates_are_those_of_the_solvers(name, tmp_p
     evaluation = Evaluation(constraints_of(mech))
     evaluation.turns[:] = start.angles
     evaluation.update(q)
-    n, jacobian = evaluation.constraints.n_rows, evaluation.jacobian / mech.velocity_scale
+    n, jacobian = evaluation.constraints.n_closure, evaluation.jacobian / mech.velocity_scale
     residual, angles = evaluation.residual.copy(), evaluation.angles[None].copy()
     bias = evaluation.bias(q, v)
     extended, rows = Extended(mech), [x[None].astype(np.longdouble) for x in (q, v, a)]

@@ -63,7 +63,7 @@ class _Systems(NamedTuple):
     Attributes:
         q: (N, nq) closed in double precision.
         inverses: (N, nv, nv); zero where the sample is not good.
-        rows: (N, r) closure rows they hold.
+        rows: (N, r) closure equations they hold.
         null: (N, k, nv) unresolved passive freedoms, their last rows.
         good: (N,) whether they are regular.
     """

@@ -105,7 +105,7 @@ class Extended:
     """The closure equations of a mechanism in extended precision.
 
     Attributes:
-        n_rows: number of closure rows.
+        n_closure: number of closure equations.
         n_spins: number of resolved passive freedoms.
     """
 
@@ -130,7 +130,7 @@ class Extended:
             joint, _ = mechanism.frame_on_joint(passive.body)
             a, b = (point_on(mechanism, joint, name).astype(Long) for name in passive.axis)
             self._spins.append((joint, (b - a) / np.sqrt(((b - a) ** 2).sum())))
-        self.n_rows = sum(closure.n_rows for closure in mechanism.closures)
+        self.n_closure = sum(closure.n_rows for closure in mechanism.closures)
         self.n_spins = len(self._spins)
 
     def placements(self, q: Array, v: Array, a: Array) -> list[Array]:
@@ -159,7 +159,7 @@ class Extended:
         return [_moving(t, *moving)]
 
     def rows(self, q: Array, v: Array, a: Array, turns: Array) -> Array:
-        """Return the closure rows with their rates (3, N, n_rows) [-], in `Evaluation`'s order.
+        """Return closure equations with their rates (3, N, n_closure) [-], in `Evaluation`'s order.
 
         Args:
             q: (N, nq) configurations.

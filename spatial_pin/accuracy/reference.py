@@ -171,7 +171,7 @@ def _checked(motion: Motion, n: int) -> tuple[Array, Array, Array, Array]:
 
 
 def _errors(closure: Array, gaps: Sequence[Array], sizes: Array, spin: float = 0.0) -> Errors:
-    """Return the largest of closure rows and of the scaled gaps of q, v, a (N, nv)."""
+    """Return the largest of closure equations and of the scaled gaps of q, v, a (N, nv)."""
     position, velocity, acceleration = (float(np.abs(gap).max(initial=0.0)) for gap in gaps)
     total = float((np.array([position, velocity, acceleration]) / sizes).max())
     return Errors(float(closure.max(initial=0.0)), position, velocity, acceleration, spin, total)

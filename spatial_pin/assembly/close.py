@@ -81,11 +81,11 @@ def finite(found: Found) -> Found:
 def pinned_rows(
     evaluation: Evaluation, free: NDArray[np.bool_], pinned: Iterable[str]
 ) -> tuple[Array, Array]:
-    """Return the closure rows over the `free` velocities, scaled, and their residual.
+    """Return the closure equations over the `free` velocities, scaled, and their residual.
 
     Those of pinned coordinates, which stand where they should, come after them.
     """
-    n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
+    n, mechanism = evaluation.constraints.n_closure, evaluation.mechanism
     rows = evaluation.jacobian[:n, free]
     if not pinned:
         return rows, evaluation.residual

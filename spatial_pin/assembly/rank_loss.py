@@ -28,7 +28,7 @@ class Regular(NamedTuple):
 
     Attributes:
         q: the configuration (nq,).
-        rank: of its closure rows.
+        rank: of its closure equations.
         radius: how far off others with that rank are regular too [rad, characteristic lengths]:
             rows turn by so little on the way that those chosen here stay independent.
     """
@@ -56,9 +56,9 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
     Args:
         evaluation: the closure equations, their turns at q; it comes back to q.
         q: (nq,) closed configuration.
-        rank: of the closure rows there.
+        rank: of the closure equations there.
     """
-    n, nv = evaluation.constraints.n_rows, evaluation.model.nv
+    n, nv = evaluation.constraints.n_closure, evaluation.model.nv
     if rank in (n, nv):
         return 0
     known: Regular | None = evaluation.regular
@@ -83,7 +83,7 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
 
 def _generic_rank(evaluation: Evaluation, q: Array) -> int:
     """Return the closure rank at closed configurations near q."""
-    n, model = evaluation.constraints.n_rows, evaluation.model
+    n, model = evaluation.constraints.n_closure, evaluation.model
     free = np.ones(model.nv, dtype=bool)
     rng = np.random.default_rng(3)
     best = 0
@@ -98,7 +98,7 @@ def _generic_rank(evaluation: Evaluation, q: Array) -> int:
 def _ways(evaluation: Evaluation, q: Array) -> int:
     """Return in how many independent ways steps from q go on when loops are closed again."""
     evaluation.update(q)
-    n, scale = evaluation.constraints.n_rows, evaluation.mechanism.velocity_scale
+    n, scale = evaluation.constraints.n_closure, evaluation.mechanism.velocity_scale
     freedoms = decompose(evaluation.jacobian[:n]).null_space
     free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
     left = []
@@ -122,7 +122,7 @@ def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
         lost: how many equations.
         motion: what would determine the motion elsewhere.
     """
-    n, ways = evaluation.constraints.n_rows, _ways(evaluation, q)
+    n, ways = evaluation.constraints.n_closure, _ways(evaluation, q)
     freedoms = evaluation.model.nv - len(independent_rows(evaluation.jacobian[:n]))
     equations = f"{lost} independent equation{'s' * (lost != 1)}"
     text = f"singular configuration: the loops lose {equations} there, and "

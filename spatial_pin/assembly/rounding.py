@@ -67,7 +67,7 @@ class Sample(NamedTuple):
 
     Attributes:
         q: the configuration (nq,).
-        jacobian: of the closure rows there.
+        jacobian: of the closure equations there.
         s: its singular values.
         even: those with all its columns made alike.
         error: closure error.
@@ -85,7 +85,7 @@ class Rounded(NamedTuple):
 
     Attributes:
         mechanism: the one without, whose `whole` has them.
-        cut: part of the largest singular value of the closure rows below which all others are
+        cut: part of the largest singular value of the closure equations below which all others are
             those of such equations.
     """
 
@@ -104,7 +104,7 @@ def may_be_rounded(
         gap: the largest closure error that they may keep [-].
         seen: what was found at q, if something was.
     """
-    if not gap or not evaluation.constraints.n_rows:
+    if not gap or not evaluation.constraints.n_closure:
         return False
     if seen is None:
         with closer_of(evaluation.mechanism) as closer:
@@ -112,7 +112,7 @@ def may_be_rounded(
     if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
         return False
     evaluation.update(q)
-    rows = _evened(evaluation.jacobian[: evaluation.constraints.n_rows])
+    rows = _evened(evaluation.jacobian[: evaluation.constraints.n_closure])
     return _nearly_depend(rows, min(gap, SOFT))
 
 
@@ -246,7 +246,7 @@ def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample 
     q, error = close(evaluation, q, free, CLOSED, cut=cut)
     if error > gap or evaluation.mirrored():
         return None
-    jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+    jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     return Sample(q, jacobian, singular_values(jacobian), singular_values(_evened(jacobian)), error)
 
 
@@ -293,7 +293,7 @@ def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equa
     Directions of frame 2 serve too where those of frame 1 alone would not do.
     """
     constraints = constraints_of(mechanism)
-    weights = np.ones(constraints.n_rows)
+    weights = np.ones(constraints.n_closure)
     weights[[at for at, _, _ in constraints.screws]] = KEPT
     weights[constraints.n_products :] = KEPT
     own = [x.jacobian for x in samples]
@@ -315,7 +315,7 @@ def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equa
     kept: list[dict[str, tuple[int, ...]]] = [{c.name: () for c in mechanism.closures}
                                               for _ in range(2)]
     for row in rows:
-        kept[row >= constraints.n_rows][labels[row].closure] += (labels[row].equation,)
+        kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
     return Equations(*(tuple(each.values()) for each in kept))
 
 

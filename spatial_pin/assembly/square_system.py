@@ -83,7 +83,7 @@ class SquareSystem:
         evaluation = self.evaluation
         evaluation.update(q)
         self._aim()
-        n, p, d = evaluation.constraints.n_rows, evaluation.constraints.n_passive, len(self.drive)
+        n, p = evaluation.constraints.n_closure, evaluation.constraints.n_passive
         self.equations = independent_rows(evaluation.jacobian[:n])
         r = len(self.equations)
         chosen = evaluation.jacobian[self.equations]
@@ -91,7 +91,7 @@ class SquareSystem:
         regular = np.vstack([chosen, evaluation.jacobian[n:], self.drive])
         asked = Asked(evaluation, self.driven, self.drive[: len(self.driven)], self.still)
         svd = decompose(regular)
-        if svd.rank < r + p + d:
+        if svd.rank < r + p + len(self.drive):
             raise SingularError(dependence(asked, np.delete(
                 regular, slice(r + p, r + p + len(self.driven)), axis=0)))
         self.passive = svd.null_space
@@ -102,7 +102,7 @@ class SquareSystem:
     @property
     def has_redundant_equations(self) -> bool:
         """Whether closure equations were left out because they follow from the others."""
-        return len(self.equations) < self.evaluation.constraints.n_rows
+        return len(self.equations) < self.evaluation.constraints.n_closure
 
     def check_regular(self, q: Array) -> None:
         """Refuse a configuration q (nq,) at which the loops lose independent equations.
@@ -115,7 +115,7 @@ class SquareSystem:
     def factor(self) -> None:
         """Factor the matrix at the evaluation's configuration."""
         self._aim()
-        jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
+        jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_closure
         self.matrix = np.concatenate(
             [jacobian[self.equations], jacobian[n:], self.drive, self.passive])
         self.pivot = Factors(self.matrix.T).pivot  # sought among the unknowns of an equation

@@ -110,7 +110,7 @@ def check_regular(evaluation: Evaluation, q: Array, rank: int) -> None:
 
 def _check_free(evaluation: Evaluation, null_space: Array) -> None:
     """Refuse freedoms counted as passive that a closure holds, with a lever arm near round-off."""
-    n = evaluation.constraints.n_rows
+    n = evaluation.constraints.n_closure
     held = np.abs(evaluation.jacobian[:n] @ null_space.T).max(axis=1, initial=0.0)
     if held.max(initial=0.0) > TOLERANCES.zero:
         mechanism, row = evaluation.mechanism, int(held.argmax())

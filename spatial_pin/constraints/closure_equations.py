@@ -47,8 +47,8 @@ class Evaluation:
 
     Attributes:
         q: (nq,) the last configuration; not to be changed before what is made of it.
-        residual: (n_rows,) closure rows [-]; lengths divided by the characteristic length.
-        jacobian: (n_rows + n_passive, nv) derivative of the rows with respect to the scaled
+        residual: (n_closure,) closure equations [-]; lengths divided by the characteristic length.
+        jacobian: (n_closure + n_passive, nv) derivative of the rows with respect to the scaled
             velocities v / `velocity_scale`; the last ones are rates of idle rotations.
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
             one in `turns`.
@@ -81,8 +81,8 @@ class Evaluation:
         self._make_buffers(n, nv, r)
         self._plain = not c.composed
         self._offset = bool(np.any(c.constants))
-        self.residual = self._values[: c.n_rows] if self._plain else np.zeros(c.n_rows)
-        self.jacobian = np.zeros((c.n_rows + c.n_passive, nv))
+        self.residual = self._values[: c.n_closure] if self._plain else np.zeros(c.n_closure)
+        self.jacobian = np.zeros((c.n_closure + c.n_passive, nv))
 
     def _make_buffers(self, n: int, nv: int, r: int) -> None:
         """Allocate once what every evaluation writes, with the views it is read through."""
@@ -161,13 +161,13 @@ class Evaluation:
         return found
 
     def twist_derivatives(self, joint: int) -> Array:
-        """Return (n_rows, 6) derivatives of the rows for a twist of what a joint carries."""
+        """Return (n_closure, 6) derivatives of the rows for a twist of what a joint carries."""
         c, at = self.constraints, self.model.idx_vs[joint]
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
         (moved,) = combined_wrenches(c, [self._values[:, None]], [signs * self.wrenches])
-        for k, (row, _) in enumerate(c.elsewhere, start=c.n_rows):
+        for k, (row, _) in enumerate(c.elsewhere, start=c.n_closure):
             moved[row] += moved[k]
-        return moved[: c.n_rows]
+        return moved[: c.n_closure]
 
     def _finish_rows(self, q: Array) -> None:
         """Put the rows in their places, those of composed equations from what they are made of."""
@@ -186,17 +186,17 @@ class Evaluation:
                 self.angles[group.angles] = angle.values[0][:, 0]
                 self.angle_jacobian[group.angles] = composed_rows(
                     group, angle.changes[0], products, size)
-        self.jacobian[c.n_rows :] = products[c.passive_at :]
+        self.jacobian[c.n_closure :] = products[c.passive_at :]
 
     def bias(self, q: Array, v: Array) -> Array:
-        """Return (n_rows + n_passive,) second derivatives of the rows at zero joint acceleration.
+        """Return (n_closure + n_passive,) second derivatives at zero joint acceleration.
 
         Call after `update` at the same q.
         """
         c = self.constraints
         self._tree.move(q, v, self._zero)
         if not self._n_all:
-            return np.zeros(c.n_rows)
+            return np.zeros(c.n_closure)
         shape = self._h1.shape
         self._h1[:] = np.dot(self._twists, TWIST_MATRIX).reshape(shape)
         self._h2[:] = np.dot(self._accelerations, TWIST_MATRIX).reshape(shape)

@@ -42,8 +42,8 @@ class Constraints:
     """The compiled closure equations of a mechanism.
 
     Attributes:
-        labels: closure and equation of each of the `n_rows` closure rows.
-        n_rows: number of closure rows; `n_passive` rows of resolved passive freedoms follow them.
+        labels: closure and equation of each of the `n_closure` closure equations.
+        n_closure: number of closure equations; those of `n_passive` resolved freedoms follow them.
         n_angles: number of equations with an angle that counts turns.
         n_wrenches: of `Evaluation.row_wrenches`.
         equations: what they are made of, and after them the passive ones; see `kinds`.
@@ -59,7 +59,8 @@ class Constraints:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         products = Products(mechanism)
-        self.scale, self.supports, self.idle_axes = products.scale, products.supports, products.idle_axes
+        self.scale, self.supports = products.scale, products.supports
+        self.idle_axes = products.idle_axes
         labels: list[EquationLabel] = []
         made: list[tuple[Kind, Closure, ConstraintEquation]] = []
         for closure in mechanism.closures:
@@ -75,7 +76,7 @@ class Constraints:
         for passive in mechanism.passives:
             products.add_rotation(passive.body, passive.axis)
         self.labels = tuple(labels)
-        self.n_rows, self.n_passive = len(labels), len(self.idle_axes)
+        self.n_closure, self.n_passive = len(labels), len(self.idle_axes)
         equations += [Equation(KINDS["idle"], (at,))
                       for at in range(self.passive_at, len(products))]
         self.equations = tuple(equations)
@@ -107,7 +108,7 @@ class Constraints:
         self.composed = _composed(self.equations)
         self.elsewhere = [(at, e.products[k]) for at, e in enumerate(self.equations)
                           for k in e.kind.elsewhere]
-        self.n_wrenches = self.n_rows + len(self.elsewhere)
+        self.n_wrenches = self.n_closure + len(self.elsewhere)
         self.screws = [(at, e.products[1], e.numbers[0]) for at, e in enumerate(self.equations)
                        if e.kind is KINDS["screw"]]
 

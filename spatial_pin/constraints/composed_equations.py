@@ -19,7 +19,7 @@ from spatial_pin.numerics.taylor import Taylor
 def composed_rates(
     c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
 ) -> Array:
-    """Return (n_rows, ...) the last of the products' derivatives, of the closure equations.
+    """Return (n_closure, ...) the last of the products' derivatives, of the closure equations.
 
     Args:
         c: the equations.
@@ -27,7 +27,7 @@ def composed_rates(
         coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
     """
     order = len(products) - 1
-    out = np.zeros((c.n_rows, *products[0].shape[1:]))
+    out = np.zeros((c.n_closure, *products[0].shape[1:]))
     out[: c.n_products] = products[order][: c.n_products]
     for group in c.composed:
         value, _ = group.values(group.inputs(products, coordinates))
@@ -72,7 +72,7 @@ def combined_wrenches(
     out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
     for total, w in zip(out, wrenches, strict=True):
         total[c.plain] = w[c.plain]
-    extra = {row: k for k, (row, _) in enumerate(c.elsewhere, start=c.n_rows)}
+    extra = {row: k for k, (row, _) in enumerate(c.elsewhere, start=c.n_closure)}
     for group in c.composed:
         for k, (at, slope) in enumerate(zip(group.products, group.slopes(products), strict=True)):
             to = [extra[row] for row in group.rows] if k in group.kind.elsewhere else group.rows

@@ -55,7 +55,7 @@ class Curve:
     def equations(self, x: Array) -> Array:
         """Return the (m - 1, m) independent equations' derivatives of the curve at x."""
         self.evaluation.update(self.unknowns.configuration(x))
-        jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_rows
+        jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_closure
         parts = [jacobian[self.selected], jacobian[n:], self.unknowns.drive, self.system.passive]
         return self.unknowns.completed(np.vstack(parts), self._driven, x)
 
@@ -68,7 +68,7 @@ class Curve:
         """Return the point at x whose tangent is nearest to `along`; None where branches cross."""
         rows = self.equations(x)
         if self.system.has_redundant_equations:
-            n = self.evaluation.constraints.n_rows
+            n = self.evaluation.constraints.n_closure
             selected = independent_rows(self.evaluation.jacobian[:n], TOLERANCES.singular)
             if len(selected) < len(self.system.equations):
                 return None

@@ -134,7 +134,7 @@ class Start:
         """Return the path where as many equations are independent as there are unknowns."""
         k = self.kernel
         wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
-        if not 0 <= wanted <= k.n_rows:
+        if not 0 <= wanted <= k.n_closure:
             return None
         return self._path(np.arange(wanted), np.empty((0, k.nv)), q, angles, s, True)
 

@@ -84,7 +84,7 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
     accuracy = Accuracy.named("engineering")
     with evaluation_of(near, state.angles) as evaluation:
         evaluation.update(state.q)
-        jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
+        jacobian = evaluation.jacobian[: evaluation.constraints.n_closure, free]
         rows = independent_rows(jacobian)
         spare = decompose(jacobian[rows]).null_space
         before = determinant_sign_of(np.vstack([jacobian[rows], spare]))
@@ -97,7 +97,7 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
             return None
         if _farthest(there, state.q, q) > FARTHEST_COORDINATE:
             return None
-        jacobian = evaluation.jacobian[: evaluation.constraints.n_rows, free]
+        jacobian = evaluation.jacobian[: evaluation.constraints.n_closure, free]
         after = determinant_sign_of(np.vstack([jacobian[rows], spare]))
         if after != before:
             return None

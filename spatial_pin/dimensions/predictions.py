@@ -230,7 +230,7 @@ class Predictions:
         changes: Sequence[tuple[Array, Array]],
     ) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
-        m, n = here.mechanism, evaluation.constraints.n_rows
+        m, n = here.mechanism, evaluation.constraints.n_closure
         held = [m.driven_coordinate(name) for name in self._drivers[i]]
         stands = [*(c.v for c in held), *still_entries(m, held)]
         svd = decompose(np.vstack([evaluation.jacobian[:n], np.eye(m.model.nv)[stands]]))

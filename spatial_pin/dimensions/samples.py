@@ -180,7 +180,7 @@ class _System(NamedTuple):
         moving[driven] = False
         with evaluation_of(mechanism, state.angles) as evaluation:
             evaluation.update(state.q)
-            jacobian, n = evaluation.jacobian, evaluation.constraints.n_rows
+            jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
             chosen = independent_rows(jacobian[:n, moving])
             rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
         svd = decompose(rows)

@@ -64,7 +64,7 @@ class Dynamics:
 
     @cached_property
     def multipliers(self) -> Array:
-        """(n_rows,) of the closure rows, so that M a + b = f + J^T multipliers.
+        """(n_closure,) of the closure equations, so that M a + b = f + J^T multipliers.
 
         J is `closure_jacobian`; the shortest ones where rows depend on each other.
         """

@@ -42,7 +42,7 @@ class Kinetostatics(NamedTuple):
         power: (N,) of each of them [W]; 0 at rest.
         reactions: (N, 6) by pair, force then moment, as `Dynamics.reactions` [N, N·m].
         on_ground: (N, 6) force and moment at the world's origin on the fixed link: shaking wrench.
-        multipliers: (N, n_rows) of the constraint equations, the shortest.
+        multipliers: (N, n_closure) of the constraint equations, the shortest.
         determined: (N,) by pair, whether its reaction is unique, in all its components.
         unique: (N, 6) by pair, which components of its reaction are unique, world axes.
         beyond_limits: efforts, and velocities of a motion in time, beyond the URDF's limits, each
@@ -96,7 +96,7 @@ class _Rows:
     """What is kept of every sample until reactions are worked out for all of them together."""
 
     def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
-        model, rows = equations.model, equations.n_rows
+        model, rows = equations.model, equations.n_closure
         nj, nv = model.njoints, model.nv
         self.efforts, self.joint_efforts = np.empty((n, n_efforts)), np.empty((n, nv))
         self.a, self.multipliers = np.empty((n, nv)), np.empty((n, rows))
@@ -121,7 +121,7 @@ class _Rows:
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
         spare = pressing(equations, actuation)
-        if len(spare) or bearing.spaces.rank < bearing.n_rows:
+        if len(spare) or bearing.spaces.rank < bearing.n_closure:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
 

@@ -1,4 +1,4 @@
-"""Reactions of the pairs, from the multipliers of the closure rows and the forces in the tree.
+"""Reactions of the pairs, from the multipliers of the closure equations and the forces in the tree.
 
 The rows of a loop that is overconstrained bear on each other: their multipliers can be changed
 by any self-stress, a vector that the transposed Jacobian takes to zero, without moving anything.
@@ -124,7 +124,7 @@ class Pairs:
             poses: where the bodies are.
             transmitted: (..., njoints, 6) what joints would hand on, local axes, were there
                 no forces but the joints' own.
-            multipliers: (..., n_rows) of the closure rows.
+            multipliers: (..., n_closure) of the closure equations.
             given: (..., njoints, 6) other wrenches on bodies: springs, forces from outside.
             effort: (..., nv) efforts at joints.
         """
@@ -165,7 +165,7 @@ class Pairs:
             poses: where the bodies are, at one configuration.
             couplings: (n_couplings, nv) efforts at joints of unit multipliers of the couplings,
                 whose rows are the last.
-            self_stresses: (k, n_rows) multipliers, of length 1, that balance among themselves.
+            self_stresses: (k, n_closure) multipliers, of length 1, that balance among themselves.
             pressing: (k, nv) or with the efforts of actuators that go with them.
             unmoved: reaction to a unit self-stress that is none.
         """
@@ -224,11 +224,11 @@ def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:
 
 def _lengths(mechanism: Mechanism) -> list[Lengths]:
     closed = [c for c in mechanism.closures if c.type != COUPLING]
-    n_rows = sum(c.n_rows for c in mechanism.closures)
+    n_closure = sum(c.n_rows for c in mechanism.closures)
     starts = np.cumsum([0, *(c.n_rows for c in closed)]).tolist()
     between = [(at, c.between) for at, c in zip(starts, closed, strict=False) if c.between]
     found = []
-    for k, (row, frames) in enumerate(between, start=n_rows):
+    for k, (row, frames) in enumerate(between, start=n_closure):
         first, second = (mechanism.frame_on_joint(f)[0] for f in frames)
         found.append(Lengths(row, k, (first, second)))
     return found

@@ -91,7 +91,7 @@ class Constrained:
 
     def closures(self) -> Array:
         """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
-        found: Array = self.evaluation.jacobian[: self.evaluation.constraints.n_rows]
+        found: Array = self.evaluation.jacobian[: self.evaluation.constraints.n_closure]
         return found
 
     def kept(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array | None:

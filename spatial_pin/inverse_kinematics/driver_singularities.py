@@ -95,7 +95,7 @@ def _rest(state: State, hold: Hold) -> _Rest | None:
             system = SquareSystem(evaluation, driven, state.q, still)
         except SingularError:
             return None
-        n = evaluation.constraints.n_rows
+        n = evaluation.constraints.n_closure
         rows = np.concatenate([system.equations, np.arange(n, len(evaluation.jacobian))])
         columns = np.delete(np.arange(evaluation.model.nv), [*(c.v for c in driven), *still])
         passive = system.passive[:, columns]

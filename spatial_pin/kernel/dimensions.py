@@ -66,11 +66,11 @@ class EvaluatedSamples(NamedTuple):
     """What m samples give at configurations at which nothing is closed.
 
     Attributes:
-        residual: (m, n_rows) closure equations.
+        residual: (m, n_closure) closure equations.
         angles: (m, n_angles) of screw closures [rad].
         rotations: (m, njoints, 3, 3) of the joints of the model in the world, as Pinocchio's.
         translations: (m, njoints, 3) [m].
-        jacobian: (m, n_rows, nv) of the equations with respect to v / `velocity_scale`.
+        jacobian: (m, n_closure, nv) of the equations with respect to v / `velocity_scale`.
         columns: (m, 6, nv) of the joint Jacobian about the world origin, by v.
     """
 
@@ -148,7 +148,7 @@ class DimensionCloser:
         varied = numbers(made_of.varied, (m, len(places)))
         v, a, facts = np.empty((m, nv)), np.empty((m, nv)), np.empty((m, 7))
         points = np.empty((m, len(at), 5, 3))
-        work = np.empty(len(base) + kernel.nq + nv + kernel.n_rows + self._n_fill * nv)
+        work = np.empty(len(base) + kernel.nq + nv + kernel.n_closure + self._n_fill * nv)
         speed, acceleration = (None, None) if rates is None else (
             np.ascontiguousarray(x, float) for x in rates)
         asked = _Samples(
@@ -185,13 +185,13 @@ class DimensionEvaluator:
             with_jacobian: whether Jacobian and columns are wanted; else these are empty.
         """
         kernel, m, nv = self._kernel, len(q), self._kernel.nv
-        n, size = len(kernel.packed.frames), kernel.n_rows + kernel.n_passive
+        n, size = len(kernel.packed.frames), kernel.n_closure + kernel.n_passive
         q = numbers(q, (m, kernel.nq))
         angles = np.array(numbers(angles, (m, kernel.n_angles)))
         base = numbers(made_of.base, kernel.packed.reals.shape)
         places = np.array(made_of.places, np.int64)
         varied = numbers(made_of.varied, (m, len(places)))
-        residual, work = np.empty((m, kernel.n_rows)), np.empty(len(base))
+        residual, work = np.empty((m, kernel.n_closure)), np.empty(len(base))
         rotations, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         k = m if with_jacobian else 0
         jacobian, linear, angular = np.empty((k, size, nv)), *np.empty((2, k, nv, 3))
@@ -206,5 +206,5 @@ class DimensionEvaluator:
         in_pin = kernel.packed.frames[carriers] @ rotations[:, carriers]
         return EvaluatedSamples(
             residual, angles, in_pin.transpose(0, 1, 3, 2), translations[:, carriers],
-            jacobian[:, : kernel.n_rows],
+            jacobian[:, : kernel.n_closure],
             np.concatenate([linear, angular], axis=2).transpose(0, 2, 1))

@@ -44,10 +44,10 @@ class Evaluated(NamedTuple):
     Attributes:
         rotations: (n, 3, 3) of the joints of the model in the world, as Pinocchio's.
         translations: (n, 3) [m].
-        residual: (n_rows,) closure equations.
+        residual: (n_closure,) closure equations.
         angles: (n_angles,) of screw closures [rad].
-        jacobian: (n_rows + n_passive, nv) with respect to v / `velocity_scale`.
-        bias: (n_rows + n_passive,) second derivatives at zero joint acceleration.
+        jacobian: (n_closure + n_passive, nv) with respect to v / `velocity_scale`.
+        bias: (n_closure + n_passive,) second derivatives at zero joint acceleration.
     """
 
     rotations: Array
@@ -77,7 +77,7 @@ class Kernel:
         self.mechanism = mechanism
         self.packed: Packed = arrays or packed(mechanism)
         self.nq, self.nv = mechanism.model.nq, mechanism.model.nv
-        self.n_rows, self.n_passive, self.n_angles = c.n_rows, c.n_passive, c.n_angles
+        self.n_closure, self.n_passive, self.n_angles = c.n_closure, c.n_passive, c.n_angles
         self.library = library()
         handle = ctypes.c_void_p()
         ints, reals = self.packed.ints, self.packed.reals
@@ -97,9 +97,9 @@ class Kernel:
         """
         q, v = numbers(q, (self.nq,)), numbers(v, (self.nv,))
         turns = numbers(turns, (self.n_angles,))
-        n, equations = len(self.packed.frames), self.n_rows + self.n_passive
+        n, equations = len(self.packed.frames), self.n_closure + self.n_passive
         rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
-        residual, angles = np.empty(self.n_rows), np.empty(self.n_angles)
+        residual, angles = np.empty(self.n_closure), np.empty(self.n_angles)
         jacobian, bias = np.empty((equations, self.nv)), np.empty(equations)
         self.library.kernel_evaluate(self.handle, *map(address, (
             q, v, turns, rotations, translations, residual, angles, jacobian, bias)))
@@ -118,9 +118,9 @@ class Kernel:
         return np.concatenate([columns, translations[:, carriers]], axis=2)
 
     def jacobians(self, q: Array) -> Array:
-        """Return (m, n_rows + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
+        """Return (m, n_closure + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
         q = numbers(q, (len(q), self.nq))
-        found = np.empty((len(q), self.n_rows + self.n_passive, self.nv))
+        found = np.empty((len(q), self.n_closure + self.n_passive, self.nv))
         self.library.kernel_evaluate_all(
             self.handle, len(q), address(q), None, None, address(found))
         return found

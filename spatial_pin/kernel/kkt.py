@@ -34,14 +34,14 @@ class KKT:
         error: estimated round-off of them, relative to their size.
         rank: how many independent equations there are.
         closures: (nv,) joint forces of the closures.
-        multipliers: (n_rows,) 0 of equations that are left out.
+        multipliers: (n_closure,) 0 of equations that are left out.
     """
 
     def __init__(
         self, mechanism: Mechanism, mass_at: tuple[Places, Places, Places], n_masses: int
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, idle=False))
-        self._library, nv, n_rows = kernel.library, kernel.nv, kernel.n_rows
+        self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         groups = np.cumsum([0, *_equations_by_closure(kernel)])
         ints = np.concatenate([groups, *mass_at]).astype(np.int64)
         handle = ctypes.c_void_p()
@@ -53,8 +53,8 @@ class KKT:
         self._q, self._turns = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._given, self._needed, self._a = np.empty((4, nv))
         self.mass, self._facts = np.empty(n_masses), np.empty(3)
-        self.closures, self.multipliers = np.empty(nv), np.empty(n_rows)
-        self._rows = np.empty(n_rows, np.int64)
+        self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
+        self._rows = np.empty(n_closure, np.int64)
         self._inputs = [handle, *map(address, (
             self._q, self._v, self._turns, self.mass, self._given, self._needed))]
         self._outputs = [address(x) for x in (
@@ -82,11 +82,11 @@ class KKT:
         return self._a
 
     def solve(self, force: Array, gamma: Array) -> tuple[Array, Array]:
-        """Return accelerations (k, nv) and multipliers (k, n_rows) with the last matrix.
+        """Return accelerations (k, nv) and multipliers (k, n_closure) with the last matrix.
 
         Args:
             force: (k, nv) joint forces f - b.
-            gamma: (k, n_rows) second derivatives of the closure equations without acceleration.
+            gamma: (k, n_closure) second derivatives of the closure equations without acceleration.
         """
         n = len(force)
         force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._rows)))

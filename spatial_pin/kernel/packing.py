@@ -101,11 +101,11 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     products = _products(constraints, vectors)
     kinds, ints, reals, patterns = _equations(constraints)
     n_idle = constraints.n_passive if idle else 0
-    n = constraints.n_rows + n_idle
+    n = constraints.n_closure + n_idle
     kinds, ints, reals, patterns = kinds[:n], ints[:n], reals[:n], patterns[:n]
     starts = np.cumsum([0] + [len(p) for p in patterns])
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
-            constraints.n_rows, n_idle, constraints.n_angles,
+            constraints.n_closure, n_idle, constraints.n_angles,
             len(products.support), starts[-1]]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,

@@ -100,7 +100,7 @@ class Path:
         check(self._library.system_set(
             kernel.handle, address(rows), len(rows), address(at), len(at), address(fill),
             len(fill)))
-        handle, asked = ctypes.c_void_p(), _asked(accuracy, len(rows) < kernel.n_rows)
+        handle, asked = ctypes.c_void_p(), _asked(accuracy, len(rows) < kernel.n_closure)
         check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
         self._handle = handle
 

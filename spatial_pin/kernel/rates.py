@@ -65,7 +65,7 @@ class Rates:
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
         self._library, handle = kernel.library, ctypes.c_void_p()
         self.n_moving, self.n_driven, self.nv = n_moving, len(driven), kernel.nv
-        self._n_equations = kernel.n_rows + kernel.n_passive
+        self._n_equations = kernel.n_closure + kernel.n_passive
         at = np.array(driven, np.int64)
         check(self._library.rates_create(
             kernel.handle, address(at), len(at), ctypes.byref(handle)))
@@ -135,7 +135,7 @@ class Rates:
         """Return joint rates (nv,) of any order; what is driven must have no components.
 
         Args:
-            derivative: (n_rows + n_passive,) of the equations, where the rates are zero.
+            derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
             drive: (n_driven,) rates of what is driven; none by default.
         """
         derivative, drive = numbers(derivative, (self._n_equations,)), self._drive(drive)

@@ -77,7 +77,7 @@ def _trial_motions(
     """Return the largest dimension of the closed configurations that trial motions come to."""
     scale = evaluation.mechanism.velocity_scale
     free = np.ones(len(scale), dtype=bool)
-    n = evaluation.constraints.n_rows
+    n = evaluation.constraints.n_closure
     best = 0
     for _ in range(TRIALS * len(tangents)):
         direction = rng.normal(size=len(tangents)) @ tangents

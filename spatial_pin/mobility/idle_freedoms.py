@@ -58,7 +58,7 @@ def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Arr
     A link that hangs on one pair only is no part of a loop and not called passive.
     """
     mechanism = evaluation.mechanism
-    scale, n = mechanism.velocity_scale, evaluation.constraints.n_rows
+    scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
     evaluation.update(q)
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]

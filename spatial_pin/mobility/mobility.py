@@ -65,7 +65,7 @@ class Mobility:
 
     def __str__(self) -> str:
         mechanism = self.mechanism
-        rows = constraints_of(mechanism).n_rows
+        rows = constraints_of(mechanism).n_closure
         joints = len(mechanism.pairs) + self.loops
         lines = [
             f"mobility of {mechanism.name}: {self.dof}",
@@ -138,9 +138,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
             f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
         )
-    jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+    jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     every, rounding = _with_all_rows(evaluation), rounding_of(mechanism)
-    n, labels = every.constraints.n_rows, every.constraints.labels
+    n, labels = every.constraints.n_closure, every.constraints.labels
     independent = independent_rows(every.jacobian[:n],
                                    max(TOLERANCES.half_precision, rounding)).tolist()
     redundant = tuple(f"{labels[i].closure}[{labels[i].equation}]"

@@ -104,7 +104,7 @@ class Check:
 
     def kind(self, q: Array) -> Kind:
         """Return what a closed configuration is."""
-        evaluation, n = self.evaluation, self.evaluation.constraints.n_rows
+        evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
         idle = idle_freedoms(evaluation, q, self.fixed)
         evaluation.update(q)
         inner = null_space(evaluation.jacobian[:n, self.free], TOLERANCES.half_precision)
@@ -236,7 +236,7 @@ class Check:
         Of redundant rows the same are left out in all modes.
         """
         evaluation, mechanism = self.evaluation, self.mechanism
-        nv, n = mechanism.model.nv, evaluation.constraints.n_rows
+        nv, n = mechanism.model.nv, evaluation.constraints.n_closure
         regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
         jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
         for at, k in enumerate(regular):

@@ -209,7 +209,7 @@ class _Search:
         self.held = {name: x for name, x in check.held.items() if name in table}
         self.free = np.ones(model.nv, dtype=bool)
         self.free[[table[name].v for name in self.held]] = False
-        self.most = int(np.clip(LARGEST // max(1, self.kernel.n_rows * model.nv), 1, MOST))
+        self.most = int(np.clip(LARGEST // max(1, self.kernel.n_closure * model.nv), 1, MOST))
         self.size = min(FEWEST, self.most)
         self.slides = [at for c in table.values() if c.unit == "m" and c.name not in self.held
                        and (at := core.mechanism.place_of(c)) >= 0]
@@ -389,8 +389,8 @@ class _Search:
                                 self.check.mechanism.characteristic_length)
 
     def _jacobian(self, q: Array) -> Array:
-        """Return (m, n_rows, free) derivatives of the core's rows at configurations q (nq, m)."""
-        return self.kernel.jacobians(q.T)[:, : self.kernel.n_rows, self.free]
+        """Return (m, n_closure, free) derivatives of the core's equations at q (nq, m)."""
+        return self.kernel.jacobians(q.T)[:, : self.kernel.n_closure, self.free]
 
     def _signatures(self, q: Array) -> Array:
         """Return (m, rows, 3) what tells configurations q (nq, m) apart."""

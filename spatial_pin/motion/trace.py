@@ -114,7 +114,7 @@ def _pass_straight_on(path: ArcLengthPath, samples: _TracedSamples) -> bool:
 def _curvature(curve: Curve, point: CurvePoint) -> Array:
     """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
     rows, scale, evaluation = curve.equations(point.x), curve.unknowns.scale, curve.evaluation
-    n, chosen = evaluation.constraints.n_rows, curve.selected
+    n, chosen = evaluation.constraints.n_closure, curve.selected
     bias = evaluation.bias(point.x, scale * point.t)
     rhs = np.zeros(len(rows) + 1)
     rhs[: len(chosen)] = -bias[:n][chosen]

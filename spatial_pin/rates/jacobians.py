@@ -27,7 +27,7 @@ from spatial_pin.rates.rates import driven_coordinates
 
 @checked
 def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
-    """Return the derivative (rows, nv) of all closure rows with respect to joint velocities.
+    """Return the derivative (rows, nv) of all closure equations with respect to joint velocities.
 
     Rows come closure by closure, couplings last, lengths divided by the characteristic length.
 
@@ -42,7 +42,7 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
     with evaluation_of(mechanism) as evaluation:
         evaluation.update(x)
-        rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         return rows / mechanism.velocity_scale
 
 
@@ -215,7 +215,7 @@ def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
 
 
 def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> Array:
-    """Return what the rows' Jacobians at u differ by from symmetry, (n_rows + n_passive,).
+    """Return what the rows' Jacobians at u differ by from symmetry, (n_closure + n_passive,).
 
     The spin about a line fixed in a body is no function of the configuration: the body's angular
     velocities have a bracket of their own.
@@ -224,7 +224,7 @@ def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> 
     out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
     for k, (joint, axis) in enumerate(c.idle_axes):
         columns = evaluation.placements[joint, :3] @ evaluation.body_jacobian(joint)[3:]
-        out[c.n_rows + k] -= axis @ np.cross(columns @ u, columns @ w)
+        out[c.n_closure + k] -= axis @ np.cross(columns @ u, columns @ w)
     return out
 
 

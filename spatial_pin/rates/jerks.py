@@ -155,7 +155,7 @@ def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[A
 
 
 def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
-    """Return the third derivatives (n_rows + n_passive,) of the rows at zero joint jerk."""
+    """Return the third derivatives (n_closure + n_passive,) of the rows at zero joint jerk."""
     c = evaluation.constraints
     twists, accels = evaluation.move(state.q, state.v, state.a)
     rates = placement_rates(evaluation.placements, twists, accels, bodies)

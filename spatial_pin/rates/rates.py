@@ -90,7 +90,7 @@ def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[C
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
-    n = evaluation.constraints.n_rows
+    n = evaluation.constraints.n_closure
     rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
                       evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])
     own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
@@ -141,8 +141,8 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
 
 
 def _closed(evaluation: Evaluation, still: tuple[int, ...]) -> Array:
-    """Return the closure rows, and a row for each velocity entry that stands still."""
-    rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+    """Return the closure equations, and one for each velocity entry that stands still."""
+    rows = evaluation.jacobian[: evaluation.constraints.n_closure]
     return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
 
 
@@ -343,7 +343,7 @@ def check_rates(state: State, v: Array) -> None:
     mechanism = state.mechanism
     with evaluation_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        n, labels = evaluation.constraints.n_rows, evaluation.constraints.labels
+        n, labels = evaluation.constraints.n_closure, evaluation.constraints.labels
         violation = np.abs(evaluation.jacobian[:n] @ (v / mechanism.velocity_scale))
     largest = np.abs(v / mechanism.velocity_scale).max(initial=0.0)
     if n and violation.max() > TOLERANCES.singular * max(largest, 1e-300):

@@ -155,7 +155,7 @@ def _velocities(
     relative to the characteristic length; drivers stand still in the latter. Opening a joint adds
     the six freedoms of a body between the subtree and the rest.
     """
-    n, mechanism = evaluation.constraints.n_rows, evaluation.mechanism
+    n, mechanism = evaluation.constraints.n_closure, evaluation.mechanism
     size = mechanism.characteristic_length
     unit = np.array([size] * 3 + [1.0] * 3)
     loose = evaluation.twist_derivatives(joint) * unit

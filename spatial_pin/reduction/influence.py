@@ -129,7 +129,7 @@ class Influence:
         self.evaluation = Evaluation(constraints_of(mechanism))
         self.evaluation.turns[:] = state.angles
         self.configurations = list(self._generic(state))
-        n = self.evaluation.constraints.n_rows
+        n = self.evaluation.constraints.n_closure
         labels = self.evaluation.constraints.labels
         self._rows = [[i for i, label in enumerate(labels) if label.closure == c.name]
                       for c in mechanism.closures]
@@ -148,7 +148,7 @@ class Influence:
     def _generic(self, state: State) -> Iterator[Array]:
         """Yield closed configurations of the branch away from the reference, else that itself."""
         evaluation, model = self.evaluation, self.mechanism.model
-        scale, n = self.mechanism.velocity_scale, evaluation.constraints.n_rows
+        scale, n = self.mechanism.velocity_scale, evaluation.constraints.n_closure
         evaluation.update(state.q)
         tangents = null_space(evaluation.jacobian[:n, self.free], 1e-8)
         rng = np.random.default_rng(7)

@@ -357,7 +357,7 @@ def _slopes(made: Mechanism) -> dict[str, Array]:
         jacobians = []
         for q in open_configurations(made, made.neutral):
             evaluation.update(q)
-            jacobians.append(evaluation.jacobian[: evaluation.constraints.n_rows].copy())
+            jacobians.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
         labels = evaluation.constraints.labels
     stacked = np.hstack(jacobians)
     return {c.name: stacked[[label.closure == c.name for label in labels]] for c in made.closures}

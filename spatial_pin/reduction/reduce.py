@@ -154,7 +154,7 @@ class Reduced(Mechanism):
         return super().__repr__().replace("Mechanism(", "Reduced(", 1)
 
     def __str__(self) -> str:
-        full, rows = self.full, [constraints_of(m).n_rows for m in (self.full, self)]
+        full, rows = self.full, [constraints_of(m).n_closure for m in (self.full, self)]
         lines = [
             f"{self.name}, reduced to {', '.join(self.outputs)}:",
             f"  coordinates {len(full.coordinates)} -> {len(self.coordinates)}, "
@@ -323,7 +323,7 @@ def _agrees(made: Mechanism, influence: Influence) -> bool:
         own = carried_over(made, state)
         evaluation.turns[:] = own.angles
         evaluation.update(own.q)
-        rows = evaluation.jacobian[: evaluation.constraints.n_rows]
+        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         if evaluation.closure_error > TOLERANCES.nothing or evaluation.mirrored() \
                 or len(null_space(rows, 1e-8)) != rank(motions[:, at], TOLERANCES.singular):
             return False

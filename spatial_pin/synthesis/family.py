@@ -49,10 +49,10 @@ class Bodies(NamedTuple):
         mechanism: at the family's own dimensions: its names and its structure.
         members: what they are made of.
         q: (m, nq).
-        residual: (m, n_rows) closure equations.
+        residual: (m, n_closure) closure equations.
         angles: (m, n_angles) of screw closures [rad].
-        jacobian: (m, n_rows, nv) of these with respect to v / `velocity_scale`; empty if not asked
-            for, like `columns`.
+        jacobian: (m, n_closure, nv) of these with respect to v / `velocity_scale`; empty if not
+            asked for, like `columns`.
         rotations, translations: (m, njoints, 3, 3) and (m, njoints, 3) of the joints.
         columns: (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.

@@ -99,7 +99,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
                 + f": check the frames of {worst!r} and the lengths between them; if they "
                 "are right, give a guess nearer to a closed configuration")
     values = _values(elsewhere)
-    n = closing.evaluation.constraints.n_rows
+    n = closing.evaluation.constraints.n_closure
     freedoms = search.mechanism.model.nv - decompose(closing.evaluation.jacobian[:n]).rank
     if len(closing.given) > freedoms:
         return (f"{len(closing.given)} coordinates have a value, but the mechanism has {freedoms} "

@@ -167,7 +167,7 @@ class _Goal:
         bend = self._bending_of_loops(q, tangents, multipliers)
         if not self._bent and not self.pinned:
             return bend
-        mechanism, n = self.evaluation.mechanism, self.evaluation.constraints.n_rows
+        mechanism, n = self.evaluation.mechanism, self.evaluation.constraints.n_closure
         pinned = [mechanism.coordinate_table[name] for name in self.pinned]
 
         def along(t: Array) -> float:
@@ -185,7 +185,7 @@ class _Goal:
 
         Differences of the multipliers' forces: the slope that they lead to is exact all the same.
         """
-        evaluation, n = self.evaluation, self.evaluation.constraints.n_rows
+        evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
         found = np.zeros((len(tangents), len(tangents)))
         if not n:
             return found

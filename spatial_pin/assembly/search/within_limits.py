@@ -51,7 +51,7 @@ def within_limits(
     from scipy.optimize import least_squares
 
     mechanism, model = evaluation.mechanism, evaluation.model
-    n, scale = evaluation.constraints.n_rows, mechanism.velocity_scale
+    n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
     low, high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
     start = q.copy()
     for c in mechanism.coordinate_table.values():

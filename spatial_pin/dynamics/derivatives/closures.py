@@ -121,7 +121,7 @@ def _leibniz(product: Product) -> tuple[Array, Array, Array]:
 class Rows:
     """Closure rows and springs between frames, with their derivatives.
 
-    Products are those of the closure rows first, from `closed` on half the squared spring lengths.
+    Products are those of closure equations, then from `closed` on half the squared spring lengths.
 
     Args:
         mechanism: the mechanism.
@@ -143,9 +143,9 @@ class Rows:
         self.products = Products(mechanism, whole, a, b)
 
     def accelerations(self, rates: Rates) -> tuple[Array, Array]:
-        """Return the derivatives (n_rows, nv) of the rows' second rates, in q and in v."""
+        """Return the derivatives (n_closure, nv) of the rows' second rates, in q and in v."""
         c = self.constraints
-        out = np.zeros((2, c.n_rows, self.nv))
+        out = np.zeros((2, c.n_closure, self.nv))
         for total, change in zip(out, (rates.by_q, rates.by_v), strict=True):
             total[: c.n_products] = change[2][: c.n_products]
             for group in c.composed:
@@ -154,7 +154,7 @@ class Rows:
         return out[0], out[1]
 
     def curvature(self, q: Array) -> tuple[Array, Array]:
-        """Return q derivatives of the Jacobian of the closure rows (n_rows, nv, nv).
+        """Return q derivatives of the Jacobian of the closure equations (n_closure, nv, nv).
 
         And of that of half the squared spring lengths (n_lines, nv, nv).
         """

@@ -46,7 +46,7 @@ class Derivatives:
     Attributes:
         a: (nv,) the accelerations.
         a_by_q, a_by_v, a_by_effort: (nv, nv).
-        rows: indices of the independent closure rows.
+        rows: indices of the independent closure equations.
         multipliers: (len(rows),) of these rows.
         multipliers_by_q, multipliers_by_v, multipliers_by_effort: (len(rows), nv).
     """
@@ -176,7 +176,7 @@ def _changes(
 ) -> tuple[list[Array], list[Array]]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
-    The former are (nv, nv), the latter (n_rows, nv).
+    The former are (nv, nv), the latter (n_closure, nv).
 
     Args:
         equations: at the state, their KKT system factored.
@@ -209,6 +209,6 @@ def _changes(
     force_by_v -= spring_by_v
     closed_by_q, closed_by_v = rows.accelerations(rates)
     work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
-    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_rows))])
+    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_closure))])
     a_by, multipliers_by = equations.kkt.solve(work, gamma)
     return ([x.T for x in np.split(a_by, 3)], [x.T for x in np.split(multipliers_by, 3)])

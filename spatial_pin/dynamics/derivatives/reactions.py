@@ -49,7 +49,7 @@ class Changes(NamedTuple):
         state: configuration and velocity.
         whole: the tree with single joints.
         a: (nv,) accelerations.
-        rows, rates: closure rows and spring lengths.
+        rows, rates: closure equations and spring lengths.
         lines, turns: the springs.
         outside: (joint, placement, force in world axes) of wrenches on frames.
         effort: (nv,) efforts at joints.
@@ -91,7 +91,7 @@ class ReactionChanges:
         self.by_q = slice(1, 1 + self.nv)
         self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
         self.a = np.column_stack([a.value, a.by_q, a.by_v, a.by_effort])
-        self.multipliers = np.zeros((changes.rows.constraints.n_rows, 1 + 3 * self.nv))
+        self.multipliers = np.zeros((changes.rows.constraints.n_closure, 1 + 3 * self.nv))
         self.multipliers[chosen] = np.column_stack([
             multipliers.value, multipliers.by_q, multipliers.by_v, multipliers.by_effort])
 

@@ -76,7 +76,7 @@ def _rows(problem: Problem, state: State) -> tuple[Evaluation, Array, Array]:
     evaluation = Evaluation(constraints_of(problem.mechanism))
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
-    loops = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+    loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
     return evaluation, loops, np.vstack([loops, drives])
 

@@ -46,7 +46,7 @@ class Freedoms:
         if state is not self._state:
             with evaluation_of(self._mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
-                self._jacobian = evaluation.jacobian[: evaluation.constraints.n_rows].copy()
+                self._jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
             self._state, self._spaces = state, {}
             if not (is_large(self._mechanism.model) and self._look_for_one_freedom(state)):
                 self._rows = independent_rows(self._jacobian)

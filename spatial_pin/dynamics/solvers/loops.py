@@ -47,7 +47,7 @@ class Loops:
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
         self.mechanism, self.model = mechanism, mechanism.model
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
-        self.n_rows = self.constraints.n_rows
+        self.n_closure = self.constraints.n_closure
         self._is_large = is_large(self.model) if large is None else large
         self.bodies = bodies_of(self.model, self._is_large)
         self.kkt = KKT(mechanism, self.bodies.mass_at, self.bodies.n_masses)
@@ -67,7 +67,7 @@ class Loops:
         self.state, self._spaces = state, None
         is_rounded = state.mechanism.whole is self.mechanism
         self.turns = all_angles(state.mechanism, state.angles) if is_rounded else state.angles
-        self._rank = constraints_of(state.mechanism).n_rows if is_rounded else None
+        self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._placed = self._derived = None
 
     @cached_property
@@ -90,12 +90,12 @@ class Loops:
 
     @property
     def scaled(self) -> Array:
-        """(n_rows, nv) Jacobian of the closure equations for scaled velocities."""
+        """(n_closure, nv) Jacobian of the closure equations for scaled velocities."""
         evaluation = self.evaluation
         if self._derived is not self.state:
             evaluation.update(self.state.q)
             self._derived = self.state
-        return evaluation.jacobian[: self.n_rows]
+        return evaluation.jacobian[: self.n_closure]
 
     @cached_property
     def couplings(self) -> Array:
@@ -103,7 +103,7 @@ class Loops:
         n = len(self.constraints.couplings)
         if not n:
             return np.zeros((0, self.model.nv))
-        found: Array = self.scaled[self.n_rows - n :] / self.scale
+        found: Array = self.scaled[self.n_closure - n :] / self.scale
         return found
 
     # ------------------------------------------------------------ subspaces
@@ -125,12 +125,12 @@ class Loops:
     def _sparse_spaces(self) -> SparseSpaces | None:
         """Return the subspaces, None where it is uncertain which equations are independent."""
         self._stand_without_masses()
-        kkt, shape = self.kkt, (self.n_rows, len(self.scale))
+        kkt, shape = self.kkt, (self.n_closure, len(self.scale))
         if not kkt.pivot > TOLERANCES.rank:
             return None
 
         def nearest(motions: Array) -> Array:
-            found, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), self.n_rows)))
+            found, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), self.n_closure)))
             return found / self.scale
 
         found = SparseSpaces(*kkt.entries, shape, kkt.rank, nearest)
@@ -138,7 +138,7 @@ class Loops:
 
     @property
     def self_stresses(self) -> Array:
-        """(k, n_rows) multipliers whose generalised force is zero.
+        """(k, n_closure) multipliers whose generalised force is zero.
 
         A basis of them; for a large tree some random combinations of a basis.
         """
@@ -147,7 +147,7 @@ class Loops:
                 else spaces.left_null_space)
 
     def multipliers(self, closures: Array) -> Array:
-        """Return the shortest multipliers (n_rows,) whose generalised force is `closures`."""
+        """Return the shortest multipliers (n_closure,) whose generalised force is `closures`."""
         return self.spaces.minimum_norm_transposed(self.scale * closures)
 
     def moving(self, motions: Array) -> list[str]:
@@ -164,7 +164,7 @@ class Loops:
             SingularError: they have; the motion is not determined by the forces.
         """
         known = self._regular
-        if rank in (self.n_rows, self.model.nv) or (
+        if rank in (self.n_closure, self.model.nv) or (
                 known is not None and known.holds(self.mechanism, self.state.q, rank)):
             return
         if self._is_large and self.model.nv > PROBED:
@@ -198,9 +198,9 @@ class Loops:
     def _lacking(self, a: Array, v: Array) -> float:
         """Return the largest |J a + gamma(v)| relative to its terms; a and v are (nv,)."""
         rows, columns, values = self.kkt.entries
-        gamma = self.evaluation.bias(self.state.q, v)[: self.n_rows]
+        gamma = self.evaluation.bias(self.state.q, v)[: self.n_closure]
         terms, fastest = values * (a / self.scale)[columns], np.abs(v / self.scale).max()
-        left = np.abs(np.bincount(rows, terms, self.n_rows) + gamma)
+        left = np.abs(np.bincount(rows, terms, self.n_closure) + gamma)
         return float(left.max()) / max(float(np.abs(terms).max()), float(fastest) ** 2)
 
     def _stand_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:

@@ -28,7 +28,7 @@ from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-FREE = 1e-9  # closure rows, per unit of spin, that do not hold it
+FREE = 1e-9  # closure equations, per unit of spin, that do not hold it
 SPIN_TRIALS = 3  # other configurations at which the spin must be free too
 
 
@@ -59,7 +59,7 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     evaluation = Evaluation(constraints_of(mechanism))
     evaluation.turns[:] = state.angles
     evaluation.update(state.q)
-    freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_rows])
+    freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
     if len(freedoms) < 2:
         return []
     found, groups = [], driven_groups(mechanism)
@@ -102,7 +102,7 @@ def _beside(u: Array, point: Array) -> float:
 
 def _stay_free(evaluation: Evaluation, q: Array, bodies: list[Spinning]) -> bool:
     """Whether the spins are free at other closed configurations too."""
-    model, n = evaluation.model, evaluation.constraints.n_rows
+    model, n = evaluation.model, evaluation.constraints.n_closure
     rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)
     for _ in range(SPIN_TRIALS if bodies else 0):
         step = evaluation.mechanism.velocity_scale * rng.uniform(-0.1, 0.1, model.nv)

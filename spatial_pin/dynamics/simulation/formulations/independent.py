@@ -65,7 +65,7 @@ class Independent:
         mechanism = problem.mechanism
         self._prescribed = [c.v for c, _ in problem.drives]
         rows = problem.freedoms.equations(state)
-        self._is_whole = len(rows) == constraints_of(mechanism).n_rows
+        self._is_whole = len(rows) == constraints_of(mechanism).n_closure
         # where others lie between, what a residual leaves open in those left out is magnified
         wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
         asked = Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
