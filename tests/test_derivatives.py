@@ -251,6 +251,16 @@ def test_dead_centres_of_a_crank_rocker_are_where_crank_and_coupler_align():
     assert motion.driver[found[0].row - 1] < found[0].value < motion.driver[found[0].row]
 
 
+def test_dead_centres_of_a_curve_through_limits_of_the_driver():
+    """The rocker turns back where crank and coupler are in line, not where the crank does."""
+    lengths = {"r1": 0.30, "r2": 0.20, "r3": 0.15, "r4": 0.20}
+    mechanism = sp.load("four_bar", **lengths)
+    motion = sp.trace(mechanism, "crank", sp.assemble(mechanism, {"crank": 0.9}))
+    assert [event.kind for event in motion.events] == ["limit", "limit"]
+    at = np.arccos((0.30**2 + 0.35**2 - 0.20**2) / (2 * 0.30 * 0.35))
+    assert [event.value for event in sp.dead_centres(motion)] == pytest.approx([-at, at], abs=1e-12)
+
+
 def test_dead_centres_at_rows_are_found_once():
     motion = sp.sweep(sp.load("slider_crank"), "crank", np.linspace(0.0, 2 * np.pi, 361))
     found = sp.dead_centres(motion, "slide")

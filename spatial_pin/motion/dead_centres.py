@@ -21,7 +21,7 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
     advantage infinite. Limit positions of the driver itself are `motion.events`.
 
     Args:
-        motion: from `sweep`, the driver moving in every sample.
+        motion: from `sweep`, the driver moving in every sample, or from `trace`.
         output: a coordinate; default every one-freedom joint on the fixed link but the driver.
 
     Returns:
@@ -39,7 +39,8 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         moving = np.flatnonzero(rates)
         if not moving.size:
             continue
-        turning = np.flatnonzero(np.diff(np.sign(rates[moving])))
+        goes = np.sign(motion.driver_speed[moving])  # the other way beyond its own limits
+        turning = np.flatnonzero((np.diff(np.sign(rates[moving])) != 0.0) & (np.diff(goes) == 0.0))
         found += [_located(motion, int(moving[k]), int(moving[k + 1]), name) for k in turning]
         ends = {0, len(motion) - 1} - set(moving.tolist())
         found += [_event(motion, name, row, float(motion.swept[row]),
