@@ -169,6 +169,10 @@ class Design:
                 "defects": [defect._asdict() for defect in self.defects],
                 "evaluations": self.evaluations}
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} = {x:.6g}" for name, x in self.dimensions.items())
+        return f"Design({self.mechanism.name!r}: error {self.error:.3g}, {values})"
+
     def __str__(self) -> str:
         on = self.at_bounds
         values = [f"{name} = {x:.6g}" + (f" (its {on[name]})" if name in on else "")
@@ -196,6 +200,8 @@ class Designs(Sequence[Design]):
         starts: how many local solutions were tried.
         failed: how many of them led to no design.
         evaluations: sets of dimensions that were tried in all.
+        nearest: of those that led to no design, the least by which what is to be met exactly was
+            missed [characteristic lengths, rad]; infinite if the loops closed at none.
     """
 
     designs: tuple[Design, ...]
@@ -204,6 +210,7 @@ class Designs(Sequence[Design]):
     starts: int
     failed: int
     evaluations: int
+    nearest: float = np.inf
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -215,6 +222,9 @@ class Designs(Sequence[Design]):
     def __getitem__(self, k: slice) -> tuple[Design, ...]: ...
 
     def __getitem__(self, k: int | slice) -> Design | tuple[Design, ...]:
+        if isinstance(k, int) and not -len(self) <= k < len(self):
+            raise IndexError(f"{self.name}: there is no design {k}; {len(self)} were found, "
+                             f"from {self.starts} starts{self._why}")
         return self.designs[k]
 
     def __iter__(self) -> Iterator[Design]:
@@ -226,12 +236,26 @@ class Designs(Sequence[Design]):
                 "failed": self.failed, "evaluations": self.evaluations,
                 "designs": [design.as_dict() for design in self.designs]}
 
+    @property
+    def _why(self) -> str:
+        """Why there is no design, in words that go on a sentence; empty if there is one."""
+        if self.designs or not self.failed:
+            return ""
+        if not np.isfinite(self.nearest):
+            return "; the loops closed at none of them"
+        return ("; the nearest misses what is to be met exactly by "
+                f"{self.nearest:.2g} characteristic lengths or rad")
+
+    def __repr__(self) -> str:
+        best = f", errors from {self.designs[0].error:.3g}" if self.designs else ""
+        return f"Designs({self.name!r}: {len(self)} from {self.starts} starts{best})"
+
     def __str__(self) -> str:
         n = len(self.designs)
         none = f", {self.failed} of them without one" if self.failed else ""
         head = (f"{self.name}: {n} design{'s' * (n != 1)} from {self.starts} "
                 f"start{'s' * (self.starts != 1)}{none}; {self.evaluations} sets of dimensions "
-                f"tried{'' if self.is_whole else '; cut short'}")
+                f"tried{'' if self.is_whole else '; cut short'}{self._why}")
         return "\n".join([*textwrap.wrap(head, WIDTH),
                           *(f"{k}. {design}" for k, design in enumerate(self.designs, start=1))])
 
@@ -267,7 +291,7 @@ def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
     """Return the best of what a search found."""
     designs = _ranked([design_of(problem, found) for found in searched.found[:most]])
     return Designs(tuple(designs), problem.mechanism.name, searched.is_whole, searched.starts,
-                   searched.failed, searched.evaluations)
+                   searched.failed, searched.evaluations, searched.nearest)
 
 
 def _ranked(designs: Sequence[Design]) -> list[Design]:

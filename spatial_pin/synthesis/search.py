@@ -71,6 +71,8 @@ class Searched(NamedTuple):
         starts: how many local solutions were tried.
         failed: how many of them led to no solution.
         evaluations: sets of dimensions that were tried in all.
+        nearest: of those that led to no solution, the least by which what is to be met exactly is
+            missed [characteristic lengths, rad]; infinite if the loops closed at none.
     """
 
     found: tuple[Found, ...]
@@ -78,6 +80,7 @@ class Searched(NamedTuple):
     starts: int
     failed: int
     evaluations: int
+    nearest: float
 
 
 def searched(
@@ -134,7 +137,8 @@ def searched(
     tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
     own = [found for found in tried if found.is_one]
     return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), len(tried) - len(own),
-                    sum(found.evaluations for found in tried) + len(kept.values))
+                    sum(found.evaluations for found in tried) + len(kept.values),
+                    min((found.hard for found in tried if not found.is_one), default=np.inf))
 
 
 class _Search:
