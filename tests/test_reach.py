@@ -520,6 +520,22 @@ def test_the_command_line_reaches_and_tells(tmp_path, capfd):
     assert np.abs(state.placement("platform").translation - there).max() < 1e-11
 
 
+def test_one_frame_has_several_targets_in_the_command_line(tmp_path, capfd):
+    target = tmp_path / "state.json"
+    assert main(["reach", "stewart", "platform.position=0,0,0.42", "platform.direction=0.1,0,1",
+                 "--json", str(target)]) == 0
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism, {}, np.array(json.loads(target.read_text())["q"]))
+    there = state.placement("platform")
+    assert there.translation == pytest.approx([0.0, 0.0, 0.42], abs=1e-11)
+    assert there.rotation[:, 2] == pytest.approx(np.array([0.1, 0, 1]) / np.sqrt(1.01), abs=1e-11)
+    assert main(["reach", "stewart", "platform.position=0,0,0.42", "platform.position=0,0,1"]) == 1
+    assert "contradict" in capfd.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["reach", "stewart", "leg_1=0.4", "leg_1=0.41"])
+    assert "two values" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize(("word", "code", "told"), [
     ("platform.position=0,0", 2, "has 3 numbers, not 2"),
     ("platform.position=0,0,1rad", 2, "has numbers in m"),

@@ -193,7 +193,7 @@ def _follow(options: argparse.Namespace) -> None:
 
 def _reach(options: argparse.Namespace) -> None:
     mechanism = _load(options)
-    targets = _unique(options, options.targets)
+    targets = _targets(options)
     if options.path:
         _reach_path(options, mechanism, targets)
         return
@@ -203,7 +203,7 @@ def _reach(options: argparse.Namespace) -> None:
         options.usage_error("--csv, --npz, --plot and --clearance tell of a motion: they need "
                             "--path")
     state = sp.assemble(mechanism, {}, _guess(options))
-    _fitting(mechanism, {n: x for n, x in targets.items() if not isinstance(x, sp.Target)})
+    _fitting(mechanism, {n: x for n, x in targets.items() if not isinstance(x, list)})
     found = sp.reach(mechanism, targets, state, hold=["base", *options.hold],
                      limits=options.limits)
     _tell(options, found)
@@ -215,11 +215,23 @@ def _reach(options: argparse.Namespace) -> None:
         print(f"wrote {sp.export_html(found, options.html, look=_look(options))}")
 
 
+def _targets(options: argparse.Namespace) -> dict[str, Any]:
+    """Return values of coordinates, and lists of the targets of frames."""
+    frames: dict[str, list[Any]] = {}
+    for name, target in options.targets:
+        if isinstance(target, sp.Target):
+            frames.setdefault(name, []).append(target)
+    values = [(name, x) for name, x in options.targets if not isinstance(x, sp.Target)]
+    if both := frames.keys() & dict(values):
+        options.usage_error(f"{min(both)!r} is given as a frame and as a coordinate")
+    return {**_unique(options, values), **frames}
+
+
 def _reach_path(
     options: argparse.Namespace, mechanism: sp.Mechanism, standing: dict[str, Any]
 ) -> None:
     """Go along a table of targets; coordinates named beside it stand still."""
-    if any(isinstance(target, sp.Target) for target in standing.values()):
+    if any(isinstance(target, list) for target in standing.values()):
         options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
     if not options.limits:
         options.usage_error("--no-limits is of single targets: limits passed are told of a path")

@@ -171,7 +171,7 @@ class Descent:
         way = self._slope(place.q, place.held).off_summit()
         if way is None:
             return None
-        found = [self._landed(place.q, side * TOLERANCES.unexplained * way, place.held)
+        found = [self._landed(place.q, side * TOLERANCES.trial_step * way, place.held)
                  for side in (1.0, -1.0)]
         return min((x for x in found if x is not None and x.size < place.size),
                    key=lambda x: x.size, default=None)
