@@ -41,7 +41,7 @@ def check_kernel(mechanism: sp.Mechanism, q: np.ndarray) -> None:
         for i, own in enumerate(data.oMi):
             assert_same(placements[k, i, :3].T, own.rotation)
             assert_same(placements[k, i, 3], own.translation)
-        evaluation.turns[:] = 0.0
+        evaluation.angle_reference[:] = 0.0
         evaluation.update(q[:, k])
         assert_same(jacobians[k], evaluation.jacobian)
 

@@ -157,7 +157,7 @@ def evaluate(evaluation: Evaluation, q: np.ndarray) -> np.ndarray:
 def settle(evaluation: Evaluation, q: np.ndarray) -> None:
     """Make screw closures count their turns from q."""
     evaluation.update(q)
-    evaluation.turns[:] = evaluation.angles
+    evaluation.angle_reference[:] = evaluation.angles
 
 
 def along(evaluation: Evaluation, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -252,7 +252,7 @@ def test_every_jacobian_column_is_a_derivative(tmp_path, kind):
     settle(evaluation, q)
     expected = np.array([FIRST @ along(evaluation, q, e) / STEP
                          for e in np.eye(mechanism.model.nv)]).T
-    evaluation.turns[:] = 0.0
+    evaluation.angle_reference[:] = 0.0
     np.testing.assert_allclose(sp.closure_jacobian(mechanism, q), expected, rtol=0, atol=1e-10)
 
 
@@ -420,9 +420,9 @@ def test_screw_angle_counts_turns(tmp_path):
         q = at_relative(mechanism, pin.SE3(about("z", angle), np.array([0, 0, slide])), rng)
         assert np.abs(evaluate(evaluation, q)).max() < 1e-14
         assert evaluation.angles[0] == pytest.approx(angle, abs=1e-13)
-        evaluation.turns[:] = evaluation.angles
+        evaluation.angle_reference[:] = evaluation.angles
     for angle in (-2.0, 0.3, 2.9):
-        evaluation.turns[:] = 0.0
+        evaluation.angle_reference[:] = 0.0
         evaluation.update(at_relative(mechanism, pin.SE3(about("z", angle), np.zeros(3)), rng))
         assert evaluation.angles[0] == pytest.approx(angle, abs=1e-14)
 

@@ -93,7 +93,7 @@ def assert_same_as_pinocchio(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarr
     judge, kernel = Evaluation(Constraints(mechanism)), Kernel(mechanism)
     judge.update(q)
     turns = judge.angles + 2.0 * np.pi * np.arange(1, len(judge.angles) + 1)
-    judge.turns[:] = turns
+    judge.angle_reference[:] = turns
     judge.update(q)
     bias = judge.bias(q, v)
     found = kernel.evaluate(q, v, turns)

@@ -77,7 +77,7 @@ def test_cases_close_to_the_branch_they_are_moved_from(case: str, tmp_path: Path
     step = np.random.default_rng(3).uniform(-1e-4, 1e-4, mechanism.model.nv) * free
     start = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
     evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     found, error = close(evaluation, start, free, 1e-13)
     assert error <= 1e-14
     apart = pin.difference(mechanism.model, state.q, found) / mechanism.velocity_scale

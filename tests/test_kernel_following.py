@@ -22,7 +22,7 @@ def path_of(mechanism, driver, accuracy=None) -> tuple[Path, sp.State]:
     state = sp.assemble(mechanism)
     driven = prescribed_at(state, [driver])
     with evaluation_of(mechanism) as evaluation:
-        evaluation.turns[:] = state.angles
+        evaluation.angle_reference[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
         return Path(Kernel(mechanism), system.equations, [c.v for c in driven], system.passive,
                     accuracy or Accuracy()), state

@@ -41,7 +41,7 @@ def check(mechanism, kkt, q, rng):
     n = evaluation.constraints.n_closure
     mass, (v, given, needed) = masses(mechanism, rng), rng.standard_normal((3, nv))
     kkt.mass[:] = mass.ravel()
-    a = kkt.accelerations(q, v, evaluation.turns, given, needed).copy()
+    a = kkt.accelerations(q, v, evaluation.angle_reference, given, needed).copy()
     jacobian, gamma = evaluation.jacobian[:n].copy(), evaluation.bias(q, v)[:n]
     rows = kkt.rows
     assert kkt.rank == len(rows) == rank(jacobian) == rank(jacobian[rows])

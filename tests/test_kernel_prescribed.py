@@ -22,7 +22,7 @@ def path_of(mechanism, accuracy=None) -> tuple[Path, sp.State]:
     state = sp.assemble(mechanism)
     driven = prescribed_at(state, mechanism.drivers)
     with evaluation_of(mechanism) as evaluation:
-        evaluation.turns[:] = state.angles
+        evaluation.angle_reference[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
     kernel = Kernel(mechanism)
     return Path(kernel, system.equations, prescribed_places(kernel, driven), system.passive,

@@ -27,7 +27,7 @@ def _square(mechanism: sp.Mechanism) -> tuple[State, SquareSystem]:
     """Return the assembled state and its square system with all drivers driven."""
     state = sp.assemble(mechanism)
     evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     driven = [mechanism.prescribed_coordinate(d) for d in mechanism.drivers]
     return state, SquareSystem(evaluation, driven, state.q)
 

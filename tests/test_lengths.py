@@ -106,7 +106,7 @@ def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_pat
     evaluation.update(q[:, 0])
     none, dense = np.zeros(mechanism.model.nv), np.zeros_like(evaluation.jacobian)
     kkt.mass[:] = np.eye(len(none)).ravel()
-    kkt.accelerations(q[:, 0], none, evaluation.turns, none, none)
+    kkt.accelerations(q[:, 0], none, evaluation.angle_reference, none, none)
     rows, columns, values = kkt.entries
     assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == len(rows)
     dense[rows, columns] = values

@@ -47,7 +47,7 @@ def test_rows_of_every_kind_and_their_rates_are_those_of_the_solvers(name, tmp_p
     step, v, a = (mech.velocity_scale * rng.normal(size=nv) for _ in range(3))
     q = pin.integrate(mech.model, start.q, 0.1 * step)
     evaluation = Evaluation(constraints_of(mech))
-    evaluation.turns[:] = start.angles
+    evaluation.angle_reference[:] = start.angles
     evaluation.update(q)
     n, jacobian = evaluation.constraints.n_closure, evaluation.jacobian / mech.velocity_scale
     residual, angles = evaluation.residual.copy(), evaluation.angles[None].copy()

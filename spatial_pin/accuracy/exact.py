@@ -155,7 +155,7 @@ class ExactRows:
         inverses = np.zeros((n, nv, nv))
         for k in range(n):
             closed[k, self.at] = self.values[k]
-            evaluation.turns[:] = turns[k]
+            evaluation.angle_reference[:] = turns[k]
             system = self._system(evaluation, closed, k)
             if system is not None:
                 found[k], inverses[k] = system, np.linalg.inv(system.matrix)

@@ -126,7 +126,7 @@ def assembled(
     angles = guess.angles if isinstance(guess, State) and (
         guess.angles.size == constraints_of(mechanism).n_angles) else 0.0
     with (evaluation_of(mechanism, angles) as evaluation,
-          _of_whole(mechanism, evaluation.turns) as whole):
+          _of_whole(mechanism, evaluation.angle_reference) as whole):
         def searched(accuracy: Accuracy) -> Search:
             search = Search(Closing(
                 evaluation, whole, held, standing, named, accuracy, start.q), limits)
@@ -148,11 +148,11 @@ def assembled(
     return state
 
 
-def _of_whole(mechanism: Mechanism, turns: Array) -> AbstractContextManager[Evaluation | None]:
-    """Lend the evaluation of the whole of a mechanism, whose screws count from `turns`, if any."""
+def _of_whole(mechanism: Mechanism, reference: Array) -> AbstractContextManager[Evaluation | None]:
+    """Return the evaluation of the whole, or nothing; screws count from `reference`."""
     if mechanism.whole is None:
         return nullcontext()
-    return evaluation_of(mechanism.whole, all_angles(mechanism, turns))
+    return evaluation_of(mechanism.whole, all_angles(mechanism, reference))
 
 
 def tell(state: State) -> None:
@@ -226,7 +226,7 @@ def _at_home(
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
     with (evaluation_of(mechanism) as evaluation,
-          _of_whole(mechanism, evaluation.turns) as whole):
+          _of_whole(mechanism, evaluation.angle_reference) as whole):
         search = Search(Closing(
             evaluation, whole, {}, drivers, start.named, accuracy_of(None), start.q), False)
         search.attempt(start.q)

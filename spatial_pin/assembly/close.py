@@ -50,8 +50,8 @@ def close(
     Raises:
         SingularError: positions have grown beyond all numbers.
     """
-    found = closed(evaluation.mechanism, q, free, evaluation.turns, tolerance, iterations, pinned,
-                   cut).q
+    found = closed(evaluation.mechanism, q, free, evaluation.angle_reference, tolerance, iterations,
+                   pinned, cut).q
     evaluation.update(found)
     return found, evaluation.closure_error
 
@@ -60,15 +60,15 @@ def closed(
     mechanism: Mechanism,
     q: Array,
     free: NDArray[np.bool_],
-    turns: Array,
+    reference: Array,
     tolerance: float,
     iterations: int = DAMPED_STEPS,
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:
-    """Do as `close` without an evaluation; `turns` are those that it would have."""
+    """Do as `close` without an evaluation; `angle_reference` are those that it would have."""
     with closer_of(mechanism, pinned) as closer:
-        return finite(closer.close(q, free, turns, tolerance, iterations, pinned.values(), cut))
+        return finite(closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut))
 
 
 def finite(found: Found) -> Found:

@@ -68,7 +68,8 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
     jacobian = evaluation.jacobian[:n].copy()
     rows = independent_rows(jacobian)
     svd = decompose(jacobian[rows])
-    beside = step_beside(evaluation.mechanism, q, evaluation.turns, rows, svd.vt[len(rows) :])
+    freedoms = svd.vt[len(rows) :]
+    beside = step_beside(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
     if beside is not None and beside.is_closed:
         evaluation.update(beside.q)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP

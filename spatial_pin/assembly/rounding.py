@@ -108,7 +108,7 @@ def may_be_rounded(
         return False
     if seen is None:
         with closer_of(evaluation.mechanism) as closer:
-            seen = closer.examine(q, evaluation.turns)
+            seen = closer.examine(q, evaluation.angle_reference)
     if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
         return False
     evaluation.update(q)

@@ -327,8 +327,8 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
             mechanism = mechanism.with_equations(state.mechanism.kept)
     same = state.mechanism.coordinates == mechanism.coordinates
     evaluation = Evaluation(constraints_of(mechanism))
-    if same and state.angles.size == evaluation.turns.size:
-        evaluation.turns[:] = state.angles
+    if same and state.angles.size == evaluation.angle_reference.size:
+        evaluation.angle_reference[:] = state.angles
         evaluation.update(state.q)
         if evaluation.closure_error <= max(TOLERANCES.nothing, 2.0 * state.closure_error):
             return State(mechanism, state.q, state.v, state.a,

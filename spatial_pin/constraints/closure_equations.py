@@ -51,8 +51,8 @@ class Evaluation:
         jacobian: (n_closure + n_passive, nv) derivative of the rows with respect to the scaled
             velocities v / `velocity_scale`; the last ones are rates of idle rotations.
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
-            one in `turns`.
-        turns: (n_angles,) the angles to which `angles` stays nearest.
+            one in `angle_reference`.
+        angle_reference: (n_angles,) the angles to which `angles` stays nearest.
         angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
         wrenches: (rows, 6) force and moment about the world origin of each product row.
         placements: (njoints, 4, 3) view on the joint placements.
@@ -69,7 +69,7 @@ class Evaluation:
         n, nv, r = model.njoints, model.nv, len(c.constants)
         self._n_all = r
         self.angles = np.zeros(c.n_angles)
-        self.turns = np.zeros(c.n_angles)
+        self.angle_reference = np.zeros(c.n_angles)
         self.angle_jacobian = np.zeros((c.n_angles, nv))
         self._zero = np.zeros(nv)
         self.q = c.mechanism.neutral
@@ -178,7 +178,7 @@ class Evaluation:
         self.residual[:p] = self._values[:p]
         for group in c.composed:
             inputs = group.seeded([self._values[:, None]], [q[:, None]])
-            value, angle = group.values(inputs, self.turns)
+            value, angle = group.values(inputs, self.angle_reference)
             size = self.mechanism.velocity_scale
             self.residual[group.rows] = value.values[0][:, 0]
             self.jacobian[group.rows] = composed_rows(group, value.changes[0], products, size)
@@ -258,5 +258,5 @@ class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evalu
     def __enter__(self) -> Evaluation:
         """Return the evaluation."""
         found = super().__enter__()
-        found.turns[:] = self._angles
+        found.angle_reference[:] = self._angles
         return found

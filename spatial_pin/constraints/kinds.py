@@ -194,19 +194,19 @@ class Composed:
         return [Taylor(x.values, [seed, *[0.0] * (len(products) - 1)])
                 for x, seed in zip(inputs, seeds, strict=True)]
 
-    def values(self, inputs: list[Taylor], turns: Array | None = None
+    def values(self, inputs: list[Taylor], reference: Array | None = None
                ) -> tuple[Taylor, Taylor | None]:
         """Return the equations (m, ...), and their angles if they have some.
 
         Args:
             inputs: products, then coordinates.
-            turns: (n_angles, ...) that the angles are nearest to [rad]; zero if left out.
+            reference: (n_angles, ...) that the angles are nearest to [rad]; zero if left out.
         """
         like = inputs[0].values[0]
         numbers = [_beside(x, like) for x in self.numbers]
         if self.kind.angle is None:
             return self.kind.formula(*inputs, *numbers), None
-        near = 0.0 if turns is None else _beside(turns[self.angles], like)
+        near = 0.0 if reference is None else _beside(reference[self.angles], like)
         sine, cosine = (inputs[k] for k in self.kind.angle)
         angle = argument(sine, cosine, near)
         return self.kind.formula(*inputs, angle, *numbers), angle

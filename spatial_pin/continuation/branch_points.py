@@ -128,7 +128,7 @@ class Passage(NamedTuple):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
         q, angles = self.configuration(value), self.angles(value)
         evaluation = self.cursor.start.evaluation
-        evaluation.turns[:] = angles
+        evaluation.angle_reference[:] = angles
         evaluation.update(q)
         error = float(np.abs(evaluation.residual).max(initial=0.0))
         return Place(value, q, self.t(value), self.c(value), error, angles)

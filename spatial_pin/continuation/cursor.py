@@ -144,7 +144,7 @@ class Cursor:
         Raises:
             SingularError: what is driven does not determine the motion there.
         """
-        self.start.evaluation.turns[:] = angles
+        self.start.evaluation.angle_reference[:] = angles
         self.start.evaluation.update(q)
         system.factor()
         if not system.pivot:

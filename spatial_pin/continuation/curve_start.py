@@ -51,7 +51,7 @@ def _square(
     mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
 ) -> SquareSystem:
     evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     system = SquareSystem(evaluation, driven, state.q, still)
     system.check_regular(state.q)
     return system

@@ -98,7 +98,8 @@ class Curve:
 
     def expect(self, point: CurvePoint, step: Array) -> None:
         """Expect relative angles of screw closures as they are after a scaled step."""
-        self.evaluation.turns[:] = point.angles + point.slopes @ step[: point.slopes.shape[1]]
+        self.evaluation.angle_reference[:] = (
+            point.angles + point.slopes @ step[: point.slopes.shape[1]])
 
     def onto(self, x: Array, normal: Array) -> Array | None:
         """Return the closed configuration near x in the plane through it with a scaled normal."""

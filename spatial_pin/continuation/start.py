@@ -99,7 +99,7 @@ class Start:
         Raises:
             SingularError: the driver does not determine the motion there.
         """
-        self.evaluation.turns[:] = angles
+        self.evaluation.angle_reference[:] = angles
         return SquareSystem(self.evaluation, self.driven, q, self.still)
 
     def checked_system(self, state: State) -> SquareSystem:

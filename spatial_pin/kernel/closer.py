@@ -127,7 +127,7 @@ class Closer:
         self.handle = handle
         self._q, self._pinned = np.empty(kernel.nq), np.empty(len(pins))
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
-        self._turns, self._angles = np.empty((2, kernel.n_angles))
+        self._reference, self._angles = np.empty((2, kernel.n_angles))
         self._error, self._mirrored = np.empty(3), np.empty(1, np.int64)
         self._starts, self._mirrors = np.empty((AT_ONCE, kernel.nq)), np.empty(AT_ONCE, np.int64)
         self._errors, self._distances = np.empty((2, AT_ONCE))
@@ -136,7 +136,7 @@ class Closer:
         self.knows_mirrors = rotations.shape[1] == sum(
             c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
         self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
-            address(x) for x in (self._q, self._first, self._free, self._pinned, self._turns))
+            address(x) for x in (self._q, self._first, self._free, self._pinned, self._reference))
         self._ends = address(self._error), address(self._mirrored)
         self._at_starts = address(self._starts)
         meant = MeantPlaces(*map(address, (self._value, self._said, self._lower, self._upper)))
@@ -145,15 +145,16 @@ class Closer:
         self._facts = address(self._error), address(self._angles), address(self._mirrored)
 
     def close(
-        self, q: Array, free: NDArray[np.bool_], turns: Array, tolerance: float, iterations: int,
-        pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None = None,
+        self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
+        iterations: int, pinned: Iterable[float], cut: float,
+        first: NDArray[np.bool_] | None = None,
     ) -> Closed:
         """Close the loops from q (nq,), to the least residual that is reached.
 
         Args:
             q: where to start.
             free: (nv,) velocities that may move.
-            turns: (n_angles,) from which the angles of screws count [rad].
+            reference: (n_angles,) from which the angles of screws count [rad].
             tolerance: length of the residual from which steps are undamped.
             iterations: damped steps at most.
             pinned: values of the pinned coordinates, in the order of their names.
@@ -161,13 +162,13 @@ class Closer:
             first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
         """
         self._q[:] = q
-        self._close(1, self._at_q, free, turns, tolerance, iterations, pinned, cut, first,
+        self._close(1, self._at_q, free, reference, tolerance, iterations, pinned, cut, first,
                     *self._ends)
         return Closed(self._q.copy(), self._error.item(0),
                       not self.knows_mirrors or self._mirrored.item() != 0)
 
     def reach(
-        self, q: Sequence[Array], free: NDArray[np.bool_], turns: Array, tolerance: float,
+        self, q: Sequence[Array], free: NDArray[np.bool_], reference: Array, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
         meant: Meant,
     ) -> list[Reached]:
@@ -175,7 +176,7 @@ class Closer:
         m = len(q)
         self._starts[:m] = q
         self._take(meant)
-        self._close(m, self._at_starts, free, turns, tolerance, iterations, pinned, cut, first,
+        self._close(m, self._at_starts, free, reference, tolerance, iterations, pinned, cut, first,
                     *self._reached, *self._facts[:2])
         if m == 1:
             return [Reached(self._starts[0].copy(), self._errors.item(0), self._is_mirrored(
@@ -186,9 +187,9 @@ class Closer:
             (x != 0 or not self.knows_mirrors for x in self._mirrors[:m].tolist()),
             self._distances[:m].tolist(), strict=True)]
 
-    def judge(self, q: Array, turns: Array | float, meant: Meant) -> Reached:
+    def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
-        self._q[:], self._turns[:] = q, turns
+        self._q[:], self._reference[:] = q, reference
         self._take(meant)
         self._library.closer_judge(
             self.handle, 1, self._at_q, self._at_turns, *self._reached)
@@ -199,11 +200,11 @@ class Closer:
         self._value[:], self._said[:], self._lower[:], self._upper[:] = meant
 
     def _close(
-        self, m: int, q: int, free: NDArray[np.bool_], turns: Array, tolerance: float,
+        self, m: int, q: int, free: NDArray[np.bool_], reference: Array, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
         *out: Any,
     ) -> None:
-        self._free[:], self._turns[:] = free, turns
+        self._free[:], self._reference[:] = free, reference
         if first is not None:
             self._first[:] = first
         if len(self._order):
@@ -213,9 +214,9 @@ class Closer:
             self.handle, m, q, None if first is None else self._at_first, self._at_free,
             *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, *out))
 
-    def examine(self, q: Array, turns: Array) -> Examined:
+    def examine(self, q: Array, reference: Array) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
-        self._q[:], self._turns[:] = q, turns
+        self._q[:], self._reference[:] = q, reference
         check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
         return self._examined(self._mirrored)
 

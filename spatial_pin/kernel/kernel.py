@@ -87,22 +87,22 @@ class Kernel:
         self.kept: dict[Any, Any] = {}
         weakref.finalize(self, self.library.kernel_destroy, handle)
 
-    def evaluate(self, q: Array, v: Array, turns: Array) -> Evaluated:
+    def evaluate(self, q: Array, v: Array, reference: Array) -> Evaluated:
         """Return placements, closure equations, Jacobian and bias at q (nq,), v (nv,).
 
         Args:
             q: configuration.
             v: joint velocities.
-            turns: (n_angles,) the angles to which those of screw closures stay nearest [rad].
+            reference: (n_angles,) the angles to which those of screw closures stay nearest [rad].
         """
         q, v = numbers(q, (self.nq,)), numbers(v, (self.nv,))
-        turns = numbers(turns, (self.n_angles,))
+        reference = numbers(reference, (self.n_angles,))
         n, equations = len(self.packed.frames), self.n_closure + self.n_passive
         rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
         residual, angles = np.empty(self.n_closure), np.empty(self.n_angles)
         jacobian, bias = np.empty((equations, self.nv)), np.empty(equations)
         self.library.kernel_evaluate(self.handle, *map(address, (
-            q, v, turns, rotations, translations, residual, angles, jacobian, bias)))
+            q, v, reference, rotations, translations, residual, angles, jacobian, bias)))
         carriers = self.packed.carriers
         in_pin = np.einsum("jki,jlk->jil", rotations, self.packed.frames)[carriers]
         return Evaluated(in_pin, translations[carriers], residual, angles, jacobian, bias)

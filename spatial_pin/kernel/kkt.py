@@ -50,18 +50,18 @@ class KKT:
                                        ctypes.byref(handle)))
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
-        self._q, self._turns = np.empty(kernel.nq), np.empty(kernel.n_angles)
+        self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._given, self._needed, self._a = np.empty((4, nv))
         self.mass, self._facts = np.empty(n_masses), np.empty(3)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
         self._rows = np.empty(n_closure, np.int64)
         self._inputs = [handle, *map(address, (
-            self._q, self._v, self._turns, self.mass, self._given, self._needed))]
+            self._q, self._v, self._reference, self.mass, self._given, self._needed))]
         self._outputs = [address(x) for x in (
             self._a, self.closures, self.multipliers, self._facts)]
 
     def accelerations(
-        self, q: Array, v: Array, turns: Array | Sequence[float], given: Array, needed: Array,
+        self, q: Array, v: Array, reference: Array | Sequence[float], given: Array, needed: Array,
         anew: bool = True,
     ) -> Array:
         """Return accelerations (nv,), 0 where they are not determined; the next call overwrites.
@@ -69,12 +69,12 @@ class KKT:
         Args:
             q: (nq,) configuration; `mass` is that there.
             v: (nv,) joint velocities.
-            turns: (n_angles,) from which the angles of screws count [rad].
+            reference: (n_angles,) from which the angles of screws count [rad].
             given: (nv,) joint forces f.
             needed: (nv,) joint forces b that the motion needs without acceleration.
             anew: whether to choose independent equations, and the scaling, again.
         """
-        self._q[:], self._v[:], self._turns[:] = q, v, turns
+        self._q[:], self._v[:], self._reference[:] = q, v, reference
         self._given[:], self._needed[:] = given, needed
         check(self._library.kkt_accelerations(*self._inputs, anew, *self._outputs))
         self.pivot, self.error, rank = self._facts.tolist()

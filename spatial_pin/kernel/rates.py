@@ -70,18 +70,18 @@ class Rates:
         check(self._library.rates_create(
             kernel.handle, address(at), len(at), ctypes.byref(handle)))
         self._handle = handle
-        self._q, self._turns = np.empty(kernel.nq), np.empty(kernel.n_angles)
+        self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self.speeds, self.accelerations = np.zeros((2, len(at)))
         self._columns, self._v, self._a = np.empty((n_moving, self.nv)), *np.empty((2, self.nv))
         self._facts, self._local = np.zeros(3), np.empty(3)
         self._jacobian = np.empty((6, n_moving))
-        self._at = [handle, address(self._q), address(self._turns)]
+        self._at = [handle, address(self._q), address(self._reference)]
         self._pivot = address(self._facts)
         self._rates = [n_moving, *(address(x) for x in (
             self.speeds, self.accelerations, self._columns, self._v, self._a, self._facts))]
         self._frame = [address(x) for x in (self._local, self._columns, self._jacobian)]
 
-    def place(self, q: Array, turns: Array, chosen: Chosen | None = None) -> bool:
+    def place(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
         """Factor the equations at q (nq,); False where nothing determines rates there.
 
         Without `chosen`: where equations are not clearly independent of each other and of what is
@@ -89,19 +89,19 @@ class Rates:
 
         Args:
             q: closed configuration.
-            turns: (n_angles,) from which the angles of screws count [rad].
+            reference: (n_angles,) from which the angles of screws count [rad].
             chosen: the equations, if the kernel is not to choose them.
         """
-        self._q[:], self._turns[:] = q, turns
+        self._q[:], self._reference[:] = q, reference
         given, _kept = _NONE if chosen is None else _addresses(chosen)
         return _determined(self._library.rates_place(*self._at, *given, self._pivot))
 
-    def solve(self, q: Array, turns: Array, chosen: Chosen | None = None) -> Solved | None:
+    def solve(self, q: Array, reference: Array, chosen: Chosen | None = None) -> Solved | None:
         """Return the rates at q (nq,) for the drivers' rates in `speeds` and `accelerations`.
 
         None as `place`.
         """
-        self._q[:], self._turns[:] = q, turns
+        self._q[:], self._reference[:] = q, reference
         given, _kept = _NONE if chosen is None else _addresses(chosen)
         code = self._library.rates_solve(*self._at, *given, *self._rates)
         if not _determined(code):

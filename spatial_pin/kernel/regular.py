@@ -28,25 +28,25 @@ class Beside(NamedTuple):
 
 
 def step_beside(
-    mechanism: Mechanism, q: Array, turns: Array, rows: NDArray[np.intp], freedoms: Array
+    mechanism: Mechanism, q: Array, reference: Array, rows: NDArray[np.intp], freedoms: Array
 ) -> Beside | None:
     """Return the end of a step in all freedoms; None where none is found.
 
     Args:
         mechanism: the mechanism.
         q: (nq,) closed configuration.
-        turns: (n_angles,) from which the angles of screws count [rad].
+        reference: (n_angles,) from which the angles of screws count [rad].
         rows: independent closure equations at q.
         freedoms: (k, nv) orthonormal scaled velocities that they leave.
     """
     with acquired(mechanism, "kernel without idle rotations",
                   lambda: Kernel(mechanism, packed(mechanism, idle=False))) as kernel:
-        q, turns = numbers(q, (kernel.nq,)), numbers(turns, (kernel.n_angles,))
+        q, reference = numbers(q, (kernel.nq,)), numbers(reference, (kernel.n_angles,))
         freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
         chosen: NDArray[Any] = np.ascontiguousarray(rows, np.int64)
         there: Array = np.empty(kernel.nq)
         code = kernel.library.regular_beside(
-            kernel.handle, address(q), address(turns), address(chosen), len(chosen),
+            kernel.handle, address(q), address(reference), address(chosen), len(chosen),
             address(freedoms), len(freedoms), address(there))
     if code == BAD_ARRAYS:
         check(code)

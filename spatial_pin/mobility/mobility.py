@@ -131,7 +131,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         mechanism = closed_there(mechanism, x)
     evaluation = Evaluation(constraints_of(mechanism))
     if isinstance(state, State):
-        evaluation.turns[:] = state.angles
+        evaluation.angle_reference[:] = state.angles
     evaluation.update(x)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
@@ -180,7 +180,7 @@ def _with_all_rows(evaluation: Evaluation) -> Evaluation:
     if mechanism.whole is None:
         return evaluation
     every = Evaluation(constraints_of(mechanism.whole))
-    every.turns[:] = all_angles(mechanism, evaluation.angles)
+    every.angle_reference[:] = all_angles(mechanism, evaluation.angles)
     every.update(evaluation.q)
     return every
 

@@ -118,7 +118,7 @@ def _bound(
     """Go one span after the other until a limit, or until a turn ends where it began."""
     tolerance = Accuracy.named("engineering").tolerance
     evaluation = system.evaluation
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     evaluation.update(state.q)
     bodies = not_spinning(system)
     place, angles, q = body_places(evaluation, bodies), evaluation.angles.copy(), state.q
@@ -134,7 +134,7 @@ def _bound(
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")
         q = arrival.q
-        evaluation.turns[:] = evaluation.angles
+        evaluation.angle_reference[:] = evaluation.angles
         system.select(q)
         direction = direction_of(system)
     return Bound(start + sense * MOST_TURNS * span, "not followed further")

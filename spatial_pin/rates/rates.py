@@ -88,7 +88,7 @@ def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[C
     wanted, still = divided(mechanism, wanted, hold)
     others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
     evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     evaluation.update(state.q)
     n = evaluation.constraints.n_closure
     rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],

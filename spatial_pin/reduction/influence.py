@@ -127,7 +127,7 @@ class Influence:
         for i in self.locked:
             self.free[self.columns[i]] = False
         self.evaluation = Evaluation(constraints_of(mechanism))
-        self.evaluation.turns[:] = state.angles
+        self.evaluation.angle_reference[:] = state.angles
         self.configurations = list(self._generic(state))
         n = self.evaluation.constraints.n_closure
         labels = self.evaluation.constraints.labels

@@ -321,7 +321,7 @@ def _agrees(made: Mechanism, influence: Influence) -> bool:
         influence.evaluation.update(q)
         state = State(full, q, closure_error=0.0, angles=influence.evaluation.angles)
         own = carried_over(made, state)
-        evaluation.turns[:] = own.angles
+        evaluation.angle_reference[:] = own.angles
         evaluation.update(own.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         if evaluation.closure_error > TOLERANCES.nothing or evaluation.mirrored() \

@@ -57,7 +57,7 @@ def curves_of(
         pieces: list[Piece] = []
         while seeds:
             why, q, angles = seeds.pop(0)
-            evaluation.turns[:] = angles
+            evaluation.angle_reference[:] = angles
             seeds += _follow(Locus(section, why, tolerance), q, pieces)
         return [_curve(section, chain, tolerance) for chain in joined(pieces)]
 

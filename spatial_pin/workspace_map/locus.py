@@ -182,7 +182,7 @@ def walk(locus: Locus, start: Spot) -> Walk:
     spots, length = [start], FIRST_STEP
     while len(spots) < MOST_POINTS:
         spot = spots[-1]
-        locus.section.evaluation.turns[:] = spot.angles
+        locus.section.evaluation.angle_reference[:] = spot.angles
         there, length = _ahead(locus, spot, length)
         if there is None:
             return Walk(spots, "lost")

@@ -83,9 +83,10 @@ class Closing:
         """Close the loops from q (nq,), all equations first as well as they can be."""
         tolerance = tolerance or self.tolerance
         if self.whole is not None:
-            q = closed(self.whole.mechanism, q, free, self.whole.turns, tolerance, pinned=pinned,
-                       cut=self._cut).q
-        return closed(self.mechanism, q, free, self.evaluation.turns, tolerance, pinned=pinned)
+            q = closed(self.whole.mechanism, q, free, self.whole.angle_reference, tolerance,
+                       pinned=pinned, cut=self._cut).q
+        return closed(self.mechanism, q, free, self.evaluation.angle_reference, tolerance,
+                      pinned=pinned)
 
     def reached(self, starts: Sequence[Array]) -> Iterator[Reached]:
         """Yield where starts (nq,) lead, first while what is named is held too.
@@ -99,7 +100,7 @@ class Closing:
                 yield self.seen(self.closed(q, self.free, self.pinned).q)
             return
         with closer_of(self.mechanism, self.pinned) as closer:
-            found = closer.reach(starts, self.free, self.evaluation.turns, self.tolerance,
+            found = closer.reach(starts, self.free, self.evaluation.angle_reference, self.tolerance,
                                  DAMPED_STEPS, self.pinned.values(), TOLERANCES.rank, self.first,
                                  self._meant)
         yield from map(finite, found)
@@ -107,12 +108,12 @@ class Closing:
     def seen(self, q: Array) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.evaluation.turns, self._meant)
+            return closer.judge(q, self.evaluation.angle_reference, self._meant)
 
     def examined(self, q: Array) -> Examined:
         """Return what the equations, of the mechanism alone, are like at q (nq,)."""
         with closer_of(self.mechanism) as closer:
-            return closer.examine(q, self.evaluation.turns)
+            return closer.examine(q, self.evaluation.angle_reference)
 
     def judged(self, found: Reached) -> tuple[float, str]:
         """Return the closure error of what was found, and the closure at fault or nothing."""

@@ -74,7 +74,7 @@ def _place(problem: Problem, t: float, state: State) -> Place:
 def _rows(problem: Problem, state: State) -> tuple[Evaluation, Array, Array]:
     """Return an evaluation at a state, the loops' rows, and those with the prescribed ones."""
     evaluation = Evaluation(constraints_of(problem.mechanism))
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     evaluation.update(state.q)
     loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]

@@ -58,7 +58,7 @@ class MotionEquations(Loops):
         """
         state, kkt = self.state, self.kkt
         needed = self.bodies.needed(state.q, state.v)
-        a = self.by_kkt(state.q, state.v, self.turns, given, needed).copy()
+        a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error, is_sure = kkt.closures.copy(), kkt.error, self._is_sure
         self.check_rank(kkt.rank)
         if is_sure:
@@ -70,20 +70,20 @@ class MotionEquations(Loops):
         return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
 
     def by_kkt(
-        self, q: Array, v: Array, turns: Array, given: Array, needed: Array, anew: bool = True
+        self, q: Array, v: Array, reference: Array, given: Array, needed: Array, anew: bool = True
     ) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
 
         Args:
             q: (nq,) configuration.
             v: (nv,) joint velocities.
-            turns: (n_angles,) from which the angles of screws count [rad].
+            reference: (n_angles,) from which the angles of screws count [rad].
             given: (nv,) joint forces.
             needed: (nv,) joint forces that the motion needs without acceleration.
             anew: whether to choose independent equations again.
         """
         self.kkt.mass[:] = self.bodies.masses(q)
-        return self.kkt.accelerations(q, v, turns, given, needed, anew)
+        return self.kkt.accelerations(q, v, reference, given, needed, anew)
 
     @property
     def _is_sure(self) -> bool:

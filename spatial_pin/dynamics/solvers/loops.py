@@ -66,7 +66,8 @@ class Loops:
         """
         self.state, self._spaces = state, None
         is_rounded = state.mechanism.whole is self.mechanism
-        self.turns = all_angles(state.mechanism, state.angles) if is_rounded else state.angles
+        self.angle_reference = (
+            all_angles(state.mechanism, state.angles) if is_rounded else state.angles)
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._placed = self._derived = None
 
@@ -79,7 +80,7 @@ class Loops:
         """The closure equations at the state; for a large tree without their dense Jacobian."""
         evaluation = self._evaluation
         if self._placed is not self.state:
-            evaluation.turns[:] = self.turns
+            evaluation.angle_reference[:] = self.angle_reference
             if self._is_large:
                 evaluation.update_wrenches(self.state.q)
             else:
@@ -170,7 +171,7 @@ class Loops:
         if self._is_large and self.model.nv > PROBED:
             self._check_second_order(rank)
             return
-        with evaluation_of(self.mechanism, self.turns) as evaluation:
+        with evaluation_of(self.mechanism, self.angle_reference) as evaluation:
             lost = rank_loss(evaluation, self.state.q, rank)
             self._regular = evaluation.regular
             if lost:
@@ -210,5 +211,5 @@ class Loops:
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
         rest = self._rest
-        return self.kkt.accelerations(self.state.q, rest if v is None else v, self.turns,
+        return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
                                       rest if force is None else force, rest)

@@ -381,13 +381,13 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
  * mass: entries of M; given, needed (nv): f and b. Returns accelerations (nv), joint forces (nv) and
  * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
  * error of the accelerations, how many equations are chosen. */
-EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *turns,
+EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *reference,
                              const Real *mass, const Real *given, const Real *needed, Int anew,
                              Real *a, Real *closures, Real *multipliers, Real *facts)
 {
     Kernel *k = s->k;
     if (k->n_angles)
-        memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+        memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
     equations_jacobian(k);
     const int code = anew ? choose_and_factor(s, mass) : factor(s, mass);

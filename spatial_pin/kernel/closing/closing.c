@@ -210,7 +210,7 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
                 const int worthwhile = there < WORTHWHILE * *error;
                 accept(c);
                 if (d->counts)
-                    memcpy(c->k->turns, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
+                    memcpy(c->k->angle_reference, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
                 *error = there;
                 *damping = *damping * SOFTER > SOFTEST ? *damping * SOFTER : SOFTEST;
                 return worthwhile;
@@ -356,18 +356,18 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
 /* Close the loops from configurations q (m, nq), one after the other.
 
    free: (nv) the velocities that may move; first: those that may move before, to a looser tolerance,
-   or NULL; pinned: values of pinned coordinates; turns: (n_angles) from which the angles of screws
-   count; cut: size of the equations, by the largest, below which they move nothing; error: (m)
+   or NULL; pinned: values of pinned coordinates; reference: (n_angles) from which the angles of
+   screws count; cut: size of the equations, by the largest, below which they move nothing; error: (m)
    closure errors; mirrored: (m) whether axes point opposite ways. */
 EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int *free,
-                         const Real *pinned, const Real *turns, Real loose, Real tolerance,
+                         const Real *pinned, const Real *reference, Real loose, Real tolerance,
                          Int iterations, Real cut, Real *error, Int *mirrored)
 {
     const size_t nq = (size_t)c->k->nq;
     c->wanted = pinned;
     c->cut = cut;
     c->squares = c->n > FEW_EQUATIONS;
-    memcpy(c->k->turns, turns, (size_t)c->k->n_angles * sizeof(Real));
+    memcpy(c->k->angle_reference, reference, (size_t)c->k->n_angles * sizeof(Real));
     for (Int i = 0; i < m; i++) {
         memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
         error[i] = first ? close_one(c, first, loose, iterations) : 0.0;
@@ -381,11 +381,11 @@ EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int 
 
 /* Take whole turns off the angles of configurations q (m, nq), see meant.c. error: (m) their closure
    errors; mirrored: (m) whether axes point opposite ways; distance: (m) from what is named. */
-EXPORT void closer_judge(Closer *c, Int m, Real *q, const Real *turns, const Meant *meant,
+EXPORT void closer_judge(Closer *c, Int m, Real *q, const Real *reference, const Meant *meant,
                          Real *error, Int *mirrored, Real *distance)
 {
     Kernel *k = c->k;
-    memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
+    memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof(Real));
     for (Int i = 0; i < m; i++, q += k->nq) {
         meant_put_turns(k, meant, q);
         equations_values(k, q);
@@ -431,12 +431,12 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
 
 /* What a configuration q (nq) is like. facts: (3) closure error, and `least` and `left_out` of its
    equations, see above; angle: (n_angles) of screws; mirrored: whether axes point opposite ways. */
-EXPORT int closer_examine(Closer *c, const Real *q, const Real *turns, Real *facts, Real *angle,
+EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real *facts, Real *angle,
                           Int *mirrored)
 {
     Kernel *k = c->k;
     const size_t angles = (size_t)k->n_angles * sizeof(Real);
-    memcpy(k->turns, turns, angles);
+    memcpy(k->angle_reference, reference, angles);
     equations_values(k, q);
     facts[0] = equations_error(k);
     memcpy(angle, k->angle, angles);
@@ -447,17 +447,17 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *turns, Real *fac
 /* Close the loops as closer_close does, and judge where that leads. A single configuration that is
    closed is examined too; else facts[0] is infinite. */
 EXPORT int closer_reach(Closer *c, Int m, Real *q, const Int *first, const Int *free,
-                        const Real *pinned, const Real *turns, Real loose, Real tolerance,
+                        const Real *pinned, const Real *reference, Real loose, Real tolerance,
                         Int iterations, Real cut, const Meant *meant, Real *error, Int *mirrored,
                         Real *distance, Real *facts, Real *angle)
 {
-    closer_close(c, m, q, first, free, pinned, turns, loose, tolerance, iterations, cut, error,
+    closer_close(c, m, q, first, free, pinned, reference, loose, tolerance, iterations, cut, error,
                  mirrored);
-    closer_judge(c, m, q, turns, meant, error, mirrored, distance);
+    closer_judge(c, m, q, reference, meant, error, mirrored, distance);
     facts[0] = INFINITY;
     if (m != 1 || !(error[0] <= TOLERANCE_CLOSED))
         return DONE;
-    return closer_examine(c, q, turns, facts, angle, mirrored);
+    return closer_examine(c, q, reference, facts, angle, mirrored);
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of
@@ -471,7 +471,7 @@ EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tole
     c->cut = 0.0;
     c->squares = 1; /* which leave enough digits for a start */
     for (Int i = 0; i < m; i++) {
-        memset(c->k->turns, 0, (size_t)c->k->n_angles * sizeof(Real));
+        memset(c->k->angle_reference, 0, (size_t)c->k->n_angles * sizeof(Real));
         memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
         error[i] = descend(c, &d);
         memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));

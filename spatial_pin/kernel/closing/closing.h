@@ -9,9 +9,9 @@ typedef struct Closer Closer;
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out);
 EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int *free,
-                         const Real *pinned, const Real *turns, Real loose, Real tolerance,
+                         const Real *pinned, const Real *reference, Real loose, Real tolerance,
                          Int iterations, Real cut, Real *error, Int *mirrored);
-EXPORT int closer_examine(Closer *c, const Real *q, const Real *turns, Real *facts, Real *angle,
+EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real *facts, Real *angle,
                           Int *mirrored);
 
 #endif

@@ -227,7 +227,7 @@ static int close_sample(Work *w, Int i)
     if (code != DONE)
         return code;
     memcpy(w->q, q, (size_t)k->nq * sizeof *q);
-    memcpy(k->turns, angle, angles);
+    memcpy(k->angle_reference, angle, angles);
     equations_values(k, q);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
     closer_close(w->closer, 1, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,

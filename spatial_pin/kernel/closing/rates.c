@@ -292,10 +292,10 @@ static int take_and_factor(Rates *r, const Given *given)
 }
 
 /* Evaluate and factor at q. */
-static int place(Rates *r, const Real *q, const Real *turns, const Given *given)
+static int place(Rates *r, const Real *q, const Real *reference, const Given *given)
 {
     Kernel *k = r->k;
-    memcpy(k->turns, turns, (size_t)k->n_angles * sizeof(Real));
+    memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof(Real));
     evaluate(k, q);
     const int code = given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
     r->is_placed = code == DONE;
@@ -313,11 +313,11 @@ static int are_finite(const Real *x, Int n)
 /* Evaluate and factor at q, for what is asked afterwards: DONE; UNSAFE or SINGULAR where there are no
    rates. The n `equations` and n_fill rows that fill the system up are the caller's, or chosen here
    where `equations` is NULL. pivot: smallest over largest. */
-EXPORT int rates_place(Rates *r, const Real *q, const Real *turns, const Int *equations, Int n,
+EXPORT int rates_place(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
                        const Real *fill, Int n_fill, Real *pivot)
 {
     const Given given = {equations, n, fill, n_fill};
-    const int code = place(r, q, turns, &given);
+    const int code = place(r, q, reference, &given);
     *pivot = r->matrix->pivot;
     return code;
 }
@@ -357,14 +357,14 @@ EXPORT int rates_answer(Rates *r, const Real *derivative, const Real *drive, Rea
    n_moving: the first driven freedoms, of which columns (n_moving, nv) are wanted: the others stand
    still; v, a: (nv); facts: (3) smallest over largest pivot, round-off of the rates by their size, and
    what of it is known without the velocities. */
-EXPORT int rates_solve(Rates *r, const Real *q, const Real *turns, const Int *equations, Int n,
+EXPORT int rates_solve(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
                        const Real *fill, Int n_fill, Int n_moving, const Real *speed,
                        const Real *acceleration, Real *columns, Real *v, Real *a, Real *facts)
 {
     const Int nv = r->k->nv;
     if (n_moving < 0 || n_moving > r->n_driven)
         return BAD_ARRAYS;
-    const int code = rates_place(r, q, turns, equations, n, fill, n_fill, facts);
+    const int code = rates_place(r, q, reference, equations, n, fill, n_fill, facts);
     if (code != DONE)
         return code;
     const Real pace = solve_columns(r, n_moving, columns);

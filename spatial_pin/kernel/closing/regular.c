@@ -27,10 +27,10 @@ int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
 
 /* The same at q with chosen equations and rows (n_fill, nv), with respect to v / scale, of the
    freedoms that they leave. */
-EXPORT int regular_beside(Kernel *k, const Real *q, const Real *turns, const Int *chosen, Int n,
+EXPORT int regular_beside(Kernel *k, const Real *q, const Real *reference, const Int *chosen, Int n,
                           const Real *freedom, Int n_freedom, Real *there)
 {
-    memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+    memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
     equations_jacobian(k);
     const Real error = equations_error(k);

@@ -99,7 +99,7 @@ static void value_of_screw(Kernel *k, Int equation, const Int *of, const Real *b
 {
     const Real around = 2.0 * PI;
     Real angle = atan2(k->value[of[1]], k->value[of[2]]);
-    angle += around * nearbyint((k->turns[of[3]] - angle) / around);
+    angle += around * nearbyint((k->angle_reference[of[3]] - angle) / around);
     k->angle[of[3]] = angle;
     k->residual[equation] = k->value[of[0]] - by[0] * angle;
 }

@@ -11,11 +11,11 @@ static void copy_out(Real *out, const Real *from, Int n)
 
 /* Any of the outputs may be NULL. R (9, by columns) and p (3) are of each joint; the dense
  * Jacobian (n_equations, nv) is with respect to v / scale; the bias (n_equations) wants v. */
-EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *turns, Real *R,
+EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
                            Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias)
 {
     if (k->n_angles)
-        memmove(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+        memmove(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
     copy_out(R, k->R, 9 * k->n_joints);
     copy_out(p, k->p, 3 * k->n_joints);
@@ -41,9 +41,9 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
 EXPORT void kernel_evaluate_all(Kernel *k, Int m, const Real *q, Real *R, Real *p, Real *jacobian)
 {
     if (k->n_angles)
-        memset(k->turns, 0, (size_t)k->n_angles * sizeof *k->turns);
+        memset(k->angle_reference, 0, (size_t)k->n_angles * sizeof *k->angle_reference);
     for (Int i = 0; i < m; i++, q += k->nq) {
-        kernel_evaluate(k, q, NULL, k->turns, R, p, NULL, NULL, jacobian, NULL);
+        kernel_evaluate(k, q, NULL, k->angle_reference, R, p, NULL, NULL, jacobian, NULL);
         R += R ? 9 * k->n_joints : 0;
         p += p ? 3 * k->n_joints : 0;
         jacobian += jacobian ? k->n_equations * k->nv : 0;
@@ -59,10 +59,10 @@ EXPORT void kernel_integrate(const Kernel *k, Int m, Real *q, const Real *step)
 
 /* Solve the square system of `system_set` at q: right sides of chosen equations, idle rotations,
  * driven freedoms and filled rows -> v / scale, in place. */
-EXPORT int kernel_solve(Kernel *k, const Real *q, const Real *turns, Real *x)
+EXPORT int kernel_solve(Kernel *k, const Real *q, const Real *reference, Real *x)
 {
     if (k->n_angles)
-        memcpy(k->turns, turns, (size_t)k->n_angles * sizeof *turns);
+        memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
     equations_jacobian(k);
     const int code = system_factor(k);

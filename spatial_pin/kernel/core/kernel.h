@@ -101,7 +101,7 @@ typedef struct Kernel {
     Real *A, *B;                    /* (3) of each product */
     Real *value;                    /* of each product */
     Real *residual;                 /* (n_closure) */
-    Real *angle, *turns;            /* (n_angles) angles count turns from `turns` */
+    Real *angle, *angle_reference;  /* (n_angles) angles count turns from the reference */
     Real *entry;                    /* Jacobian with respect to v / scale, in the pattern's order */
     Real *omega, *velocity;         /* (3) of each joint's body and origin, world axes */
     Real *alpha, *acceleration;     /* (3) classical accelerations */
@@ -164,7 +164,7 @@ Real equations_error(const Kernel *k);           /* largest absolute residual */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
 /* ---- evaluating.c ---- */
-EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *turns, Real *R,
+EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
                            Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias);
 
 /* ---- system.c ---- */

@@ -182,7 +182,7 @@ static int make_room(Kernel *k)
         {&k->q, k->nq},           {&k->R, 9 * n},           {&k->p, 3 * n},
         {&k->linear, 3 * nv},     {&k->angular, 3 * nv},    {&k->vector, 3 * k->n_vectors},
         {&k->A, 3 * np},          {&k->B, 3 * np},          {&k->value, np},
-        {&k->residual, k->n_closure}, {&k->angle, k->n_angles}, {&k->turns, k->n_angles},
+        {&k->residual, k->n_closure}, {&k->angle, k->n_angles}, {&k->angle_reference, k->n_angles},
         {&k->angle_rate, k->n_angles},
         {&k->entry, k->entry_start[ne]}, {&k->omega, 3 * n}, {&k->velocity, 3 * n},
         {&k->alpha, 3 * n},       {&k->acceleration, 3 * n}, {&k->bias, ne},

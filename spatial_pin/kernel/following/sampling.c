@@ -96,7 +96,7 @@ static int put_between(Path *path, const Point *from, Real value, const PathRows
     prescribe(&path->prescribed, value);
     prescribed_put(&path->prescribed, q);
     for (Int x = 0; x < k->n_angles; x++)
-        k->turns[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
+        k->angle_reference[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
     equations_values(k, q);
     for (Int x = 0; x < k->n_angles; x++)
         angle[x] = k->angle[x];

@@ -74,7 +74,7 @@ int has_redundant(const Kernel *k) { return k->n_chosen < k->n_closure; }
 static void expect_angles(const Path *path, Real h)
 {
     for (Int i = 0; i < path->k->n_angles; i++)
-        path->k->turns[i] = path->here->angle[i] + h * path->here->angle_rate[i];
+        path->k->angle_reference[i] = path->here->angle[i] + h * path->here->angle_rate[i];
 }
 
 /* Predict `next` at a value of s, by points that are closed or, corrected a fixed number of times,
@@ -352,7 +352,7 @@ int stand_again(Path *path)
 {
     Kernel *k = path->k;
     for (Int i = 0; i < k->n_angles; i++)
-        k->turns[i] = path->here->angle[i];
+        k->angle_reference[i] = path->here->angle[i];
     equations_values(k, path->here->q);
     const int code = factor_here(k);
     path->stale = code != DONE;

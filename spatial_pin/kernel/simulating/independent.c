@@ -327,7 +327,7 @@ static void accept(Dynamics *d, const Real *x)
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
     memmove(d->x, x, (size_t)d->n_held * sizeof *x);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
-    memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
+    memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->pivot = k->pivot_ratio;
     d->has_bend = 0;
     d->passage = -1;
@@ -408,7 +408,7 @@ int independent_factor(Dynamics *d)
 {
     Kernel *k = d->k;
     memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
-    memcpy(k->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
+    memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->has_bend = 0;
     d->n_points = 0;
     d->passage = -1;
@@ -427,7 +427,7 @@ int independent_factor(Dynamics *d)
 int independent_stand(Dynamics *d)
 {
     Kernel *k = d->k;
-    memcpy(k->turns, d->turns, (size_t)k->n_angles * sizeof *d->turns);
+    memcpy(k->angle_reference, d->turns, (size_t)k->n_angles * sizeof *d->turns);
     equations_values(k, d->q);
     return independent_factor(d);
 }

@@ -78,11 +78,11 @@ static void place_trial(Dynamics *d, const Passage *s, Int turn, Real x)
     Kernel *k = d->k;
     const Real local = x - (Real)turn * d->period;
     interpolate(s, 0, 2 * NODE, s->q, k->nq, local, d->trial);
-    interpolate(s, 0, 2 * NODE, s->angles, k->n_angles, local, k->turns);
+    interpolate(s, 0, 2 * NODE, s->angles, k->n_angles, local, k->angle_reference);
     for (Int i = 0; turn && i < k->nq; i++)
         d->trial[i] += (Real)turn * d->period_q[i];
     for (Int i = 0; turn && i < k->n_angles; i++)
-        k->turns[i] += (Real)turn * d->period_angle[i];
+        k->angle_reference[i] += (Real)turn * d->period_angle[i];
     tree_normalize(k, d->trial);
     d->trial[d->held_q[0]] = d->start[d->held_q[0]] + k->scale[d->held[0]] * x;
     equations_values(k, d->trial);
@@ -117,7 +117,7 @@ static int leave(Dynamics *d, Int which, Int turn, int high)
     const Real x = s->x[node] + (Real)turn * d->period;
     place_trial(d, s, turn, x);
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
-    memcpy(d->turns, k->turns, (size_t)k->n_angles * sizeof *d->turns);
+    memcpy(d->turns, k->angle_reference, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
     d->room = 0.0;
     return independent_stand(d);

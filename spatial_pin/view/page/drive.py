@@ -209,7 +209,7 @@ class Drive:
         self.state = cursor.here.state(cursor.start)
         if arrival.kind != "lost":
             evaluation = cursor.start.evaluation
-            evaluation.turns[:] = self.state.angles
+            evaluation.angle_reference[:] = self.state.angles
             evaluation.update(arrival.q)
             self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
                                closure_error=evaluation.closure_error)

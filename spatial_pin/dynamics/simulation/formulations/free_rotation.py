@@ -57,7 +57,7 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     if "spherical" not in mechanism.pairs:
         return []
     evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.turns[:] = state.angles
+    evaluation.angle_reference[:] = state.angles
     evaluation.update(state.q)
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
     if len(freedoms) < 2:

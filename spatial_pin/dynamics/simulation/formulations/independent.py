@@ -131,7 +131,7 @@ class Independent:
         return joint_efforts(problem.mechanism, problem.law(t, state))
 
     def _error_at(self, q: Array, angles: Array) -> float:
-        self._evaluation.turns[:] = angles
+        self._evaluation.angle_reference[:] = angles
         self._evaluation.update(q)
         return self._evaluation.closure_error
 
@@ -141,7 +141,7 @@ class Independent:
     def _least(self, t: float, q: Array, v: Array, a: Array, angles: Array) -> Array | None:
         """Return free accelerations by `LeastConstraint`, where masses differ much or are none."""
         problem, evaluation = self.problem, self._evaluation
-        evaluation.turns[:] = angles
+        evaluation.angle_reference[:] = angles
         evaluation.update(q)
         held = np.zeros((len(self._prescribed), len(v)))
         held[np.arange(len(held)), self._prescribed] = 1.0

@@ -46,7 +46,7 @@ def _residuals(film: Film) -> Array:
     found = np.zeros((len(film.rows), len(evaluation.residual)))
     for k in film.open_rows:
         if motion.angles.size:
-            evaluation.turns[:] = motion.angles[k]
+            evaluation.angle_reference[:] = motion.angles[k]
         evaluation.update(motion.q[k])
         found[k] = evaluation.residual
     found[np.abs(found) <= TOLERANCES.half_precision] = 0.0
