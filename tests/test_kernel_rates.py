@@ -5,18 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from mechanisms import swung
+from mechanisms import four_bar, swung
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.rates import Chosen, Rates
+from spatial_pin.kernel.regular import Beside, step_beside
 from spatial_pin.mechanism.coordinates import coordinate_bias
+from spatial_pin.numerics.linalg import decompose, independent_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 LIBRARY = sp.list_mechanisms()
 CLEAR = 1e-2  # pivots with which the kernel has to answer
@@ -164,3 +168,34 @@ def test_components_of_balls_and_floating_joints_are_driven_in_the_kernel(tmp_pa
     v, a = _rates(system, state.q, drive, more)
     assert np.abs(found.v - v).max() <= AGREE * np.abs(v).max()
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
+
+
+def _beside(mechanism: sp.Mechanism, state: State) -> Beside | None:
+    """Return the end of a step in the freedoms that independent closure equations leave."""
+    with evaluation_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
+        chosen = independent_rows(jacobian)
+        freedoms = decompose(jacobian[chosen]).vt[len(chosen) :]
+        return step_beside(mechanism, state.q, state.angles, chosen, freedoms)
+
+
+@pytest.mark.parametrize("name", ["bennett", "sarrus", "delta", "four_bar", "oldham"])
+def test_redundant_equations_hold_beside_a_regular_configuration(name: str) -> None:
+    mechanism = sp.load(name)
+    state = sp.assemble(mechanism)
+    found = _beside(mechanism, state)
+    assert found is not None and found.is_closed
+    away = pin.difference(mechanism.model, state.q, found.q) / mechanism.velocity_scale
+    assert np.linalg.norm(away) == pytest.approx(TOLERANCES.trial_step, rel=0.1)
+
+
+def test_a_flat_parallelogram_opens_beside_by_the_square_of_the_step() -> None:
+    """Two branches cross there: two freedoms, of which only two directions lead on."""
+    mechanism = four_bar(r1=0.3, r2=0.1, r3=0.3, r4=0.1)
+    flat = sp.assemble(mechanism, {"crank": 0.0}, dict.fromkeys(mechanism.coordinates, 0.0))
+    found = _beside(mechanism, flat)
+    assert found is not None and not found.is_closed
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.update(found.q)
+        assert 1e-3 < evaluation.closure_error / TOLERANCES.trial_step**2 < 1.0
