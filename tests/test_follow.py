@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
+from test_linkages import delta
 
 import spatial_pin as sp
 from spatial_pin.cli.running import main
@@ -169,6 +170,37 @@ def test_a_branch_point_is_where_a_sweep_passes_it(samples):
     stopped = sp.follow(mechanism, {"shoulder_1": shoulder}, shoulder, on_crossing="stop")
     assert stopped.events[-1].kind == "branch point"
     assert stopped.events[-1].value == pytest.approx(crossing, abs=1e-9)
+
+
+@pytest.mark.parametrize("samples", [13, 35, 100, 400, 1000])
+def test_splines_bend_between_their_samples_at_a_branch_point_too(samples):
+    """However many pieces of the spline lie about it, a parallelogram's rocker is its crank."""
+    mechanism = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1)
+    times = np.linspace(0.0, 2.0, samples)
+    values = 1.0 + 1.2 * times + 0.3 * np.sin(5.0 * times)
+    motion = sp.follow(mechanism, {"crank": values}, times)
+    crank, rocker = (motion.coordinate(name) for name in ("crank", "rocker_pin"))
+    assert np.abs(rocker.value - crank.value - rocker.value[0] + crank.value[0]).max() < 1e-11
+    assert np.abs(rocker.rate - crank.rate).max() < 1e-10
+    assert np.abs(rocker.acceleration - crank.acceleration).max() < 1e-8
+    (met,) = motion.events
+    assert met.kind == "branch point"
+    assert CubicSpline(times, values)(met.value) == pytest.approx(np.pi, abs=1e-9)
+
+
+@pytest.mark.parametrize("samples", [9, 40, 300])
+def test_a_delta_robot_stays_level_where_three_arms_lead_it_across_branch_points(samples):
+    times = np.linspace(0.0, 1.0, samples)
+    arms = {"arm_1": 1.4 + 1.3 * times + 0.05 * np.sin(7.0 * times),
+            "arm_2": -0.1 * times**2 + 0.03 * np.sin(5.0 * times), "arm_3": 0.2 * np.sin(times)}
+    motion = sp.follow(sp.load("delta"), arms, times)
+    assert [event.kind for event in motion.events] == ["branch point"] * 2
+    platform = motion.frame("platform")
+    assert np.abs(platform.rotation - np.eye(3)).max() < 1e-11
+    assert np.abs(platform.angular_velocity).max() < 1e-7
+    last = delta(arms["arm_1"][-1], others=(arms["arm_2"][-1], arms["arm_3"][-1]))
+    exact = last.links["platform"][:3, 3].astype(float)
+    np.testing.assert_allclose(platform.position[-1], exact, rtol=0, atol=1e-12)
 
 
 def test_components_of_a_floating_joint_end_where_a_sweep_of_one_ends():

@@ -15,7 +15,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.assembly.close import close
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.continuation.cursor import Cursor, Place, Stopped
+from spatial_pin.continuation.driving import OneDriver, nearest
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint, matrices
@@ -31,6 +34,9 @@ KNOWN = 1e-11  # what two nodes more may change there [rad, characteristic lengt
 BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)  # parts of the way out [Chebyshev]
 ROUND_OFF = 5e-16  # closure residual of the nodes [-]
 SAME = 1e-9  # difference of driver values that are the branch point's own [rad or m]
+# Values by which a law that is smoothed may be off [rad or m]: its square is left in rates, and it
+# is left in accelerations, of what third derivatives are
+SMOOTHED = 1e-7
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
@@ -92,23 +98,29 @@ def _arc(t: Array) -> float:
 
 
 class Passage(NamedTuple):
-    """The stretch of a branch about a branch point, as polynomials in the driver value.
+    """The stretch of a branch about a branch point, as polynomials in the leading value.
+
+    What the drivers do is not interpolated: between pieces of a law their accelerations bend.
 
     Attributes:
         cursor: the point that came to it.
-        branch_points: driver values of the branch point, and of others that are as near.
-        ends: driver values before and behind them, where the equations are solvable.
+        smooth: what leads along the polynomials: a law that bends between its pieces is followed
+            by a smooth one, and what is between the two is added by derivatives.
+        branch_points: leading values of the branch point, and of others that are as near.
+        ends: leading values before and behind them, where the equations are solvable.
         q, angles: interpolators of configuration and relative angles of screw closures.
-        t, c: of the first and second derivatives with respect to the driver.
+        first, second: of joint rates (nv k) per rate of each driver that moves, and of joint
+            accelerations (nv k k) per product of two such rates.
         outside: the places at the ends.
     """
 
     cursor: Cursor
+    smooth: OneDriver
     branch_points: list[float]
     ends: tuple[float, float]
     q: Callable[[float], Array]
-    t: Callable[[float], Array]
-    c: Callable[[float], Array]
+    first: Callable[[float], Array]
+    second: Callable[[float], Array]
     angles: Callable[[float], Array]
     outside: tuple[Place, Place]
 
@@ -126,12 +138,36 @@ class Passage(NamedTuple):
         """Return the place at a driver value between the ends, else the end that is nearer."""
         if not self.holds(value):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
-        q, angles = self.configuration(value), self.angles(value)
-        evaluation = self.cursor.start.evaluation
+        q, first, second = self.by_drivers(value)
+        evaluation, angles = self.cursor.start.evaluation, self.angles(value)
         evaluation.angle_reference[:] = angles
         evaluation.update(q)
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        return Place(value, q, self.t(value), self.c(value), error, angles)
+        return Place(value, q, *self.rates(value, first, second), error, angles)
+
+    def by_drivers(self, value: float) -> tuple[Array, Array, Array]:
+        """Return the configuration (nq,) at a leading value between the ends, and its derivatives.
+
+        Returns:
+            (nq,) configuration; joint rates (nv, k) per rate of each driver that moves; joint
+            accelerations (nv, k, k) per product of two.
+        """
+        start = self.cursor.start
+        s, k = nearest(self.smooth, start.leading, value), start.leading.n_moving
+        first, second = self.first(s).reshape(-1, k), self.second(s).reshape(-1, k, k)
+        q: Array = pin.normalize(start.mechanism.model, self.q(s))
+        off = (start.leading.values(value) - self.smooth.values(s))[:k]
+        if off.any():
+            q = pin.integrate(start.mechanism.model, q, (first + 0.5 * second @ off) @ off)
+            first = first + second @ off
+        start.leading.put(q, value)
+        return q, first, second
+
+    def rates(self, value: float, first: Array, second: Array) -> tuple[Array, Array]:
+        """Return derivatives (nv,) of the configuration with respect to the leading value."""
+        leading, k = self.cursor.start.leading, first.shape[1]
+        rates, bends = leading.rates(value)[:k], leading.bends(value)[:k]
+        return first @ rates, first @ bends + second @ rates @ rates
 
     def is_accurate(self, value: float, fewer: Callable[[float], Array]) -> bool:
         """Whether the residual at a value is small and an interpolant of fewer nodes agrees.
@@ -144,16 +180,13 @@ class Passage(NamedTuple):
         return bool(place.error < CLOSED and np.abs(off).max() < KNOWN)
 
     def matrices(self, curve: Curve, values: Array) -> Array:
-        """Return the matrices (k, nv, nv) of equations and tangent at driver values (k,)."""
-        unknowns = curve.unknowns
-        return matrices(curve, ((unknowns.of(self.configuration(s), s), unknowns.along(self.t(s)))
-                                for s in values.tolist()))
-
-    def configuration(self, value: float) -> Array:
-        """Return the configuration (nq,) at a driver value between the ends."""
-        q: Array = pin.normalize(self.cursor.start.mechanism.model, self.q(value))
-        self.cursor.start.leading.put(q, value)
-        return q
+        """Return the matrices (k, m, m) of equations and tangent at leading values (k,)."""
+        unknowns, places = curve.unknowns, []
+        for s in values.tolist():
+            q, first, second = self.by_drivers(s)
+            t = self.rates(s, first, second)[0]
+            places.append((unknowns.of(q, s), unknowns.along(t)))
+        return matrices(curve, places)
 
 
 def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
@@ -170,19 +203,22 @@ def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
         return None
     before, size = cursor.here, cursor.start.mechanism.velocity_scale
     sense = 1.0 if arrival.value >= before.s else -1.0
-    clear = before  # where the equations are solvable
+    clear, value = before, arrival.value  # where the equations are solvable, and about where not
     for k, reach in enumerate(REACHES.tolist()):
         if k:
             cursor.stand(clear)
         try:
             for _ in range(APPROACHES):
                 pace = float(np.abs(cursor.here.t / size).max())
-                cursor.reach(arrival.value - sense * reach / pace)
+                cursor.reach(value - sense * reach / pace)
             if k == 0:
                 clear = cursor.here
             found = _passage(cursor, sense, reach * _arc(cursor.here.t / size))
         except (Stopped, SingularError):
             continue
+        if found is not None and found.smooth is not cursor.start.leading:
+            value = found.branch_points[0]
+            found = _with_bends(found, cursor)
         if found is not None:
             return found
     cursor.stand(before)
@@ -191,27 +227,63 @@ def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
 
 def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
     """Return the passage that begins where the cursor stands, as far as the arc length `reach`."""
-    here = cursor.here
-    curve = cursor.curve(cursor.system(), ROUND_OFF)
+    here, own = cursor.here, _smoothed(cursor, sense, reach)
+    curve = own.curve(own.system(), ROUND_OFF)
     unknowns = curve.unknowns
     near = curve.settle(unknowns.of(here.q, here.s), sense * unknowns.along(here.t))
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:
         return None
-    sides = [_nodes(cursor, curve, point, reach) for point in (near._replace(t=-near.t), far)]
-    values = [place.s for place in (*sides[0][::-1], *sides[1])]
+    sides = [_nodes(own, curve, point, reach) for point in (near._replace(t=-near.t), far)]
+    values = [node.place.s for node in (*sides[0][::-1], *sides[1])]
     if not np.all(sense * np.diff(values) > 0.0):  # the driver turns back
         return None
-    return _joined(cursor, curve, *sides)
+    return _joined(own, curve, *sides)
 
 
-def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> list[Place]:
+def _smoothed(cursor: Cursor, sense: float, reach: float) -> Cursor:
+    """Return a cursor that goes on by a smooth law as far as nodes; itself if its law is smooth."""
+    here, leading = cursor.here, cursor.start.leading
+    apart = sense * reach / cursor.pace(here)
+    law = leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
+    return cursor if law is None else cursor.by(cursor.start.by(law, here.s))
+
+
+def _with_bends(smoothed: Passage, cursor: Cursor) -> Passage | None:
+    """Return the passage of a cursor whose law one has smoothed; None if by too much."""
+    leading, smooth, (low, high) = cursor.start.leading, smoothed.smooth, smoothed.ends
+    found = smoothed._replace(cursor=cursor)
+    for x in (0.5 * (low + high) + 0.5 * (high - low) * BETWEEN).tolist():
+        off = smooth.values(nearest(smooth, leading, x)) - leading.values(x)
+        if np.abs(off[: leading.n_moving]).max() > SMOOTHED or found.place(x).error > CLOSED:
+            return None
+    q = found.by_drivers(high)[0]
+    system = cursor.start.system(q, found.angles(high))
+    free = np.ones(len(system.scale), dtype=bool)
+    free[[*system.drive_at, *system.still]] = False
+    q = close(system.evaluation, q, free, ROUND_OFF)[0]
+    behind = cursor.place(q, high, system.evaluation.angles.copy(), system)
+    return found._replace(
+        branch_points=[nearest(leading, smooth, x) for x in smoothed.branch_points],
+        outside=(cursor.here, behind))
+
+
+class _Node(NamedTuple):
+    """A place of a passage, and what `Passage.first` and `Passage.second` are there."""
+
+    place: Place
+    first: Array
+    second: Array
+
+
+def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> list[_Node]:
     """Return nodes from a point on, away from the branch point, the nearest to it first.
 
     Raises:
         SingularError: the rates are not determined at one of them.
     """
-    nodes: list[Place] = []
+    nodes: list[_Node] = []
+    system, k = curve.system, cursor.start.leading.n_moving
     for length in reach * np.arange(NODES):
         x = curve.ahead(point, length)
         if x is None:
@@ -219,24 +291,40 @@ def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> lis
         q = curve.unknowns.configuration(x)
         # further away from the branch point the first node's equations do better still
         if not nodes:
-            curve.system.select(q)
-        nodes.append(cursor.place(q, curve.value(x), curve.evaluation.angles.copy(),
-                                  curve.system))
+            system.select(q)
+        place = cursor.place(q, curve.value(x), curve.evaluation.angles.copy(), system)
+        first = system.driver_rates()[:, :k]
+        nodes.append(_Node(place, first, _second_rates(system, q, first)))
     return nodes
 
 
+def _second_rates(system: SquareSystem, q: Array, first: Array) -> Array:
+    """Return the joint accelerations (nv, k, k) per product of the rates of two drivers."""
+    rest, k = np.zeros(len(system.driven)), first.shape[1]
+    found = np.empty((len(first), k, k))
+    for i in range(k):
+        found[:, i, i] = system.acceleration(q, first[:, i], rest)
+        for j in range(i):
+            both = system.acceleration(q, first[:, i] + first[:, j], rest)
+            found[:, i, j] = found[:, j, i] = 0.5 * (both - found[:, i, i] - found[:, j, j])
+    return found
+
+
 def _joined(
-    cursor: Cursor, curve: Curve, near: list[Place], far: list[Place]
+    cursor: Cursor, curve: Curve, near: list[_Node], far: list[_Node]
 ) -> Passage | None:
     """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
     nodes = [*near, *far]
-    values = np.array([node.s for node in nodes])
-    q, t, c, angles = (_polynomial(values, np.array(x)) for x in zip(
-        *((node.q, node.t, node.c, node.angles) for node in nodes), strict=True))
-    ends = near[0].s, far[0].s
-    found = Passage(cursor, [], ends, q, t, c, angles, (near[0], far[0]))
+    places = [node.place for node in nodes]
+    values = np.array([place.s for place in places])
+    q, first, second, angles = (_polynomial(values, np.array(x).reshape(2 * NODES, -1)) for x in (
+        [x.q for x in places], [x.first for x in nodes], [x.second for x in nodes],
+        [x.angles for x in places]))
+    outside = near[0].place, far[0].place
+    ends = outside[0].s, outside[1].s
+    found = Passage(cursor, cursor.start.leading, [], ends, q, first, second, angles, outside)
     kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
-    fewer = _polynomial(values[kept], np.array([nodes[k].q for k in kept]))
+    fewer = _polynomial(values[kept], np.array([places[k].q for k in kept]))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
     if not all(found.is_accurate(x, fewer) for x in between[1::3].tolist()):
         return None

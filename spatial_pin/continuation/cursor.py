@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -109,6 +110,13 @@ class Cursor:
     def stand(self, place: Place) -> None:
         """Move to a known place of the branch."""
         self._here, self._path = place, None
+
+    def by(self, start: Start) -> Cursor:
+        """Return a cursor where this one stands that goes on as another start does."""
+        other = copy(self)
+        other.start = start
+        other.stand(self.here)
+        return other
 
     def system(self) -> SquareSystem:
         """Return the square system at the current place.

@@ -13,12 +13,17 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 
+SMOOTH_POINTS = 8  # Chebyshev points that a law is smoothed by: as many as nodes on either side
+
+NEAREST_STEPS = 4  # of Newton's method, each of which squares an error that is below 1e-4
+
 
 class OneDriver:
     """The value of what is driven first leads; all else that is driven stands.
 
     Attributes:
         begin: the leading value at the start [rad or m].
+        n_moving: how many of what is driven move, the first ones.
 
     Args:
         mechanism: the mechanism.
@@ -30,7 +35,7 @@ class OneDriver:
         self.driven = driven
         self._start = np.array([0.0 if isinstance(c, VelocityEntry) else
                                 coordinate_value(mechanism, c, q) for c in driven])
-        self.begin = float(self._start[0])
+        self.begin, self.n_moving = float(self._start[0]), 1
 
     def values(self, s: float) -> Array:
         """Return the values (k,) of what is driven."""
@@ -43,6 +48,10 @@ class OneDriver:
     def bends(self, s: float) -> Array:
         """Return their second derivatives (k,)."""
         return np.zeros(len(self.driven))
+
+    def smooth(self, here: float, first: float, last: float) -> Any | None:
+        """Return a law that is smooth between two leading values; None if this one is."""
+        return None
 
     def put(self, q: Array, s: float) -> None:
         """Write the values of driven coordinates that are entries of q into it."""
@@ -71,7 +80,8 @@ class DriversLaw(OneDriver):
         from scipy.interpolate import PPoly  # on use: it takes a tenth of a second
 
         super().__init__(mechanism, driven, q)
-        self.begin, n = begin, law.c.shape[-1]
+        self.begin, self.n_moving = begin, law.c.shape[-1]
+        n = self.n_moving
         c = np.zeros((*law.c.shape[:2], len(driven)))
         c[..., :n], c[-1, :, n:] = law.c, self._start[n:]
         self.law = PPoly(c, law.x)
@@ -94,6 +104,23 @@ class DriversLaw(OneDriver):
         found: Array = self._bends(s)
         return found
 
+    def smooth(self, here: float, first: float, last: float) -> Any:
+        """Return one polynomial for the law between two parameters, the same `here`.
+
+        Returns:
+            SciPy's piecewise polynomial, of one piece, of what moves.
+        """
+        from scipy.interpolate import PPoly
+
+        low, width = min(first, last), abs(last - first)
+        parts = 0.5 - 0.5 * np.cos(np.pi * np.arange(SMOOTH_POINTS) / (SMOOTH_POINTS - 1))
+        values = self.law(low + width * parts)[:, : self.n_moving]
+        c = np.linalg.solve(np.vander(parts), values)
+        c /= width ** np.arange(SMOOTH_POINTS - 1.0, -1.0, -1.0)[:, None]
+        found = PPoly(c[:, None, :], [low, low + width])
+        found.c[-1] += self.law(here)[: self.n_moving] - found(here)
+        return found
+
     def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
         """Let a path go on from a parameter, along the law.
 
@@ -107,3 +134,18 @@ class DriversLaw(OneDriver):
         all_driven[:, : len(self.driven)] = coefficients
         all_driven[:, len(self.driven) :, 0] = [self._standing.get(v, 0.0) for v in still]
         path.prescribe(s, self.law.x, all_driven)
+
+
+def nearest(law: OneDriver, other: OneDriver, s: float) -> float:
+    """Return the leading value at which a law is nearest to where another, a little off, is at s.
+
+    It is farther off sideways, if at all, in what several drivers do.
+    """
+    if law is other:
+        return s
+    k, found = law.n_moving, s
+    goal = other.values(s)[:k]
+    for _ in range(NEAREST_STEPS):
+        rates = law.rates(found)[:k]
+        found += float((goal - law.values(found)[:k]) @ rates / (rates @ rates))
+    return found

@@ -89,6 +89,11 @@ class Start:
             start = cls(state, driven, still, accuracy, kernel, evaluation, law, begin)
         return start
 
+    def by(self, law: Any, begin: float) -> Start:
+        """Return the start of a branch with the same coordinates driven by another law."""
+        return Start(self.state, self.driven, self.still, self.accuracy, self.kernel,
+                     self.evaluation, law, begin)
+
     def samples(self, n: int) -> Samples:
         """Return room for n samples."""
         return Samples.empty(n, self.kernel.nq, self.kernel.nv, self.kernel.n_angles)
