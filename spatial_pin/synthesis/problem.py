@@ -531,8 +531,8 @@ class _Exactly:
         """Return the same of goals some of which have a weight, or are one-sided."""
         for _ in range(MOST_PENALTIES):
             found = self._fitted(TOLERANCES.tight)
-            missed = np.where(self.one_sided, np.maximum(found[1], -self.multipliers / self.penalty),
-                              found[1])[self.exact]
+            least = -self.multipliers / self.penalty
+            missed = np.where(self.one_sided, np.maximum(found[1], least), found[1])[self.exact]
             if np.abs(missed).max(initial=0.0) <= TOLERANCES.tight:
                 break
             self.multipliers[self.exact] += self.penalty * missed
