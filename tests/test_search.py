@@ -133,7 +133,7 @@ def test_a_search_goes_on_where_it_was_cut_short(tmp_path, method, monkeypatch):
 
     def cut(self, x, *rest):
         calls.append(x)
-        if len(calls) > (5 if method == "multistart" else 400):
+        if len(calls) > (5 if method == "multistart" else 100):
             raise KeyboardInterrupt
         return (solve if rest or method == "multistart" else value)(self, x, *rest)
 

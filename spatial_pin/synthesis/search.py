@@ -28,8 +28,11 @@ METHODS = ("multistart", "evolution", "local")
 # no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
 # some 1e-5 from the solution.
 SAME_SOLUTION = 1e-3
-POPULATION = 15  # of an evolution, by number that is looked for: SciPy's own
-GENERATIONS = 50  # at most: it is to find valleys, in which local solutions go on
+# An evolution is to find valleys, in which local solutions go on: members by number that is looked
+# for, and generations at most. Three and fifteen find as much as five and thirty where a four-bar
+# is to lead a point along a line; a member costs about a tenth of a local solution.
+POPULATION = 4
+GENERATIONS = 20
 OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
 RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
 VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
