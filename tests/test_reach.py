@@ -391,6 +391,49 @@ def test_the_nearest_rocker_is_where_its_dead_centre_is():
     assert caught.value.state.coordinate("rocker_pin").value == pytest.approx(most, abs=1e-7)
 
 
+def teeth_everywhere(mechanism, start, count):
+    """Return places (N,) of the teeth, as complex numbers x + iz, for all lengths of cylinders."""
+    turns = []
+    for name in ("boom", "arm", "bucket"):  # each turns one hinge of the plane chain
+        c, here = mechanism.coordinate(name), start.coordinate(name).value
+        turned = [sp.sweep(mechanism, name, np.linspace(here, end[c.q], count), guess=start)
+                  .coordinate(f"{name}_pin").value for end in
+                  (mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit)]
+        turns.append(np.exp(1j * (np.concatenate(turned) - start.coordinate(f"{name}_pin").value)))
+    pins = [complex(*start.placement(name).translation[[0, 2]])
+            for name in ("boom", "arm", "bucket", "teeth")]
+    boom, arm_, bucket = np.diff(pins)
+    first, second, third = np.ix_(*turns)
+    return (pins[0] + first * (boom + second * (arm_ + third * bucket))).ravel()
+
+
+def test_nearest_places_of_an_excavator_are_those_of_all_lengths_of_its_cylinders():
+    mechanism = sp.load("excavator")
+    start = sp.assemble(mechanism)
+    raised = sp.assemble(mechanism, {"boom": 3.3, "arm": 2.3}, start)
+    everywhere = teeth_everywhere(mechanism, start, 40)
+    for x, z in [(10.5, 0.0), (8.5, -6.0), (3.0, -8.0), (0.5, -6.5), (8.0, 10.0), (4.5, 11.0),
+                 (0.5, 5.0), (2.5, 9.5), (1.0, 1.5), (5.5, 8.5)]:
+        off = []
+        for state in (start, raised):
+            with pytest.raises(sp.ReachError) as caught:
+                sp.reach(mechanism, {"teeth": [x, 0.0, z]}, state, hold="swing", starts=2)
+            off.append(caught.value.distances["teeth"] * mechanism.characteristic_length)
+            assert not caught.value.state.beyond_limits
+        best = np.abs(everywhere - (x + 1j * z)).min()
+        assert min(off) <= best + 1e-9 and min(off) == pytest.approx(best, abs=0.05)
+
+
+def test_the_way_off_a_dead_centre_is_not_the_long_one():
+    mechanism = sp.load("rssr")
+    start = sp.assemble(mechanism)
+    near = sp.assemble(mechanism, {"crank": start.coordinate("crank").value + 0.02}, start)
+    apart = np.linalg.norm(near.placement("rocker_b").translation
+                           - near.placement("crank").translation)
+    state = sp.reach(mechanism, {"rocker_b": targets.distance("crank", apart)}, start)
+    assert abs(state.coordinate("crank").value - start.coordinate("crank").value) < 0.03
+
+
 def test_a_dead_centre_at_which_it_starts_is_left():
     mechanism = sp.load("rssr")
     start = sp.assemble(mechanism)  # its rocker is at one end of its swing
