@@ -99,21 +99,13 @@ static void put_pinned_rows(Closer *c)
 
 /* ---------------------------------------------------------------- steps */
 
-static Real length(const Real *x, Int n)
-{
-    Real sum = 0.0;
-    for (Int i = 0; i < n; i++)
-        sum += x[i] * x[i];
-    return sqrt(sum);
-}
-
 /* Evaluate the equations at q; returns the length of the residual. */
 static Real residual_at(Closer *c, const Real *q, int far)
 {
     equations_values(c->k, q);
     if (far)
         rotations_put_values(c->k, &c->rotations);
-    return length(c->k->residual, c->k->n_closure);
+    return norm(c->k->residual, c->k->n_closure);
 }
 
 /* The derivatives with respect to free velocities as a matrix; returns the number of these. What

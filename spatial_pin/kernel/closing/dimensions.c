@@ -82,15 +82,6 @@ static Real entry_times(const Kernel *k, Int equation, const Real *x)
     return sum;
 }
 
-static Real largest(const Real *x, Int n)
-{
-    Real size = 0.0;
-    for (Int i = 0; i < n; i++)
-        if (fabs(x[i]) > size || isnan(x[i]))
-            size = fabs(x[i]); /* which NaN stays */
-    return size;
-}
-
 /* Newton's step back to the start less the way there: by how much the way is bent. */
 static Real bend(Work *w)
 {

@@ -28,18 +28,10 @@ int least_motion_create(Kernel *k, Int n, Int most, LeastMotion *e)
                : NO_MEMORY;
 }
 
-static Real dot(const Real *a, const Real *b, Int n)
-{
-    Real sum = 0.0;
-    for (Int i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
 /* Turn x (n) into the Householder vector that takes it to (head, 0 ...); its factor is left. */
 static Real reflect(Real *x, Int n, Real *factor)
 {
-    const Real length = sqrt(dot(x, x, n)), head = x[0] > 0.0 ? -length : length;
+    const Real length = norm(x, n), head = x[0] > 0.0 ? -length : length;
     *factor = 0.0;
     if (!(length > 0.0))
         return 0.0;

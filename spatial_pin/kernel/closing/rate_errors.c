@@ -12,14 +12,6 @@
 #define CLOSURE_ROUND_OFF (2.0 * DBL_EPSILON)
 #define PATTERNS 2 /* of their signs: what one of them hides by chance, the other shows */
 
-static Real largest(const Real *x, Int n)
-{
-    Real found = 0.0;
-    for (Int i = 0; i < n; i++)
-        found = fmax(found, fabs(x[i]));
-    return found;
-}
-
 /* How far off the configuration may be, relative to the round-off of a closure equation: where
    these are off by one, some this way, some that way. Returns its size, `away` (nv) its direction. */
 static Real direction_off(Rates *r, Real *away)

@@ -1,4 +1,5 @@
-/* Vectors of three and rotations, stored by columns: R[3 * c + i] is entry i of column c. */
+/* Vectors, of three and of n, and rotations, stored by columns: R[3 * c + i] is entry i of
+ * column c. */
 #ifndef SPATIAL_PIN_VECTORS_H
 #define SPATIAL_PIN_VECTORS_H
 
@@ -7,6 +8,26 @@
 
 typedef int64_t Int;
 typedef double Real;
+
+static inline Real dot(const Real *a, const Real *b, Int n)
+{
+    Real sum = 0.0;
+    for (Int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+static inline Real norm(const Real *a, Int n) { return sqrt(dot(a, a, n)); }
+
+/* The largest size of an entry; NaN where one is. */
+static inline Real largest(const Real *a, Int n)
+{
+    Real size = 0.0;
+    for (Int i = 0; i < n; i++)
+        if (fabs(a[i]) > size || isnan(a[i]))
+            size = fabs(a[i]);
+    return size;
+}
 
 static inline Real dot3(const Real *a, const Real *b)
 {

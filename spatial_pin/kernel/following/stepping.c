@@ -197,22 +197,14 @@ static int choose_again(Path *path)
     return DONE;
 }
 
-static Real product(const Real *a, const Real *b, Int n)
-{
-    Real sum = 0.0;
-    for (Int i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
 /* Does the path go on in its direction? Where polynomials are prescribed it may come to rest, and
  * back: then second derivatives have to account for the change of the first ones. */
 static int goes_on(const Path *path)
 {
     const Int nv = path->k->nv;
     const Point *a = path->here, *b = path->next;
-    const Real square0 = product(a->t, a->t, nv), square1 = product(b->t, b->t, nv);
-    if (product(a->t, b->t, nv) >= TURNED * sqrt(square0 * square1))
+    const Real square0 = dot(a->t, a->t, nv), square1 = dot(b->t, b->t, nv);
+    if (dot(a->t, b->t, nv) >= TURNED * sqrt(square0 * square1))
         return 1;
     const Real h = b->s - a->s;
     Real left = 0.0;
@@ -220,7 +212,7 @@ static int goes_on(const Path *path)
         const Real one = b->t[v] - a->t[v] - 0.5 * h * (a->c[v] + b->c[v]);
         left += one * one;
     }
-    const Real bent = 0.25 * h * h * (product(a->c, a->c, nv) + product(b->c, b->c, nv));
+    const Real bent = 0.25 * h * h * (dot(a->c, a->c, nv) + dot(b->c, b->c, nv));
     return path->prescribed.n_pieces && left <= TURNED * TURNED * (square0 + square1 + bent);
 }
 

@@ -139,14 +139,6 @@ static void add_motion(const Dynamics *d, const Real *dx, Real *step)
     }
 }
 
-static Real length(const Real *x, Int n)
-{
-    Real sum = 0.0;
-    for (Int i = 0; i < n; i++)
-        sum += x[i] * x[i];
-    return sqrt(sum);
-}
-
 /* The step (nv) by scale to chart coordinates x, of second order along the last velocity. */
 static void predict(Dynamics *d, const Real *x)
 {
@@ -268,7 +260,7 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
             away = 0.0;
         }
         correction(d);
-        const Real size = length(d->step, d->k->nv);
+        const Real size = norm(d->step, d->k->nv);
         away += size;
         if (i == 0 && !(size <= PREDICTED_TO * predicted + 1e-9))
             return UNSAFE;
@@ -378,7 +370,7 @@ int independent_choose_anew(Dynamics *d)
 int independent_step(Dynamics *d, const Real *x)
 {
     predict(d, x);
-    const Real size = length(d->step, d->k->nv);
+    const Real size = norm(d->step, d->k->nv);
     d->flipped = 0;
     if (!(size <= LONGEST_GO))
         return UNSAFE;
@@ -458,7 +450,7 @@ int independent_follow(Dynamics *d, const Real *x)
             part *= 2.0;
             continue;
         }
-        const Real size = length(d->step, d->k->nv);
+        const Real size = norm(d->step, d->k->nv);
         if (independent_stand(d) != DONE)
             return LOST;
         part *= 0.5;

@@ -262,13 +262,18 @@ static int is_accurate(Dynamics *d, Passage *s)
     return 1;
 }
 
+static int factor_at(Dynamics *d, const Passage *s, Real x)
+{
+    place_trial(d, s, 0, x);
+    equations_jacobian(d->k);
+    return system_factor(d->k);
+}
+
 /* 1 / (w . K^-1 e) is smooth about a crossing, however many loops go flat there, and vanishes. */
 static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
 {
     Kernel *k = d->k;
-    place_trial(d, s, 0, x);
-    equations_jacobian(k);
-    if (system_factor(k) != DONE)
+    if (factor_at(d, s, x) != DONE)
         return 0.0;
     Real sum = 0.0;
     for (Int i = 0; i < k->nv; i++)
@@ -291,18 +296,14 @@ static int others_hold(Dynamics *d, const Passage *s, Real x)
 /* The power of two of the determinant at x. */
 static Int exponent_at(Dynamics *d, const Passage *s, Real x)
 {
-    place_trial(d, s, 0, x);
-    equations_jacobian(d->k);
-    return system_factor(d->k) == DONE ? d->k->exponent : 0;
+    return factor_at(d, s, x) == DONE ? d->k->exponent : 0;
 }
 
 /* The determinant at x, by a power of two that is the same along a passage. */
 static Real determinant(Dynamics *d, const Passage *s, Real x, Int exponent)
 {
     Kernel *k = d->k;
-    place_trial(d, s, 0, x);
-    equations_jacobian(k);
-    if (system_factor(k) != DONE)
+    if (factor_at(d, s, x) != DONE)
         return 0.0;
     return k->sign * ldexp(k->mantissa, (int)(k->exponent - exponent));
 }
