@@ -37,8 +37,8 @@ typedef struct {
     Real length;      /* characteristic */
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
     Real *x;          /* (nv + n_chosen) */
-    Real *block;        /* to choose among the equations of a closure */
-    Int *place, *among; /* the same: columns of it; equations */
+    Real *block;      /* to choose among the equations of a closure */
+    Int *place;       /* the same: columns of it */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -64,7 +64,6 @@ static int make_room(Kkt *s)
         {(void **)&s->chosen, nc, sizeof(Int)},      {(void **)&s->unit, nv, sizeof(Real)},
         {(void **)&s->size, nc, sizeof(Real)},       {(void **)&s->x, n, sizeof(Real)},
         {(void **)&s->block, most * nv, sizeof(Real)}, {(void **)&s->place, nv, sizeof(Int)},
-        {(void **)&s->among, nc, sizeof(Int)},
     };
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         if (!(*arrays[i].to = kernel_memory(k, arrays[i].count, arrays[i].size)))
@@ -126,14 +125,6 @@ EXPORT int kkt_create(Kernel *k, const Int *ints, Int n_groups, Int n_mass, Int 
 
 /* ---------------------------------------------------------------- choice of equations */
 
-static Real length_of(const Kernel *k, Int i)
-{
-    Real square = 0.0;
-    for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-        square += k->entry[e] * k->entry[e];
-    return sqrt(square);
-}
-
 /* Independent equations of one closure, among all of its own that are longer than `least`. */
 static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
 {
@@ -145,7 +136,7 @@ static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
             s->place[k->entry_v[e]] = m++;
     memset(s->block, 0, (size_t)(m * n) * sizeof(Real));
     for (Int i = first; i < end; i++)
-        if (length_of(k, i) > least)
+        if (equation_length(k, i) > least)
             for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
                 s->block[(i - first) * m + s->place[k->entry_v[e]]] = k->entry[e];
     for (Int e = from; e < to; e++)
@@ -165,7 +156,7 @@ static Real nothing_said(const Kkt *s)
 {
     Real longest = 0.0;
     for (Int i = 0; i < s->k->n_closure; i++)
-        longest = fmax(longest, length_of(s->k, i));
+        longest = fmax(longest, equation_length(s->k, i));
     return fmax(TOLERANCE_RANK * longest, TOLERANCE_ZERO);
 }
 
@@ -174,7 +165,7 @@ static int choose_all(Kkt *s)
     const Real least = nothing_said(s);
     s->n_chosen = 0;
     for (Int i = 0; i < s->k->n_closure; i++)
-        if (length_of(s->k, i) > least)
+        if (equation_length(s->k, i) > least)
             s->chosen[s->n_chosen++] = i;
     return DONE;
 }
@@ -192,19 +183,11 @@ static int choose_in_closures(Kkt *s)
 /* Independent equations among the chosen ones. */
 static int choose_among_all(Kkt *s)
 {
-    const Kernel *k = s->k;
-    const Int n = s->n_chosen;
-    Choice choice;
-    if (choice_begin(&choice, n, k->nv) != DONE)
+    const Int found = independent_equations(s->k, s->chosen, s->n_chosen, s->n_chosen,
+                                            TOLERANCE_RANK, s->chosen, NULL);
+    if (found < 0)
         return NO_MEMORY;
-    for (Int i = 0; i < n; i++) {
-        const Int from = k->entry_start[s->chosen[i]], to = k->entry_start[s->chosen[i] + 1];
-        choice_put(&choice, i, to - from, k->entry_v + from, k->entry + from);
-    }
-    s->n_chosen = choice_make(&choice, n, TOLERANCE_RANK, s->among);
-    choice_end(&choice);
-    for (Int i = 0; i < s->n_chosen; i++)
-        s->chosen[i] = s->chosen[s->among[i]]; /* both ascend */
+    s->n_chosen = found;
     return DONE;
 }
 

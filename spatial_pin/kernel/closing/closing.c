@@ -405,19 +405,15 @@ static void make_even(Kernel *k, Real *square)
 static int judge_independence(Closer *c, Real *least, Real *left_out)
 {
     Kernel *k = c->k;
-    Choice choice;
+    Real facts[2];
     equations_jacobian(k);
     make_even(k, c->step);
-    if (choice_begin(&choice, k->n_closure, k->nv) != DONE)
+    const Int found = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
+                                            c->order, facts);
+    if (found < 0)
         return NO_MEMORY;
-    for (Int i = 0; i < k->n_closure; i++) {
-        const Int from = k->entry_start[i], count = k->entry_start[i + 1] - from;
-        choice_put(&choice, i, count, k->entry_v + from, k->entry + from);
-    }
-    choice_make(&choice, k->n_closure, TOLERANCE_RANK, c->order);
-    *least = choice.least;
-    *left_out = choice.left_out;
-    choice_end(&choice);
+    *least = facts[0];
+    *left_out = facts[1];
     return DONE;
 }
 

@@ -32,11 +32,10 @@ static int make_room(Rates *r)
 {
     Kernel *k = r->k;
     r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
-    r->places = kernel_memory(k, k->n_closure, sizeof(Int));
     r->x = kernel_memory(k, 5 * k->nv, sizeof(Real));
     r->q = kernel_memory(k, k->nq, sizeof(Real));
     r->matrix = factors_new(k);
-    if (!r->chosen || !r->places || !r->matrix || !r->x || !r->q)
+    if (!r->chosen || !r->matrix || !r->x || !r->q)
         return NO_MEMORY;
     r->away = r->x + k->nv, r->along = r->away + k->nv;
     r->change = r->along + k->nv, r->sum = r->change + k->nv;
@@ -74,33 +73,21 @@ static void choose_those_that_are(Rates *r)
 {
     const Kernel *k = r->k;
     r->n_chosen = 0;
-    for (Int i = 0; i < k->n_closure; i++) {
-        Real square = 0.0;
-        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-            square += k->entry[e] * k->entry[e];
-        if (square > TOLERANCE_ZERO * TOLERANCE_ZERO)
+    for (Int i = 0; i < k->n_closure; i++)
+        if (equation_length(k, i) > TOLERANCE_ZERO)
             r->chosen[r->n_chosen++] = i;
-    }
 }
 
 /* Independent ones of the chosen; UNSAFE where it is not clear which, or how many. */
 static int choose_independent(Rates *r)
 {
-    const Kernel *k = r->k;
-    Choice c;
-    if (choice_begin(&c, r->n_chosen, k->nv) != DONE)
+    Real facts[2];
+    const Int found = independent_equations(r->k, r->chosen, r->n_chosen, r->wanted, WELL,
+                                            r->chosen, facts);
+    if (found < 0)
         return NO_MEMORY;
-    for (Int i = 0; i < r->n_chosen; i++) {
-        const Int from = k->entry_start[r->chosen[i]];
-        choice_put(&c, i, k->entry_start[r->chosen[i] + 1] - from, k->entry_v + from,
-                   k->entry + from);
-    }
-    r->n_chosen = choice_make(&c, r->wanted, WELL, r->places);
-    const int is_clear = r->n_chosen == r->wanted && c.left_out <= TOLERANCE_CLOSED;
-    choice_end(&c);
-    for (Int i = 0; i < r->n_chosen; i++)
-        r->chosen[i] = r->chosen[r->places[i]];
-    return is_clear ? DONE : UNSAFE;
+    r->n_chosen = found;
+    return found == r->wanted && facts[1] <= TOLERANCE_CLOSED ? DONE : UNSAFE;
 }
 
 static int choose(Rates *r)

@@ -12,7 +12,6 @@ typedef struct Rates {
     const Int *driven; /* freedoms v, or nv + v for the component that v is of, see pins.h */
     Pin *pin;         /* (n_driven) of those that are components */
     Int *chosen;      /* closure equations, ascending */
-    Int *places;      /* among them, of independent ones */
     Factors *matrix;  /* K */
     Real *x;          /* (nv) */
     Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */

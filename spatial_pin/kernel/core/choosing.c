@@ -8,7 +8,27 @@
 
 #define FAINT 1e-34   /* square of an entry, relative to its row's, that is below round-off of it */
 
-int choice_begin(Choice *c, Int n, Int width)
+/* Rows among which independent ones are chosen. Columns stand in the order in which rows have them,
+ * and a row is zero outside of those from `first` to before `end`: loops far from each other cost
+ * each other nothing. */
+typedef struct {
+    Int n, width;
+    Int *place, n_places; /* of columns, -1 of those that no row has had */
+    Real *row;            /* (n, width) */
+    Real *square;         /* of its length; negative once it is chosen */
+    Int *first, *end;
+    Int *left, n_left;    /* rows that may yet be chosen, ascending */
+} Choice;
+
+static void forget(Choice *c)
+{
+    free(c->row);
+    free(c->square);
+    free(c->first);
+}
+
+/* Rows of zeros; DONE or NO_MEMORY. */
+static int begin(Choice *c, Int n, Int width)
 {
     const size_t rows = (size_t)n + 1;
     *c = (Choice){.n = n, .width = width};
@@ -16,7 +36,7 @@ int choice_begin(Choice *c, Int n, Int width)
     c->square = calloc(rows, sizeof(Real));
     c->first = calloc(3 * rows + (size_t)width, sizeof(Int));
     if (!c->row || !c->square || !c->first) {
-        choice_end(c);
+        forget(c);
         return NO_MEMORY;
     }
     c->end = c->first + rows;
@@ -25,13 +45,6 @@ int choice_begin(Choice *c, Int n, Int width)
     for (Int v = 0; v < width; v++)
         c->place[v] = -1;
     return DONE;
-}
-
-void choice_end(Choice *c)
-{
-    free(c->row);
-    free(c->square);
-    free(c->first);
 }
 
 static void measure(Choice *c, Int i)
@@ -57,13 +70,6 @@ static void put(Choice *c, Int i, Int column, Real value)
     c->end[i] = at >= c->end[i] ? at + 1 : c->end[i];
     c->row[i * c->width + at] = value;
 }
-
-void choice_put(Choice *c, Int i, Int count, const Int *column, const Real *value)
-{
-    for (Int e = 0; e < count; e++)
-        put(c, i, column[e], value[e]);
-}
-
 /* Forget what a row has at its ends below round-off: what loops hand on to others fades away. */
 static void trim(Choice *c, Int i)
 {
@@ -130,11 +136,12 @@ static void take(Choice *c, Int chosen)
     }
 }
 
-Int choice_make(Choice *c, Int most, Real part, Int *chosen)
+/* Choose rows, `most` of them at most, as long as one is left whose length is more than a part of
+   the first one's. Returns how many; `chosen`, ascending, may be `left`. facts: (2), or NULL. */
+static Int choose(Choice *c, Int most, Real part, Int *chosen, Real *facts)
 {
     Int picked = 0, count = 0, next;
-    Real longest = 0.0;
-    c->least = 0.0;
+    Real longest = 0.0, least = 0.0;
     for (c->n_left = 0; c->n_left < c->n; c->n_left++) {
         c->left[c->n_left] = c->n_left;
         measure(c, c->n_left);
@@ -145,10 +152,11 @@ Int choice_make(Choice *c, Int most, Real part, Int *chosen)
             longest = c->square[next];
         if (next < 0 || picked == most || !(c->square[next] > part * part * longest))
             break;
-        c->least = sqrt(c->square[next] / longest);
+        least = sqrt(c->square[next] / longest);
         take(c, next);
     }
-    c->left_out = next < 0 ? 0.0 : sqrt(c->square[next] / longest);
+    if (facts)
+        facts[0] = least, facts[1] = next < 0 ? 0.0 : sqrt(c->square[next] / longest);
     for (Int i = 0; i < c->n; i++)
         if (c->square[i] < 0.0)
             chosen[count++] = i;
@@ -159,16 +167,39 @@ Int independent_rows(Int n, Int width, const Real *rows, Int most, Real part, In
                      Real *facts)
 {
     Choice c;
-    Int count = -1;
-    if (n < 0 || width < 0 || choice_begin(&c, n, width) != DONE)
-        return count;
+    if (n < 0 || width < 0 || begin(&c, n, width) != DONE)
+        return -1;
     for (Int i = 0; i < n; i++)
         for (Int v = 0; v < width; v++)
             if (rows[i * width + v] != 0.0)
                 put(&c, i, v, rows[i * width + v]);
-    count = choice_make(&c, most, part, chosen);
-    if (facts)
-        facts[0] = c.least, facts[1] = c.left_out;
-    choice_end(&c);
+    const Int count = choose(&c, most, part, chosen, facts);
+    forget(&c);
     return count;
+}
+
+Int independent_equations(const Kernel *k, const Int *among, Int n, Int most, Real part,
+                          Int *chosen, Real *facts)
+{
+    Choice c;
+    if (begin(&c, n, k->nv) != DONE)
+        return -1;
+    for (Int i = 0; i < n; i++) {
+        const Int equation = among ? among[i] : i;
+        for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+            put(&c, i, k->entry_v[e], k->entry[e]);
+    }
+    const Int count = choose(&c, most, part, c.left, facts);
+    for (Int i = 0; i < count; i++)
+        chosen[i] = among ? among[c.left[i]] : c.left[i]; /* both ascend */
+    forget(&c);
+    return count;
+}
+
+Real equation_length(const Kernel *k, Int i)
+{
+    Real square = 0.0;
+    for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+        square += k->entry[e] * k->entry[e];
+    return sqrt(square);
 }

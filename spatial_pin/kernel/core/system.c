@@ -170,16 +170,12 @@ void system_solve(const Kernel *k, Real *x)
 
 int system_reselect(Kernel *k)
 {
-    Choice c;
-    if (choice_begin(&c, k->n_closure, k->nv) != DONE)
+    Real facts[2];
+    const Int found =
+        independent_equations(k, NULL, k->n_closure, k->n_chosen, 0.0, k->chosen, facts);
+    if (found < 0)
         return NO_MEMORY;
-    for (Int i = 0; i < k->n_closure; i++) {
-        const Int from = k->entry_start[i], count = k->entry_start[i + 1] - from;
-        choice_put(&c, i, count, k->entry_v + from, k->entry + from);
-    }
-    const Int found = choice_make(&c, k->n_chosen, 0.0, k->chosen);
-    k->left_out = c.left_out;
-    choice_end(&c);
+    k->left_out = facts[1];
     return found == k->n_chosen ? lay_out(k) : SINGULAR;
 }
 
