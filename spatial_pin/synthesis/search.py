@@ -32,7 +32,7 @@ SAME_SOLUTION = 1e-3
 # for, and generations at most. Three and fifteen find as much as five and thirty where a four-bar
 # is to lead a point along a line; a member costs about a tenth of a local solution.
 POPULATION = 4
-GENERATIONS = 20
+GENERATIONS = 20  # see above
 OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
 RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
 VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
