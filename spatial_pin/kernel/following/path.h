@@ -36,7 +36,7 @@ int turn_into(Path *path, Real sense);
 int factor_here(Kernel *k); /* at an evaluated point, with passive freedoms as they are there */
 int keep_choice(Path *path);  /* whether other equations are in use now */
 int has_redundant(const Kernel *k);
-Real room_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
+Real distance_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
 /* The change of s in which the joints go a way; the longest step that is worth an attempt. */
 Real step_of(const Path *path, Real way);
 Real longest_step(const Path *path);

@@ -77,7 +77,7 @@ static Int last_within(const Path *path, const Real *values, Int i, Int n)
     const Real s = path->here->s, sense = values[i] - s;
     const Real end = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
     const Real longest = fmin(longest_step(path), step_of(path, path->between_way));
-    const Real most = fmin(fmin(longest, BETWEEN_NEARER * room_ahead(path, sense)), fabs(end - s));
+    const Real most = fmin(fmin(longest, BETWEEN_NEARER * distance_ahead(path, sense)), fabs(end - s));
     Int last = i;
     while (last + 1 < n && (values[last + 1] - values[last]) * sense > 0.0 &&
            fabs(values[last + 1] - s) <= most)

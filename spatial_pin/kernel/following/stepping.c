@@ -39,7 +39,7 @@ static void note_zero(Path *path, Real before, Real after, Real s, Real h)
     path->zero_known = 1;
 }
 
-Real room_ahead(const Path *path, Real h)
+Real distance_ahead(const Path *path, Real h)
 {
     const Real way = path->zero - path->here->s;
     return way * h > 0.0 ? fabs(way) : INFINITY;
@@ -289,7 +289,7 @@ static int try_step(Path *path, Real target)
     expect_angles(path, h);
     if (!path->zero_known)
         code = look_ahead(path, h);
-    if (code != DONE || fabs(h) > NEARER * room_ahead(path, h))
+    if (code != DONE || fabs(h) > NEARER * distance_ahead(path, h))
         return code != DONE ? code : SINGULAR;
     predict(path, target);
     prescribe(&path->prescribed, target);

@@ -1,8 +1,8 @@
 /* Charts: where one begins, of which coordinates, and how one is begun anew.
  *
  * The coordinates that determine a motion best are those of the joints that move most: independent
- * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that passes crossings
- * of branches is told by a joint with one entry of q, the fastest. */
+ * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that passes branch
+ * points is told by a joint with one entry of q, the fastest. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -88,7 +88,7 @@ static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_cho
         return code;
     memcpy(d->start, d->q, (size_t)k->nq * sizeof *d->q);
     d->n_passages = d->n_built = d->n_refused = d->period_is_known = 0;
-    d->room = 0.0;
+    d->distance = 0.0;
     memset(d->change, 0, (size_t)d->n_held * sizeof *d->change);
     return independent_begin(d);
 }

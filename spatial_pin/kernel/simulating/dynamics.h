@@ -24,16 +24,16 @@ typedef struct {
                  Real *z); /* accelerations of the free coordinates by scale */
 } Asked;
 
-enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_CROSSINGS = 6 };
+enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_BRANCH_POINTS = 6 };
 
-/* The stretch about a crossing of branches, as polynomials in x through nodes on both sides. */
+/* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
 typedef struct {
     Real x[2 * PASSAGE_NODES], weight[2 * PASSAGE_NODES];
     Real *q, *t, *c, *angles; /* per node: configuration, derivatives with respect to x */
     Real low, high;           /* between which the polynomials stand for the branch */
     Int near, far;            /* the nodes at the ends */
-    Real crossing[MOST_CROSSINGS];
-    Int n_crossings;
+    Real branch_point[MOST_BRANCH_POINTS];
+    Int n_branch_points;
     Real order; /* of the determinant's zeros there */
 } Passage;
 
@@ -42,7 +42,7 @@ typedef struct {
     Int passage, turn;
     Int has_bend; /* as below */
     Real *bend, *bend_rate, *change;
-    Real room, room_step;
+    Real distance, distance_step;
 } Place;
 
 typedef struct Dynamics {
@@ -85,13 +85,13 @@ typedef struct Dynamics {
     Real *v, *a, *a0, *given, *tau, *z, *drive_effort;
     Real power;
 
-    /* ---- crossings of one freedom ---- */
+    /* ---- branch points of one freedom ---- */
     Int passes, n_passages, n_built, passage, turn; /* passage: the one it stands on, or -1 */
     Passage passages[MOST_PASSAGES];
     Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
-    Real room; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
-    Real room_step; /* change of x in the step that told it */
+    Real distance; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
+    Real distance_step; /* change of x in the step that told it */
     Real *change; /* (n_held) derivatives of the determinant along the last step, relative to it */
     Real mantissa;
     Int exponent; /* of the determinant here */
@@ -136,7 +136,7 @@ void projected_rates(Dynamics *d, Real *rates);  /* of the coordinates and veloc
 
 /* ---- passing.c ---- */
 int passing_return(Dynamics *d, const Place *place);
-int passing_travel(Dynamics *d, const Real *x); /* to chart coordinates, crossings included */
+int passing_travel(Dynamics *d, const Real *x); /* to chart coordinates, branch points included */
 Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
 
 /* ---- dynamics.c ---- */

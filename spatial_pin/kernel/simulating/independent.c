@@ -294,7 +294,7 @@ static void note_change(Dynamics *d, const Real *from, Real mantissa, Int expone
     if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
     if (d->passes)
-        d->room = (from[0] - x[0]) / change, d->room_step = x[0] - from[0];
+        d->distance = (from[0] - x[0]) / change, d->distance_step = x[0] - from[0];
     for (Int i = 0; i < d->n_held; i++)
         d->change[i] = change * (x[i] - from[i]) / square;
 }
@@ -356,7 +356,7 @@ int independent_choose_anew(Dynamics *d)
     if (system_reselect(d->k) != DONE || independent_stand(d) != DONE)
         return UNSAFE;
     d->first_pivot = d->pivot;
-    d->room = 0.0;
+    d->distance = 0.0;
     memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     if (newton(d, d->x, 1e-3) != DONE)
         return UNSAFE;
@@ -471,8 +471,8 @@ void independent_remember(const Dynamics *d, Place *place)
     memcpy(place->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
     memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
     memcpy(place->change, d->change, (size_t)d->n_held * sizeof *d->change);
-    place->room = d->room;
-    place->room_step = d->room_step;
+    place->distance = d->distance;
+    place->distance_step = d->distance_step;
 }
 
 int independent_return(Dynamics *d, const Place *place)
@@ -485,8 +485,8 @@ int independent_return(Dynamics *d, const Place *place)
     memcpy(d->bend, place->bend, (size_t)d->k->nv * sizeof *d->bend);
     memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
     memcpy(d->change, place->change, (size_t)d->n_held * sizeof *d->change);
-    d->room = place->room;
-    d->room_step = place->room_step;
+    d->distance = place->distance;
+    d->distance_step = place->distance_step;
     note_point(d);
     return code;
 }

@@ -373,7 +373,7 @@ typedef struct {
     Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
     Int most;          /* steps to take */
     Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
-    Int n_crossed;     /* crossings passed: chart coordinate, and samples before */
+    Int n_crossed;     /* branch points passed: chart coordinate, and samples before */
     Real crossed[MOST_CROSSED];
     Int crossed_row[MOST_CROSSED];
     Int looks, n_limits;   /* whether every step is looked at; limits of coordinates */
@@ -438,8 +438,8 @@ static int samples(Integrator *g, Dynamics *d, Run *run)
     return code != DONE ? code : passing_return(d, &d->ended);
 }
 
-/* Note the crossings that the last step has passed, whose samples are those from `first` on. */
-static void note_crossings(const Integrator *g, const Dynamics *d, Run *run, Int first)
+/* Note the branch points that the last step has passed, whose samples are those from `first` on. */
+static void note_branch_points(const Integrator *g, const Dynamics *d, Run *run, Int first)
 {
     const Int room = MOST_CROSSED - run->n_crossed, q = d->held_q[0];
     const Int n = passing_crossed(d, g->y_old[0], g->y[0], run->crossed + run->n_crossed, room);
@@ -483,7 +483,7 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
         if (code != DONE)
             return code == ASK_FAILED ? RAISED : AT_FAILURE;
         if (d->passes)
-            note_crossings(g, d, run, first);
+            note_branch_points(g, d, run, first);
         if (needs_new_chart(g, d, run))
             return NEW_CHART;
         if (g->status == FINISHED)

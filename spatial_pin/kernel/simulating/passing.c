@@ -19,14 +19,14 @@
 /* Each half the one before, down to 1e-3, where polynomials no longer gain on round-off */
 #define REACHES 7
 #define VIEWS 6         /* looks from nearer at where a branch point is */
-#define AHEAD 0.25      /* way to a crossing at which its place is surely enough known */
-/* Step in which a change of the determinant's sign tells about where a crossing is */
+#define AHEAD 0.25      /* way to a branch point at which its place is surely enough known */
+/* Step in which a change of the determinant's sign tells about where a branch point is */
 #define SURE (FIRST_REACH / 2.0)
 #define FASTER 2.0      /* times that joints move as fast as before, where a limit is near */
 /* Part of the way across that the continued curve may be off */
 #define OFF_CURVE TOLERANCE_REGULAR
-#define BRIDGED 4.0     /* way to a known crossing, by an estimate of it: there is no other before */
-#define PROBE_OF_ORDER 0.1 /* part of the way to a crossing on which the determinant tells its order */
+#define BRIDGED 4.0     /* way to a known branch point, by an estimate: none other is before it */
+#define PROBE_OF_ORDER 0.1 /* part of the way to a branch point on which the determinant falls */
 #define REFUSED 0.1     /* change of x from where no passage was found, at which one may be */
 /* Step, relative to the way to go, that is tried last: limits are met as roots */
 #define LAST_STEP TOLERANCE_NOTHING
@@ -105,7 +105,7 @@ static void put(Dynamics *d, Int which, Int turn, Real x)
     d->passage = which;
     d->turn = turn;
     d->has_bend = 0;
-    d->room = 0.0;
+    d->distance = 0.0;
 }
 
 /* Stand at an end of a passage, off it. */
@@ -119,7 +119,7 @@ static int leave(Dynamics *d, Int which, Int turn, int high)
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle_reference, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
-    d->room = 0.0;
+    d->distance = 0.0;
     return independent_stand(d);
 }
 
@@ -222,7 +222,7 @@ static int note_side(Dynamics *d, Passage *s, Int first, Real x, Real apart)
     return DONE;
 }
 
-/* To the far side at x, by the curve before the crossing continued, and closed there. */
+/* To the far side at x, by the curve before the branch point continued, and closed there. */
 static int cross(Dynamics *d, Passage *s, Real x, Real way)
 {
     Kernel *k = d->k;
@@ -269,7 +269,7 @@ static int factor_at(Dynamics *d, const Passage *s, Real x)
     return system_factor(d->k);
 }
 
-/* 1 / (w . K^-1 e) is smooth about a crossing, however many loops go flat there, and vanishes. */
+/* 1 / (w . K^-1 e) is smooth about a branch point and vanishes, however many loops go flat there. */
 static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
 {
     Kernel *k = d->k;
@@ -337,10 +337,10 @@ static Real secants(Dynamics *d, const Passage *s, Real a, Real b, Real low, Rea
     return b;
 }
 
-/* Note the crossing from low to high; where secants from there lead out, the one near a zero of
+/* Note the branch point from low to high; where secants from there lead out, the one near a zero of
  * the determinant. Round-off blurs such a zero far and wide if it is one of higher order, but not
  * that of the inverse solution. */
-static void note_crossing(Dynamics *d, Passage *s, Real low, Real high, Int exponent)
+static void note_branch_point(Dynamics *d, Passage *s, Real low, Real high, Int exponent)
 {
     Real x = secants(d, s, low, high, low, high);
     if (!isfinite(x)) {
@@ -348,11 +348,11 @@ static void note_crossing(Dynamics *d, Passage *s, Real low, Real high, Int expo
         x = secants(d, s, zero - NEARBY, zero + NEARBY, low, high);
         x = isfinite(x) ? x : zero;
     }
-    for (Int i = 0; i < s->n_crossings; i++)
-        if (fabs(x - s->crossing[i]) < NEARBY)
+    for (Int i = 0; i < s->n_branch_points; i++)
+        if (fabs(x - s->branch_point[i]) < NEARBY)
             return;
-    if (s->n_crossings < MOST_CROSSINGS && x > s->low && x < s->high)
-        s->crossing[s->n_crossings++] = x;
+    if (s->n_branch_points < MOST_BRANCH_POINTS && x > s->low && x < s->high)
+        s->branch_point[s->n_branch_points++] = x;
 }
 
 /* Zeros of the determinant between low and high, at places so near that few are between two. Where
@@ -375,7 +375,7 @@ static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
             if (value[i] * value[i + 1] < 0.0) {
                 found = 1;
                 const Real from = low + i * apart, to = from + apart;
-                note_crossing(d, s, from, to, exponent);
+                note_branch_point(d, s, from, to, exponent);
             }
         if (found)
             return;
@@ -383,7 +383,7 @@ static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
             return; /* it only falls: with many loops by many orders of magnitude */
         if (fabs(value[least]) < TOLERANCE_RANK * largest) {
             const Real x = low + least * apart;
-            note_crossing(d, s, x - apart, x + apart, exponent);
+            note_branch_point(d, s, x - apart, x + apart, exponent);
             return;
         }
         low += (least - 1) * apart;
@@ -392,11 +392,11 @@ static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
 }
 
 /* Order of the determinant's zeros on a passage, as it falls at an end: by that power of the way
- * to the crossing. As many loops go flat there. */
+ * to the branch point. As many loops go flat there. */
 static Real order_of_zeros(Dynamics *d, const Passage *s)
 {
     const Int exponent = exponent_at(d, s, s->low);
-    const Real nearer = s->low + PROBE_OF_ORDER * (s->crossing[0] - s->low);
+    const Real nearer = s->low + PROBE_OF_ORDER * (s->branch_point[0] - s->low);
     const Real left = determinant(d, s, nearer, exponent) / determinant(d, s, s->low, exponent);
     return left > 0.0 ? fmax(log(left) / log(1.0 - PROBE_OF_ORDER), 1.0) : 1.0;
 }
@@ -404,12 +404,12 @@ static Real order_of_zeros(Dynamics *d, const Passage *s)
 static int locate(Dynamics *d, Passage *s)
 {
     const Kernel *k = d->k;
-    s->n_crossings = 0;
+    s->n_branch_points = 0;
     look_for_zeros(d, s, s->low, s->high);
-    if (s->n_crossings && k->n_chosen < k->n_closure && others_hold(d, s, s->crossing[0]))
+    if (s->n_branch_points && k->n_chosen < k->n_closure && others_hold(d, s, s->branch_point[0]))
         return CHOSEN_ANEW;
-    s->order = s->n_crossings ? order_of_zeros(d, s) : 0.0;
-    return s->n_crossings ? DONE : LOST;
+    s->order = s->n_branch_points ? order_of_zeros(d, s) : 0.0;
+    return s->n_branch_points ? DONE : LOST;
 }
 
 /* How far ahead the equations lose rank, told by two places `apart` from each other, the farther one
@@ -468,22 +468,22 @@ static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
 }
 
 /* How far ahead the determinant would vanish with a zero of an order, as it fell over a step: its
- * root of that order is linear. `room` is the same of its own. */
-static Real way_by_order(Real room, Real step, Real order)
+ * root of that order is linear. `ahead` is the same of order one. */
+static Real way_by_order(Real ahead, Real step, Real order)
 {
-    return step == 0.0 ? order * room : step / expm1(log1p(step / room) / order);
+    return step == 0.0 ? order * ahead : step / expm1(log1p(step / ahead) / order);
 }
 
-/* Whether a crossing is bridged already that would be `room` ahead were the determinant linear, as
- * it was over the last step. */
-static int is_known(const Dynamics *d, Real room, Real step)
+/* Whether a branch point is bridged already that would be so far `ahead` were the determinant
+ * linear, as it was over the last step. */
+static int is_known(const Dynamics *d, Real ahead, Real step)
 {
     for (Int i = 0; i < d->n_passages; i++) {
         const Passage *s = d->passages + i;
-        const Real shift = (Real)turns_to(d, s, d->x[0] + room) * d->period;
-        const Real far = BRIDGED * fabs(way_by_order(room, step, s->order)) + 0.02;
-        for (Int c = 0; c < s->n_crossings; c++) {
-            const Real way = copysign(1.0, room) * (s->crossing[c] + shift - d->x[0]);
+        const Real shift = (Real)turns_to(d, s, d->x[0] + ahead) * d->period;
+        const Real far = BRIDGED * fabs(way_by_order(ahead, step, s->order)) + 0.02;
+        for (Int c = 0; c < s->n_branch_points; c++) {
+            const Real way = copysign(1.0, ahead) * (s->branch_point[c] + shift - d->x[0]);
             if (way > 0.0 && way < far)
                 return 1;
         }
@@ -491,14 +491,14 @@ static int is_known(const Dynamics *d, Real room, Real step)
     return 0;
 }
 
-/* Bridge the crossing that is `room` ahead; the branch stands where it stood. */
-static int build(Dynamics *d, Real room, Real step)
+/* Bridge the branch point so far `ahead`; the branch stands where it stood. */
+static int build(Dynamics *d, Real ahead, Real step)
 {
-    const Real about = d->x[0] + room, sense = copysign(1.0, room);
+    const Real about = d->x[0] + ahead, sense = copysign(1.0, ahead);
     for (Int i = 0; i < d->n_refused && i < MOST_PASSAGES; i++)
         if (fabs(about - d->refused[i]) < REFUSED)
             return LOST;
-    if (is_known(d, room, step))
+    if (is_known(d, ahead, step))
         return LOST;
     Passage *s = d->passages + d->n_built % MOST_PASSAGES;
     int code = LOST;
@@ -514,7 +514,7 @@ static int build(Dynamics *d, Real room, Real step)
     if (code == ASTRAY)
         return LOST;
     if (code == CHOSEN_ANEW) {
-        d->room = 0.0;
+        d->distance = 0.0;
         d->first_pivot = d->pivot;
         return DONE;
     }
@@ -529,28 +529,30 @@ static int build(Dynamics *d, Real room, Real step)
 /* ---- going ---- */
 
 /* How far ahead the determinant would vanish. */
-static Real room_ahead(const Dynamics *d, Real sense)
+static Real distance_ahead(const Dynamics *d, Real sense)
 {
-    return d->room * sense > 0.0 ? d->room * sense : INFINITY;
+    return d->distance * sense > 0.0 ? d->distance * sense : INFINITY;
 }
 
-/* Follow the branch to x; FOUND where a crossing on the way has been bridged. */
+/* Follow the branch to x; FOUND where a branch point on the way has been bridged. */
 static int walk(Dynamics *d, Real x, int may_build)
 {
-    Real part = x - d->x[0], smallest = fabs(part) * LAST_STEP;
+    Real part = x - d->x[0];
+    const Real smallest = fabs(part) * LAST_STEP;
     const Real sense = part >= 0.0 ? 1.0 : -1.0, first = pace(d);
     while (d->x[0] != x) {
         const Real goal = fabs(x - d->x[0]) <= fabs(part) * (1.0 + 1e-12) ? x : d->x[0] + part;
         const Real from = d->x[0], before = d->pivot;
         if (goal == from)
             return LOST;
-        if (may_build && room_ahead(d, sense) < 1.4 * fabs(goal - from) && room_ahead(d, sense) * pace(d) < 1.0 &&
-            build(d, d->room, d->room_step) == DONE)
+        const Real ahead = distance_ahead(d, sense);
+        if (may_build && ahead < 1.4 * fabs(goal - from) && ahead * pace(d) < 1.0 &&
+            build(d, d->distance, d->distance_step) == DONE)
             return FOUND;
         if (independent_step(d, &goal) == DONE) {
             part *= 2.0;
-            if (may_build && room_ahead(d, sense) * pace(d) < AHEAD && pace(d) <= FASTER * first &&
-                build(d, d->room, d->room_step) == DONE)
+            if (may_build && distance_ahead(d, sense) * pace(d) < AHEAD &&
+                pace(d) <= FASTER * first && build(d, d->distance, d->distance_step) == DONE)
                 return FOUND;
             continue;
         }
@@ -632,22 +634,22 @@ int passing_travel(Dynamics *d, const Real *x)
     return LOST;
 }
 
-/* Crossings in (from, to], in the order they are met; returns how many. */
-Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room_for)
+/* Branch points in (from, to], in the order they are met; returns how many. */
+Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int n_most)
 {
     Int n = 0;
     const Real low = fmin(from, to), high = fmax(from, to);
     for (Int i = 0; i < d->n_passages; i++)
-        for (Int c = 0; c < d->passages[i].n_crossings; c++) {
-            const Real at = d->passages[i].crossing[c];
+        for (Int c = 0; c < d->passages[i].n_branch_points; c++) {
+            const Real at = d->passages[i].branch_point[c];
             if (d->period_is_known <= 0) {
-                if (low < at && at <= high && n < room_for)
+                if (low < at && at <= high && n < n_most)
                     x[n++] = at;
                 continue;
             }
             const Int first = (Int)floor((low - at) / d->period) + 1;
             const Int last = (Int)floor((high - at) / d->period);
-            for (Int turn = first; turn <= last && n < room_for; turn++)
+            for (Int turn = first; turn <= last && n < n_most; turn++)
                 x[n++] = at + (Real)turn * d->period;
         }
     for (Int i = 1; i < n; i++) /* few: put in order by insertion */
