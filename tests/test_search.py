@@ -221,3 +221,18 @@ def test_solutions_nearer_than_a_thousandth_of_the_bounds_are_one(monkeypatch):
             solve(self, np.array([2.9, 2.1])),
             x=MINIMA[0] + (rng is None) * a * SAME_SOLUTION * WIDTH))
         assert len(searched(Spec(), starts=3).found) == n
+
+
+def test_what_was_handed_out_is_called_back_when_it_is_cut_short():
+    handed = []
+
+    class Interrupted(Executor):
+        def submit(self, work, /, *args):
+            if len(handed) == 3:
+                raise KeyboardInterrupt
+            handed.append(Future())
+            return handed[-1]
+
+    with pytest.raises(KeyboardInterrupt):
+        searched(Spec(), starts=8, executor=Interrupted())
+    assert len(handed) == 3 and all(future.cancelled() for future in handed)

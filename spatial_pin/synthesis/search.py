@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -175,8 +175,10 @@ class _Search:
             for job in jobs:
                 yield work(self._problem, job)
             return
-        futures = [self._executor.submit(_there, work, self._spec, self._key, job) for job in jobs]
+        futures = list[Future[Any]]()
         try:
+            for job in jobs:
+                futures.append(self._executor.submit(_there, work, self._spec, self._key, job))
             for future in futures:
                 yield future.result()
         finally:
