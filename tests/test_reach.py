@@ -436,6 +436,18 @@ def test_the_way_off_a_dead_centre_is_not_the_long_one():
     assert np.linalg.norm(moved) < 1.01 * np.linalg.norm(needed)
 
 
+def test_motion_is_least_from_the_state_whatever_it_is_tried_from(monkeypatch):
+    """A near state that does not lead there: another start does, which is turned idly too."""
+    from spatial_pin.inverse_kinematics import reach as module
+    mechanism = sp.load("rssr")
+    start = sp.assemble(mechanism, {"crank": 0.5})
+    direct = sp.reach(mechanism, {"crank": 0.8}, start)
+    others = module._starts
+    monkeypatch.setattr(module, "_starts", lambda *a: list(others(*a))[1:])
+    around = sp.reach(mechanism, {"crank": 0.8}, start)
+    assert np.abs(around.q - direct.q).max() < 1e-8
+
+
 def test_a_dead_centre_at_which_it_starts_is_left():
     mechanism = sp.load("rssr")
     start = sp.assemble(mechanism)  # its rocker is at one end of its swing

@@ -80,7 +80,7 @@ def reach(
         solver = Solver(evaluation, asked, kept, held.entries, EXACT)
         best = solver.reached(start.q, {})
         for q in _starts(start, solver, starts):
-            found = solver.solve(q)
+            found = solver.solve(q, start.q)
             evaluation.update(found.q)
             if solver.is_closed() and (q is start.q or found.order < best.order):
                 best = found

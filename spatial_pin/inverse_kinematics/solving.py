@@ -102,9 +102,9 @@ class Solver(Constrained):
         self.exact = [t for t in targets if t.weight is None]
         self.weighted = [t for t in targets if t.weight is not None]
 
-    def solve(self, start: Array) -> Reached:
-        """Return where the targets are met, from a configuration (nq,) on."""
-        q, held = self.within(start)
+    def solve(self, q: Array, start: Array) -> Reached:
+        """Return where the targets are met, from q (nq,) on, with least motion from `start`."""
+        q, held = self.within(q)
         is_on_its_way = False
         if self.exact:
             q, held, is_on_its_way = Descent(self, [], self.exact).run(q, held)
