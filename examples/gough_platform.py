@@ -27,7 +27,8 @@ folder.mkdir(parents=True, exist_ok=True)
 # the platform of the library, with a pen on it and a frame at the pen's point
 file = sp.load("stewart").save(folder / "machine")
 tree, plate = file.with_suffix(".urdf"), '<link name="platform">'
-pen = """<visual><origin xyz="0 0 0.066"/><geometry><cylinder length="0.068" radius="0.006"/></geometry>
+pen = """<visual><origin xyz="0 0 0.066"/>
+<geometry><cylinder length="0.068" radius="0.006"/></geometry>
 <material name="pen"><color rgba="0.8 0.1 0.3 1"/></material></visual>"""
 tree.write_text(tree.read_text().replace(plate, plate + pen))
 file.write_text(file.read_text() + '\n[frames.tool]\nlink = "platform"\nxyz = [0, 0, 0.1]\n')
