@@ -1,0 +1,190 @@
+/* A new passage: nodes before a branch point, those behind it found by continuing the curve. */
+#include <string.h>
+
+#include "passage.h"
+
+/* Each half the one before, down to 1e-3, where polynomials no longer gain on round-off */
+#define REACHES 7
+#define VIEWS 6     /* looks from nearer at where a branch point is */
+/* Part of the way across that the continued curve may be off */
+#define OFF_CURVE TOLERANCE_REGULAR
+#define BRIDGED 4.0 /* way to a known branch point, by an estimate: none other is before it */
+#define REFUSED 0.1 /* change of x from where no passage was found, at which one may be */
+
+enum { ASTRAY = 42 };
+
+static int note_node(Dynamics *d, Passage *s, Int node)
+{
+    Kernel *k = d->k;
+    s->x[node] = d->x[0];
+    memcpy(s->q + node * k->nq, d->q, (size_t)k->nq * sizeof *d->q);
+    memcpy(s->angles + node * k->n_angles, d->turns, (size_t)k->n_angles * sizeof *d->turns);
+    for (Int v = 0; v < k->nv; v++)
+        s->t[node * k->nv + v] = k->scale[v] * d->columns[v];
+    return independent_bias(d, s->t + node * k->nv, NULL, s->c + node * k->nv);
+}
+
+/* Nodes from `first` on, outwards from x. */
+static int note_side(Dynamics *d, Passage *s, Int first, Real x, Real apart)
+{
+    for (Int i = 0; i < NODE; i++) {
+        const Real goal = x + (Real)i * apart;
+        if (independent_follow(d, &goal) != DONE || note_node(d, s, first + i) != DONE)
+            return LOST;
+    }
+    return DONE;
+}
+
+/* To the far side at x, by the curve before the branch point continued, and closed there. */
+static int cross(Dynamics *d, Passage *s, Real x, Real way)
+{
+    Kernel *k = d->k;
+    passage_weights(s, 0, NODE);
+    passage_interpolate(s, 0, NODE, s->q, k->nq, x, d->q);
+    passage_interpolate(s, 0, NODE, s->angles, k->n_angles, x, d->turns);
+    tree_normalize(k, d->q);
+    d->q[d->held_q[0]] = d->start[d->held_q[0]] + k->scale[d->held[0]] * x;
+    d->x[0] = x;
+    if (independent_stand(d) != DONE)
+        return LOST;
+    if (k->n_chosen < k->n_closure && /* what held before may be nearly dependent here */
+        (system_reselect(k) != DONE || independent_stand(d) != DONE))
+        return LOST;
+    return independent_settle(d, &x, OFF_CURVE * way);
+}
+
+/* Whether residuals between the ends are small and an interpolant of fewer nodes agrees. */
+static int is_accurate(Dynamics *d, Passage *s)
+{
+    Kernel *k = d->k;
+    Passage fewer = *s;
+    for (int part = 1; part < 8; part += 2) {
+        const Real x = s->low + 0.125 * part * (s->high - s->low);
+        Real worst;
+        passage_place(d, s, 0, x);
+        worst = equations_error(k);
+        if (!(worst < fmax(TOLERANCE_TIGHT, 2.0 * d->spare)))
+            return 0;
+        /* without the outermost node of one side */
+        passage_weights(&fewer, 0, 2 * NODE - 1);
+        passage_interpolate(&fewer, 0, 2 * NODE - 1, s->q, k->nq, x, d->goal);
+        for (Int i = 0; i < k->nq; i++)
+            if (i != d->held_q[0] && !(fabs(d->goal[i] - d->trial[i]) < TOLERANCE_CLOSED))
+                return 0;
+    }
+    return 1;
+}
+
+/* How far ahead the equations lose rank, told by two places `apart` from each other, the farther one
+ * of which the branch stands on: by the least pivot, which falls in a line however many loops go
+ * flat there; where another loop has that, by the determinant. */
+static Real way_to_loss(const Dynamics *d, Real pivot, Real mantissa, Int exponent, Real apart)
+{
+    const Real fall = d->pivot > pivot
+        ? d->pivot / pivot : ldexp(d->mantissa / mantissa, (int)(d->exponent - exponent));
+    return fall > 1.0 ? apart / (fall - 1.0) : INFINITY;
+}
+
+/* About where the equations lose rank, told from ever nearer: in the end from about a reach away. */
+static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
+{
+    for (int i = 0; i < VIEWS; i++) {
+        const Real apart = sense * reach / passage_pace(d);
+        Real goal = *about - apart;
+        if (independent_follow(d, &goal) != DONE) {
+            if (!(sense * (goal - d->x[0]) > 0.0))
+                return LOST;
+            *about = d->x[0]; /* it came to it: it is that near */
+            continue;
+        }
+        const Real pivot = d->pivot, mantissa = d->mantissa, back = goal - 0.25 * apart;
+        const Int exponent = d->exponent;
+        if (independent_follow(d, &back) != DONE)
+            return LOST;
+        const Real way = way_to_loss(d, pivot, mantissa, exponent, 0.25 * fabs(apart));
+        if (!isfinite(way))
+            return i ? DONE : LOST;
+        const Real left = fmin(fmax(way, 0.3 * fabs(apart)), AHEAD);
+        *about = goal + sense * left;
+        if (i && fabs(left - fabs(apart)) < 0.2 * fabs(apart))
+            return DONE;
+    }
+    return DONE;
+}
+
+static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
+{
+    if (look_closer(d, &about, sense, reach) != DONE)
+        return LOST;
+    const Real apart = sense * reach / passage_pace(d);
+    if (note_side(d, s, 0, about - apart, -apart) != DONE)
+        return LOST;
+    if (cross(d, s, about + apart, 2.0 * fabs(apart) * fmax(1.0, passage_pace(d))) != DONE ||
+        note_side(d, s, NODE, about + apart, apart) != DONE)
+        return LOST;
+    passage_weights(s, 0, 2 * NODE);
+    s->near = 0, s->far = NODE;
+    s->low = fmin(s->x[0], s->x[NODE]), s->high = fmax(s->x[0], s->x[NODE]);
+    if (!is_accurate(d, s))
+        return LOST;
+    return passage_locate(d, s);
+}
+
+/* How far ahead the determinant would vanish with a zero of an order, as it fell over a step: its
+ * root of that order is linear. `ahead` is the same of order one. */
+static Real way_by_order(Real ahead, Real step, Real order)
+{
+    return step == 0.0 ? order * ahead : step / expm1(log1p(step / ahead) / order);
+}
+
+/* Whether a branch point is bridged already that would be so far `ahead` were the determinant
+ * linear, as it was over the last step. */
+static int is_known(const Dynamics *d, Real ahead, Real step)
+{
+    for (Int i = 0; i < d->n_passages; i++) {
+        const Passage *s = d->passages + i;
+        const Real shift = (Real)passage_turns(d, s, d->x[0] + ahead) * d->period;
+        const Real far = BRIDGED * fabs(way_by_order(ahead, step, s->order)) + 0.02;
+        for (Int c = 0; c < s->n_branch_points; c++) {
+            const Real way = copysign(1.0, ahead) * (s->branch_point[c] + shift - d->x[0]);
+            if (way > 0.0 && way < far)
+                return 1;
+        }
+    }
+    return 0;
+}
+
+/* Bridge the branch point so far `ahead`; the branch stands where it stood. */
+int passage_bridge(Dynamics *d, Real ahead, Real step)
+{
+    const Real about = d->x[0] + ahead, sense = copysign(1.0, ahead);
+    for (Int i = 0; i < d->n_refused && i < MOST_PASSAGES; i++)
+        if (fabs(about - d->refused[i]) < REFUSED)
+            return LOST;
+    if (is_known(d, ahead, step))
+        return LOST;
+    Passage *s = d->passages + d->n_built % MOST_PASSAGES;
+    int code = LOST;
+    const Real tolerance = d->tolerance;
+    independent_remember(d, &d->aside);
+    d->tolerance = fmin(tolerance, 1e-14);
+    for (int i = 0; i < REACHES && code == LOST; i++) {
+        code = build_at(d, s, about, sense, FIRST_REACH / (Real)(1 << i));
+        if (independent_return(d, &d->aside) != DONE)
+            code = ASTRAY;
+    }
+    d->tolerance = tolerance;
+    if (code == ASTRAY)
+        return LOST;
+    if (code == CHOSEN_ANEW) {
+        d->distance = 0.0;
+        d->first_pivot = d->pivot;
+        return DONE;
+    }
+    if (code == DONE) {
+        d->n_built++;
+        d->n_passages = d->n_built < MOST_PASSAGES ? d->n_built : MOST_PASSAGES;
+    } else
+        d->refused[d->n_refused++ % MOST_PASSAGES] = about;
+    return code;
+}

@@ -1,0 +1,155 @@
+/* Where on a passage the equations lose rank: zeros of a determinant, of any order. */
+#include "passage.h"
+
+#define PROBE_OF_ORDER 0.1 /* part of the way to a branch point on which the determinant falls */
+#define LOOKS 16 /* places that a determinant is looked at */
+
+static int factor_at(Dynamics *d, const Passage *s, Real x)
+{
+    passage_place(d, s, 0, x);
+    equations_jacobian(d->k);
+    return system_factor(d->k);
+}
+
+/* 1 / (w . K^-1 e) is smooth about a branch point and vanishes, however many loops go flat there. */
+static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
+{
+    Kernel *k = d->k;
+    if (factor_at(d, s, x) != DONE)
+        return 0.0;
+    Real sum = 0.0;
+    for (Int i = 0; i < k->nv; i++)
+        d->solved[i] = i < k->n_chosen ? 1.0 + 0.37 * (Real)(i % 7) : 0.0;
+    system_solve(k, d->solved);
+    for (Int i = 0; i < k->nv; i++)
+        sum += (1.0 + 0.61 * (Real)(i % 5)) * d->solved[i];
+    return 1.0 / sum;
+}
+
+/* Whether other equations keep their rank where the chosen ones lose it: these are taken then. */
+static int others_hold(Dynamics *d, const Passage *s, Real x)
+{
+    passage_place(d, s, 0, x);
+    equations_jacobian(d->k);
+    return system_reselect(d->k) == DONE && system_factor(d->k) == DONE &&
+           d->k->pivot_ratio > TOLERANCE_SINGULAR;
+}
+
+/* The power of two of the determinant at x. */
+static Int exponent_at(Dynamics *d, const Passage *s, Real x)
+{
+    return factor_at(d, s, x) == DONE ? d->k->exponent : 0;
+}
+
+/* The determinant at x, by a power of two that is the same along a passage. */
+static Real determinant(Dynamics *d, const Passage *s, Real x, Int exponent)
+{
+    Kernel *k = d->k;
+    if (factor_at(d, s, x) != DONE)
+        return 0.0;
+    return k->sign * ldexp(k->mantissa, (int)(k->exponent - exponent));
+}
+
+/* The zero between a and b, where the determinant changes its sign; the bisection's end is made
+ * exacter by secants of the inverse solution, which a manifold zero does not blur. */
+static Real zero_between(Dynamics *d, const Passage *s, Real a, Real b, Int exponent)
+{
+    const Real sign = determinant(d, s, a, exponent);
+    while (fabs(b - a) > 1e-12 * (1.0 + fabs(b))) {
+        const Real middle = 0.5 * (a + b), there = determinant(d, s, middle, exponent);
+        if (there * sign > 0.0)
+            a = middle;
+        else
+            b = middle;
+    }
+    return b;
+}
+
+/* A zero of the inverse solution by secants from a and b; NaN where they lead out of low to high. */
+static Real secants(Dynamics *d, const Passage *s, Real a, Real b, Real low, Real high)
+{
+    Real fa = inverse_solution(d, s, a), fb = inverse_solution(d, s, b);
+    for (int i = 0; i < 30 && fb != 0.0 && fb != fa && fabs(b - a) > 1e-14 * (1.0 + fabs(b)); i++) {
+        const Real next = b - fb * (b - a) / (fb - fa);
+        if (!(next >= low && next <= high))
+            return NAN;
+        a = b, fa = fb;
+        b = next, fb = inverse_solution(d, s, b);
+    }
+    return b;
+}
+
+/* Note the branch point from low to high; where secants from there lead out, the one near a zero of
+ * the determinant. Round-off blurs such a zero far and wide if it is one of higher order, but not
+ * that of the inverse solution. */
+static void note_branch_point(Dynamics *d, Passage *s, Real low, Real high, Int exponent)
+{
+    Real x = secants(d, s, low, high, low, high);
+    if (!isfinite(x)) {
+        const Real zero = zero_between(d, s, low, high, exponent);
+        x = secants(d, s, zero - NEARBY, zero + NEARBY, low, high);
+        x = isfinite(x) ? x : zero;
+    }
+    for (Int i = 0; i < s->n_branch_points; i++)
+        if (fabs(x - s->branch_point[i]) < NEARBY)
+            return;
+    if (s->n_branch_points < MOST_BRANCH_POINTS && x > s->low && x < s->high)
+        s->branch_point[s->n_branch_points++] = x;
+}
+
+/* Zeros of the determinant between low and high, at places so near that few are between two. Where
+ * it comes near zero and goes back, closer looks tell two zeros from none; one at that is a zero
+ * of even order. */
+static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
+{
+    Real value[LOOKS + 1], largest = 0.0;
+    const Int exponent = exponent_at(d, s, low);
+    for (int level = 0; level < 6; level++) {
+        const Real apart = (high - low) / LOOKS;
+        int found = 0, least = 0;
+        for (int i = 0; i <= LOOKS; i++) {
+            value[i] = determinant(d, s, low + i * apart, exponent);
+            largest = fmax(largest, fabs(value[i]));
+            if (fabs(value[i]) < fabs(value[least]))
+                least = i;
+        }
+        for (int i = 0; i < LOOKS; i++)
+            if (value[i] * value[i + 1] < 0.0) {
+                found = 1;
+                const Real from = low + i * apart, to = from + apart;
+                note_branch_point(d, s, from, to, exponent);
+            }
+        if (found)
+            return;
+        if (least == 0 || least == LOOKS)
+            return; /* it only falls: with many loops by many orders of magnitude */
+        if (fabs(value[least]) < TOLERANCE_RANK * largest) {
+            const Real x = low + least * apart;
+            note_branch_point(d, s, x - apart, x + apart, exponent);
+            return;
+        }
+        low += (least - 1) * apart;
+        high = low + 2.0 * apart;
+    }
+}
+
+/* Order of the determinant's zeros on a passage, as it falls at an end: by that power of the way
+ * to the branch point. As many loops go flat there. */
+static Real order_of_zeros(Dynamics *d, const Passage *s)
+{
+    const Int exponent = exponent_at(d, s, s->low);
+    const Real nearer = s->low + PROBE_OF_ORDER * (s->branch_point[0] - s->low);
+    const Real left = determinant(d, s, nearer, exponent) / determinant(d, s, s->low, exponent);
+    return left > 0.0 ? fmax(log(left) / log(1.0 - PROBE_OF_ORDER), 1.0) : 1.0;
+}
+
+int passage_locate(Dynamics *d, Passage *s)
+{
+    const Kernel *k = d->k;
+    s->n_branch_points = 0;
+    look_for_zeros(d, s, s->low, s->high);
+    if (s->n_branch_points && k->n_chosen < k->n_closure && others_hold(d, s, s->branch_point[0]))
+        return CHOSEN_ANEW;
+    s->order = s->n_branch_points ? order_of_zeros(d, s) : 0.0;
+    return s->n_branch_points ? DONE : LOST;
+}
