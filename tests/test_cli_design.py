@@ -142,6 +142,31 @@ def test_every_goal_has_a_kind():
     assert {"path", "poses", "function"} <= set(KINDS)
     assert all(callable(make) for make in KINDS.values())
 
+WHOLE = {  # goals of the mechanism as a whole: what a file says, and the arguments that means
+    "swing": ('output = "rocker_pin"\nangle = "60deg"',
+              {"output": "rocker_pin", "angle": np.radians(60.0)}),
+    "transmission": ('output = "rocker_pin"\nat_least = "35deg"\ndriver = "crank"',
+                     {"output": "rocker_pin", "at_least": np.radians(35.0), "driver": "crank"}),
+    "turns": ('driver = "crank"', {"driver": "crank"}),
+    "dead_centres": ('output = "rocker_pin"\nvalues = ["10deg", 3.5]',
+                     {"output": "rocker_pin", "values": [np.radians(10.0), 3.5]}),
+    "effort": ("at_most = 2.5\nloads = {rocker_b = [0, 0, 10, 0, 0, 0]}",
+               {"at_most": 2.5, "loads": {"rocker_b": [0.0, 0.0, 10.0, 0.0, 0.0, 0.0]}}),
+    "size": ('at_most = "600mm"\nweight = 2', {"at_most": 0.6, "weight": 2.0}),
+    "mass": ("at_most = 3", {"at_most": 3.0}),
+    "clearance": ('at_least = "5mm"\npairs = [["crank", "rocker"]]',
+                  {"at_least": 0.005, "pairs": [("crank", "rocker")]}),
+}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in WHOLE if kind in KINDS])
+def test_goals_of_the_whole_mechanism_are_those_of_their_functions(tmp_path, kind):
+    text, arguments = WHOLE[kind]
+    path = tmp_path / "goals.toml"
+    path.write_text(f'[[goal]]\nkind = "{kind}"\n{text}\n')
+    (goal,) = read_goals(path, sp.load("four_bar")).goals
+    assert repr(goal) == repr(KINDS[kind](**arguments))
+
 
 GOAL = '[[goal]]\nkind = "function"\noutput = "rocker_pin"\nvalues = [1.4]\n'
 
