@@ -42,6 +42,8 @@ class Constrained:
     ) -> None:
         self.evaluation, self.tolerance = evaluation, tolerance
         self.limits = limits
+        self._limited = np.array([limit.q for limit in limits], dtype=np.intp)
+        self._ends = np.array([(x.side, x.side * x.value + SLACK * x.size) for x in limits])
         self.scale = evaluation.mechanism.velocity_scale
         self.moves = np.ones(len(self.scale), dtype=bool)
         self.moves[list(still)] = False
@@ -143,6 +145,8 @@ class Constrained:
 
     def beyond(self, q: Array, held: Held, before: Array | None = None) -> Held:
         """Return limits that q is beyond, and farther than another configuration was."""
+        if not self.limits or np.all(q[self._limited] * self._ends[:, 0] <= self._ends[:, 1]):
+            return {}
         found = {}
         for limit in self.limits:
             room = float(limit.room(q))
