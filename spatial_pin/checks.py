@@ -280,9 +280,11 @@ def names_of(values: Any, what: str) -> list[str]:
     Raises:
         TypeError: there is something else among them.
     """
+    if isinstance(values, str):
+        return [values]
     if not _is_several(values):
         raise TypeError(f"{what} must be names, not {_told(values)}")
-    found = [values] if isinstance(values, str) else list(values)
+    found = list(values)
     for name in found:
         if not isinstance(name, str):
             raise TypeError(f"{what} must be names, not {_told(name)}")

@@ -266,10 +266,12 @@ def _time(values: Array, speeds: Array) -> Array | None:
 
     Speed is to be constant, and without an acceleration.
     """
-    if speeds[0] == 0.0 or (speeds != speeds[0]).any():
+    speed, several = float(speeds[0]), len(values) > 1
+    if speed == 0.0 or (several and (speeds != speed).any()):
         return None
-    time = (values - values[0]) / speeds[0]
-    return time if math.isfinite(time[-1]) and (time[1:] > time[:-1]).all() else None
+    time = (values - values[0]) / speed
+    rises = not several or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
+    return time if rises else None
 
 
 def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:
