@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import time
+
 import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
 from masses import heavy, with_masses
+from test_dynamics import ladder, leaning
 
 import spatial_pin as sp
+from spatial_pin.constraints import trees
 from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.numerics.linalg import null_space
@@ -193,3 +197,43 @@ def test_pinocchios_accelerations_change_as_ours_do(name):
     if name in ("stewart", "delta"):
         assert by_q @ state.v + by_v @ found.a == pytest.approx(
             along, abs=1e-10 * np.abs(along).max())
+
+
+@pytest.mark.parametrize("name", ["stewart", "delta", "rssr", "rod", "watt_six_bar", "excavator"])
+def test_large_trees_taken_in_parts_have_the_same_derivatives(name, tmp_path, monkeypatch):
+    def found():
+        mech = rod(tmp_path) if name == "rod" else sp.load(name)
+        body = mech.model.names[-1]
+        answer = dynamics_derivatives(
+            mech, moving(mech), dict.fromkeys(mech.drivers, 0.3),
+            external={body: pin.Force(np.array([1.0, 2.0, -3.0]), np.array([0.3, 0.1, 0.2]))})
+        borne = [part for each in answer.reactions.values() for part in each]
+        return [answer.a_by_q, answer.a_by_v, answer.a_by_effort, answer.multipliers_by_q, *borne,
+                *answer.on_ground]
+
+    whole = found()
+    for constant in ("WHOLE", "BRANCHES", "FREEDOMS"):
+        monkeypatch.setattr(trees, constant, 1)
+    size = max(np.nanmax(np.abs(x), initial=0.0) for x in whole)
+    for one, other in zip(whole, found(), strict=True):
+        assert other == pytest.approx(one, abs=1e-12 * size, nan_ok=True)
+
+
+def test_four_times_the_loops_cost_a_few_times_as_much(tmp_path):
+    def cost(n):
+        (tmp_path / str(n)).mkdir()
+        state = leaning(ladder(tmp_path / str(n), n), 0.7, 1.3)[0]
+        times = []
+        for _ in range(4):
+            start = time.process_time()
+            found = dynamics_derivatives(state.mechanism, state)
+            times.append(time.process_time() - start)
+        return found, min(times[1:])
+
+    few, many = cost(25), cost(100)
+    assert many[1] < 10.0 * few[1]
+    for n, (found, _) in ((25, few), (100, many)):  # it falls as one rod
+        sense = np.sign(found.a)
+        slope = ((n + 1) / 2 + n) * 9.81 / ((n + 1) / 3 + n) * np.cos(0.7)
+        assert found.a_by_q @ sense == pytest.approx(sense * slope, rel=1e-10)
+        assert found.a_by_v @ sense == pytest.approx(np.zeros(len(sense)), abs=1e-9)

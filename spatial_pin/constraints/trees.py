@@ -131,6 +131,13 @@ class Subtree(NamedTuple):
     columns: Array
 
 
+def parts_of(model: pin.Model) -> list[Subtree]:
+    """Return the subtrees of a large model, or a small one as one subtree."""
+    if is_large(model):
+        return subtrees_of(model)
+    return [_subtree(model, list(range(1, model.njoints)))] if model.njoints > 1 else []
+
+
 def subtrees_of(model: pin.Model) -> list[Subtree]:
     """Return the subtrees of a model, each of one or more branches at the ground."""
     groups: list[list[int]] = [[]]

@@ -28,10 +28,9 @@ from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
 from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.numerics.linalg import Array, least_squares, null_space
+from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.jacobians import closure_jacobian
 
@@ -88,7 +87,6 @@ class _Terms(NamedTuple):
         rows, rates: of the closures and springs at the motion.
         outside: wrenches on frames.
         lines, turns: the springs.
-        mass: the mass matrix.
     """
 
     rows: Rows
@@ -96,7 +94,6 @@ class _Terms(NamedTuple):
     outside: Outside
     lines: list[Pull]
     turns: list[Pull]
-    mass: MassMatrix
 
 
 @checked
@@ -145,15 +142,15 @@ def dynamics_derivatives(
     rows = Rows(mechanism, whole, springs.forces)
     rates = rows.products.rates(state.q, state.v, answer.a)
     terms = _Terms(rows, rates, Outside(mechanism, whole, external), springs.lines(rows, rates),
-                   springs.turns(state.q, state.v), MassMatrix(whole.model))
+                   springs.turns(state.q, state.v))
     jacobian = closure_jacobian(mechanism, state.q)
-    scale = mechanism.velocity_scale
     borne = jacobian.T @ answer.multipliers
     with equations_of(mechanism) as equations:
         equations.place(state)
         equations.by_kkt(state.q, state.v, state.angles, borne, borne)
         chosen = equations.kkt.rows
-        multipliers = least_squares(jacobian[chosen].T * scale[:, None], borne * scale)
+        at_rest = np.zeros((1, equations.n_closure))
+        multipliers = equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
         by = _changes(equations, answer, terms, chosen, multipliers)
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
     moving = Changes(state, whole, answer.a, rows, rates, terms.lines, terms.turns,
@@ -168,6 +165,22 @@ def _lightest(equations: Equations) -> list[str]:
     motion = np.linalg.eigh(freedoms @ equations.mass() @ freedoms.T)[1][:, 0] @ freedoms
     sizes = np.abs(motion / equations.scale)
     return equations.moving((sizes / sizes.max())[None])
+
+
+def _motion_needs(answer: Dynamics, terms: _Terms) -> tuple[Array, Array]:
+    """Return q and v derivatives (nv, nv) of M a + b, less what is put on from outside."""
+    state, bodies, outside = answer.state, terms.rows.products.bodies, terms.outside
+    by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
+    for p in bodies.parts:
+        model, unit = p.mass.model, p.mass.unit
+        pulls = pin.StdVec_Force([
+            force * (1.0 / unit) for force in outside.on_joints(p, terms.rates.placements)])
+        found = pin.computeRNEADerivatives(
+            model, p.data, state.q[p.q], state.v[p.v], answer.a[p.v], pulls)
+        for total, x in zip((by_q, by_v), found[:2], strict=True):
+            total[np.ix_(p.v, p.v)] = unit * x
+        pin.computeJointJacobians(model, p.data, state.q[p.q])
+    return by_q - outside.turning(bodies), by_v
 
 
 def _changes(
@@ -193,19 +206,13 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
             f"{', '.join(_lightest(equations))} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=equations.state)
-    rows, rates, outside = terms.rows, terms.rates, terms.outside
-    state, model, unit = answer.state, terms.mass.model, terms.mass.unit
-    q, v, a, nv = state.q, state.v, answer.a, len(answer.a)
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    pulls = pin.StdVec_Force([force * (1.0 / unit) for force in outside.on_joints(data)])
-    force_by_q, force_by_v = (unit * x for x in pin.computeRNEADerivatives(
-        model, data, q, v, a, pulls)[:2])
-    curvature, bends = rows.curvature(q)
-    spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, rates, bends, rows.closed)
-    pin.computeJointJacobians(model, data, q)
-    force_by_q -= np.tensordot(multipliers, curvature[chosen], 1) + spring_by_q
-    force_by_q -= outside.turning(data)
+    rows, rates, nv = terms.rows, terms.rates, len(answer.a)
+    force_by_q, force_by_v = _motion_needs(answer, terms)
+    spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, nv)
+    borne = np.zeros(equations.n_closure)
+    borne[chosen] = multipliers
+    pull = np.array([-x.force / x.length for x in terms.lines])
+    force_by_q -= rows.bending(rates, borne, pull) + spring_by_q
     force_by_v -= spring_by_v
     closed_by_q, closed_by_v = rows.accelerations(rates)
     work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])

@@ -15,7 +15,8 @@ import pinocchio as pin
 
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import own_jacobian
-from spatial_pin.dynamics.derivatives.closures import Rates, Rows
+from spatial_pin.constraints.trees import Subtree
+from spatial_pin.dynamics.derivatives.closures import BodiesOfTree, Rates, Rows
 from spatial_pin.dynamics.forces import Forces, Law
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -32,12 +33,14 @@ class Pull(NamedTuple):
 
     Attributes:
         force: as its law says [N, N·m].
+        length: of its line [m]; that of its joint is 1.
         by_length, by_rate: derivatives of the law.
         row: (nv,) derivative of the length, or of the joint coordinate.
         by_q, by_v: (nv,) of the force.
     """
 
     force: float
+    length: float
     by_length: float
     by_rate: float
     row: Array
@@ -92,7 +95,7 @@ class Springs:
             row, rate = rates.by_q[0][at] / length, float(rates.values[1][at]) / length
             by_length, by_rate = self._slopes(line.name, length, rate)
             by_q = by_length * row + by_rate * (rates.by_q[1][at] - rate * row) / length
-            found.append(Pull(line.law(length, rate), by_length, by_rate, row, by_q,
+            found.append(Pull(line.law(length, rate), length, by_length, by_rate, row, by_q,
                               by_rate * row))
         return found
 
@@ -104,34 +107,33 @@ class Springs:
             by_length, by_rate = self._slopes(turn.name, x, rate)
             row = np.zeros(len(v))
             row[turn.v] = 1.0
-            found.append(Pull(turn.law(x, rate), by_length, by_rate, row, by_length * row,
+            found.append(Pull(turn.law(x, rate), 1.0, by_length, by_rate, row, by_length * row,
                               by_rate * row))
         resistance = self.forces.resistance
         forces, slopes = resistance.forces(v), resistance.slopes(v)
         for k in resistance.at:
             row = np.zeros(len(v))
             row[k] = 1.0
-            found.append(Pull(-forces[k], 0.0, slopes[k], row, 0.0 * row, slopes[k] * row))
+            found.append(Pull(-forces[k], 1.0, 0.0, slopes[k], row, 0.0 * row, slopes[k] * row))
         return found
 
 
 def spring_slopes(
-    lines: list[Pull], turns: list[Pull], rates: Rates, bends: Array, closed: int
+    lines: list[Pull], turns: list[Pull], nv: int
 ) -> tuple[Array, Array]:
     """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
+
+    Those along lines that bend, at the same force by half the squared length, are left out: see
+    `Rows.bending`.
 
     Args:
         lines: springs between frames.
         turns: springs about joints.
-        rates: of the rows at the motion.
-        bends: (n_lines, nv, nv) derivatives of the rows of half the squared lengths.
-        closed: place of the first of these rows.
+        nv: how many velocities there are.
     """
-    nv = bends.shape[-1]
     by_q, by_v = np.zeros((2, nv, nv))
-    for k, pull in enumerate(lines):
-        length = np.sqrt(2.0 * rates.values[0][closed + k])
-        by_q -= pull.force * (bends[k] - np.outer(pull.row, pull.row)) / length
+    for pull in lines:
+        by_q += np.outer(pull.row, pull.force / pull.length * pull.row)
     for pull in (*lines, *turns):
         by_q -= np.outer(pull.row, pull.by_q)
         by_v -= np.outer(pull.row, pull.by_v)
@@ -170,26 +172,26 @@ class Outside:
                       for name, force in (external or {}).items()]
         self._moving = [x for x in self.given if x[0]]
 
-    def on_joints(self, data: pin.Data) -> pin.StdVec_Force:
-        """Return the forces by joint of the split model, joint axes."""
-        total = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.whole.model.njoints)])
+    def on_joints(self, part: Subtree, placements: Array) -> pin.StdVec_Force:
+        """Return the forces on the joints of a part of the tree, joint axes."""
+        total = {int(joint): pin.Force.Zero() for joint in part.joints}
         for joint, placement, force in self._moving:
             at = int(self.whole.joint[joint])
-            total[at] += _carried(placement, data.oMi[at].rotation.T, force)
-        return total
+            if at in total:
+                total[at] += _carried(placement, placements[joint, :3], force)
+        return pin.StdVec_Force([pin.Force.Zero(), *total.values()])
 
-    def turning(self, data: pin.Data) -> Array:
+    def turning(self, bodies: BodiesOfTree) -> Array:
         """Return q derivatives (nv, nv) of the joint forces, as the forces turn in joint axes."""
-        nv = self.whole.model.nv
-        total = np.zeros((nv, nv))
+        total = np.zeros((bodies.nv, bodies.nv))
         for joint, placement, force in self._moving:
-            at = int(self.whole.joint[joint])
-            columns = own_jacobian(self.whole.model, data, at)
-            back = data.oMi[at].rotation.T
+            part, at = bodies.at(joint)
+            columns = own_jacobian(part.model, part.data, at)
+            back = part.data.oMi[at].rotation.T
             local = [pin.skew(back @ x) for x in (force.linear, force.angular)]
             lever = pin.skew(placement.translation)
             change = np.vstack([local[0], local[1] + lever @ local[0]]) @ columns[3:]
-            total += columns.T @ change
+            total[np.ix_(part.v, part.v)] += columns.T @ change
         return total
 
 

@@ -11,6 +11,7 @@ twist d of its own axes, d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.composed_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
+from spatial_pin.constraints.trees import Subtree
 from spatial_pin.dynamics.derivatives.closures import Rates, Rows
 from spatial_pin.dynamics.derivatives.forces import Pull
 from spatial_pin.dynamics.forward import Dynamics
@@ -95,6 +97,17 @@ class ReactionChanges:
         self.multipliers[chosen] = np.column_stack([
             multipliers.value, multipliers.by_q, multipliers.by_v, multipliers.by_effort])
 
+    @cached_property
+    def placements_by_q(self) -> Array:
+        """(njoints, nv, 4, 3) of the placements."""
+        rates, products = self.changes.rates, self.changes.rows.products
+        found = np.zeros((len(rates.placements), self.nv, 4, 3))
+        for body, placement in enumerate(rates.placements):
+            at = products.columns([body])
+            whole = np.column_stack([placement, [0.0, 0.0, 0.0, 1.0]])
+            found[body, at] = whole @ rates.twists[at, :3].swapaxes(1, 2)
+        return found
+
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
         pairs, rates = Pairs(self.mechanism), self.changes.rates
@@ -105,12 +118,12 @@ class ReactionChanges:
         efforts, columns = self._efforts(), self._columns()
         found = {}
         for i in range(1, self.mechanism.model.njoints):
-            force = self._moved(forces[i], rates.placements[i, 3], rates.placements_by_q[i, :, 3])
+            force = self._moved(forces[i], rates.placements[i, 3], self.placements_by_q[i, :, 3])
             found[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
         for pair, wrench in zip(pairs.closed, closed, strict=True):
             body = pair.bodies[1]
             found[pair.name] = self._moved(wrench, pair.point @ rates.placements[body],
-                                           pair.point @ rates.placements_by_q[body])
+                                           pair.point @ self.placements_by_q[body])
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
                  for name, x in found.items()}
@@ -126,17 +139,16 @@ class ReactionChanges:
 
     def _needed(self) -> Array:
         """Return (njoints, 6, ...) the wrenches W of the bodies."""
-        changes, (model, joints) = self.changes, self.changes.whole
-        data = model.createData()
-        pin.computeForwardKinematicsDerivatives(model, data, changes.state.q, changes.state.v,
-                                                changes.a)
-        total = self._new(len(joints), 6)
-        for i, joint in enumerate(joints[1:].tolist(), start=1):
-            total[i] = self._body(model, data, joint)
+        changes, bodies = self.changes, self.changes.rows.products.bodies
+        bodies.move(changes.state.q, changes.state.v, changes.a)
+        total = self._new(len(bodies.joints), 6)
+        for i in range(1, len(total)):
+            total[i] = self._body(*bodies.at(i))
         return total
 
-    def _body(self, model: pin.Model, data: pin.Data, joint: int) -> Array:
+    def _body(self, part: Subtree, joint: int) -> Array:
         """Return (6, ...) the wrench that the motion of a body needs, at the world's origin."""
+        model, data, at = part.model, part.data, 1 + part.v
         v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
         inertia, x = model.inertias[joint].matrix(), data.oMi[joint].toDualActionMatrix()
         v = data.v[joint].vector
@@ -144,13 +156,13 @@ class ReactionChanges:
         momentum = inertia @ v
         f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3))) + _dual(v) @ momentum
         turning = _bar(momentum) + _dual(v) @ inertia
-        falling = np.zeros((6, self.nv))
+        falling = np.zeros((6, model.nv))
         falling[:3] = pin.skew(pull) @ columns[3:]
         out = self._new(6)
         out[:, 0] = f
-        out[:, self.by_q] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
-        out[:, self.by_v] = inertia @ a_by_v + turning @ columns
-        out[:, 1:] += inertia @ columns @ self.a[:, 1:]
+        out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
+        out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
+        out[:, 1:] += inertia @ columns @ self.a[part.v, 1:]
         wrench: Array = x @ out
         return wrench
 
@@ -183,7 +195,7 @@ class ReactionChanges:
         c, rates = self.changes.rows.constraints, self.changes.rates
         n, nv = len(c.constants), self.nv
         b, x = (c.c_abx @ rates.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
-        changed = np.moveaxis(rates.placements_by_q, 0, -3).reshape(nv, -1, 3)
+        changed = np.moveaxis(self.placements_by_q, 0, -3).reshape(nv, -1, 3)
         db, dx = np.stack([(c.c_abx @ g)[n:] for g in changed], axis=1).reshape(2, n, nv, 3)
         wrenches = np.hstack([b * c.factors, np.cross(x, b)])
         by_q = np.concatenate([
@@ -200,7 +212,7 @@ class ReactionChanges:
         lines = self.changes.rows.forces.lines
         for line, pull in zip(lines, self.changes.lines, strict=True):
             ends = [x @ rates.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
-            moved = [x @ rates.placements_by_q[i]
+            moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
             d = ends[1] - ends[0]
             length = np.linalg.norm(d)
@@ -220,7 +232,7 @@ class ReactionChanges:
         rates = self.changes.rates
         for joint, placement, force in self.changes.outside:
             at = np.append(placement.translation, 1.0)
-            point, moved = at @ rates.placements[joint], at @ rates.placements_by_q[joint]
+            point, moved = at @ rates.placements[joint], at @ self.placements_by_q[joint]
             on_bodies[joint, :3, 0] += force.linear
             on_bodies[joint, 3:, 0] += force.angular + np.cross(point, force.linear)
             on_bodies[joint, 3:, self.by_q] += np.cross(moved, force.linear).T
@@ -245,16 +257,14 @@ class ReactionChanges:
 
         The latter of what each coordinate's axis is fixed in.
         """
-        model = self.changes.whole.model
-        columns = pin.computeJointJacobians(model, model.createData(), self.changes.state.q)
-        columns = np.array(columns).reshape(6, -1)
+        model, products = self.changes.whole.model, self.changes.rows.products
+        columns = products.bodies.places()[1]
         turned = np.zeros((self.nv, 3, self.nv))
         for i in range(1, model.njoints):
-            moving = np.zeros(self.nv)
-            for j in model.supports[i]:
-                moving[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
             own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-            turned[own] = columns[3:] * moving
+            for j in list(model.supports[i])[1:]:
+                at = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
+                turned[own, :, at] = columns[3:, at]
         return columns, turned
 
     def _without_effort(
