@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
@@ -26,6 +27,8 @@ TOLERANCES = ((1e-12, 1e-8), (1e-12, 1e-6), (1e-6, 1e-6))
 # The same distance along the normal, relative to the size of the solids: ten times the coarsest
 # tolerance.
 ALIKE = 1e-5
+PARALLEL = 1e-12  # square of the sine of the angle between segments that count as parallel
+ROUND_OFF = 4e-6  # what bounds are lower for that, relative to the solids: four times its root
 
 
 def _around(n: int) -> Array:
@@ -88,6 +91,15 @@ class Distances:
         self._centres = np.array([s.centre for s in self.solids]).reshape(-1, 3)
         self._radii = np.array([s.radius for s in self.solids])
         self._joints = np.array([s.joint for s in self.solids], dtype=int)
+        self._own_halves = np.array([s.half for s in self.solids]).reshape(-1, 3)
+        self._thickness = np.array([s.thickness for s in self.solids])
+        # of each link of a pair its first solid, and how far it reaches about that one's centre
+        self._leading = np.array([[self._of[name][0] for name in names] for names in self.pairs],
+                                 dtype=int).reshape(-1, 2)
+        self._reach = np.zeros(len(self.solids))
+        for some in self._of.values():
+            away = np.linalg.norm(self._centres[some] - self._centres[some[0]], axis=1)
+            self._reach[some[0]] = float((away + self._radii[some]).max())
 
     def _joint(self, link: str) -> int:
         return self.solids[self._of[link][0]].joint
@@ -127,6 +139,7 @@ class Distances:
         self._rotations = placements[:, :3].transpose(0, 2, 1)
         self._origins = placements[:, 3]
         self._middles = self._origins + np.einsum("kij,kj->ki", self._rotations, self._centres)
+        self._halves = np.einsum("kij,kj->ki", self._rotations, self._own_halves)
         self._frames: dict[int, coal.Transform3s] = {}
 
     def middles(self, q: Array) -> tuple[Array, Array]:
@@ -137,21 +150,52 @@ class Distances:
     def travel(self, before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
         """Return how far points of each solid go at most, straight, between two `middles`."""
         moved = np.linalg.norm(after[0] - before[0], axis=1)
-        trace = np.einsum("kij,kij->k", before[1], after[1])
-        half = np.sqrt(np.clip(0.25 * (3.0 - trace), 0.0, 1.0))  # sine of half the angle
-        return moved + 2.0 * half * self._radii
+        return moved + 2.0 * _half_sine(before[1], after[1]) * self._radii
 
-    def way(self, pair: int, travel: Array) -> Array:
-        """Return what solids' travels (N, n) are for a pair of links, of both together (N,)."""
-        first, second = self._parts[pair]
-        return (travel[:, np.unique(first)].max(axis=1)
-                + travel[:, np.unique(second)].max(axis=1))
+    def approach(self, before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
+        """Return how far points of two links go at most towards each other, straight (pairs,).
+
+        As seen from either, or from the world: of links that move together that is little.
+        """
+        alone = self.travel(before, after)
+        own, other = self._leading.T
+        first, second = (np.array([alone[self._of[name]].max() for name in names])
+                         for names in zip(*self.pairs, strict=True))
+        (seen, back, turn), (seen_then, back_then, turn_then) = (
+            self._seen(middles, rotations) for middles, rotations in (before, after))
+        swing = 2.0 * _half_sine(turn, turn_then)
+        found: Array = np.min([
+            first + second,
+            np.linalg.norm(seen_then - seen, axis=1) + swing * self._reach[other],
+            np.linalg.norm(back_then - back, axis=1) + swing * self._reach[own]], axis=0)
+        return found
+
+    def _seen(self, middles: Array, rotations: Array) -> tuple[Array, Array, Array]:
+        """Return where links are: the second as the first sees it, and back, and how turned."""
+        own, other = self._leading.T
+        between, turned = middles[other] - middles[own], rotations[own].transpose(0, 2, 1)
+        return (np.einsum("kij,kj->ki", turned, between),
+                np.einsum("kji,kj->ki", rotations[other], between), turned @ rotations[other])
 
     def least(self, pair: int) -> Nearest:
         """Return where the links of a pair are nearest to each other, at the last `place`."""
         first, second = self._parts[pair]
-        apart = np.linalg.norm(self._middles[first] - self._middles[second], axis=1)
-        apart -= self._radii[first] + self._radii[second]  # spheres are no farther than solids
+        return self._least(first, second, self._apart(first, second))
+
+    def every(self) -> list[Nearest]:
+        """Return where the links of all pairs are nearest to each other, at the last `place`."""
+        if not self.pairs:
+            return []
+        firsts, seconds = np.concatenate(self._parts, axis=1)
+        ends = np.cumsum([parts.shape[1] for parts in self._parts[:-1]])
+        bounds = np.split(self._apart(firsts, seconds), ends)
+        return [self._least(first, second, apart)
+                for (first, second), apart in zip(self._parts, bounds, strict=True)]
+
+    def _least(
+        self, first: NDArray[np.intp], second: NDArray[np.intp], apart: Array
+    ) -> Nearest:
+        """Return the nearest of pairs of solids that are farther apart than bounds (n,)."""
         best = NOWHERE
         for k in np.argsort(apart):
             if apart[k] >= best.distance:
@@ -161,12 +205,22 @@ class Distances:
                 best = found
         return best
 
+    def _apart(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
+        """Return what pairs of solids (n,) are apart at least, at the last `place` [m]."""
+        between = self._middles[first] - self._middles[second]
+        radii = self._radii[first] + self._radii[second]
+        spheres = np.sqrt(np.einsum("ki,ki->k", between, between)) - radii
+        rods = (segments_apart(between, self._halves[first], self._halves[second])
+                - self._thickness[first] - self._thickness[second])
+        found: Array = np.maximum(spheres, rods) - ROUND_OFF * radii
+        return found
+
     def touching(self, tolerance: float) -> tuple[str, str] | None:
         """Return the first pair of links no farther apart than that, at the last `place`."""
         for pair, (first, second) in enumerate(self._parts):
-            apart = np.linalg.norm(self._middles[first] - self._middles[second], axis=1)
-            if ((apart - self._radii[first] - self._radii[second]).min() <= tolerance
-                    and self.least(pair).distance <= tolerance):
+            apart = self._apart(first, second)
+            if apart.min() <= tolerance and (
+                    self._least(first, second, apart).distance <= tolerance):
                 return self.pairs[pair]
         return None
 
@@ -181,6 +235,36 @@ class Distances:
     def _between(self, first: int, second: int) -> Nearest:
         a, b = self.solids[first], self.solids[second]
         return nearest(a, self._frame(first), b, self._frame(second))
+
+
+def _half_sine(before: Array, after: Array) -> Array:
+    """Return the sines (n,) of half the angles between rotations (n, 3, 3)."""
+    trace = np.einsum("kij,kij->k", before, after)
+    return np.sqrt(np.clip(0.25 * (3.0 - trace), 0.0, 1.0))
+
+
+def segments_apart(between: Array, first: Array, second: Array) -> Array:
+    """Return the distances (n,) of pairs of segments.
+
+    The point of the first that is nearest to the second's line, then that of the second, then that
+    of the first again, each kept within its segment.
+
+    Args:
+        between: (n, 3) from the middles of the second to those of the first.
+        first: (n, 3) from the middles to an end of each.
+        second: likewise.
+    """
+    a, b, c, d, e = (np.einsum("ki,ki->k", x, y) for x, y in (
+        (first, first), (first, second), (second, second), (first, between), (second, between)))
+    square = a * c - b * b  # of the parallelogram between them: zero if they are parallel
+    flat = square <= PARALLEL * a * c
+    s = np.where(flat, 0.0, b * e - c * d) / np.where(flat, 1.0, square)
+    t = (b * np.clip(s, -1.0, 1.0) + e) / np.where(c > 0.0, c, 1.0)
+    t = np.clip(t, -1.0, 1.0)
+    s = np.clip((b * t - d) / np.where(a > 0.0, a, 1.0), -1.0, 1.0)
+    apart = between + s[:, None] * first - t[:, None] * second
+    found: Array = np.sqrt(np.einsum("ki,ki->k", apart, apart))
+    return found
 
 
 def nearest(a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s) -> Nearest:

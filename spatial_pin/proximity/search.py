@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.between import Between
@@ -31,6 +32,12 @@ PLACE_ERROR = 1e-8
 NEAREST = 1e-5  # part of an interval to which a least distance is searched: it changes by 1e-10
 # Part of what is known of distances within which the first place counts as the least.
 ONE_PLACE = 1e-4
+# Joints that go no farther to the next sample [rad, characteristic lengths] go as polynomials say.
+FAIRLY_FAR = 0.1
+# How far polynomials may be from configurations with closed loops, relative to CERTAIN, to stand
+# for them while places are searched.
+STRAY = 0.05
+INWARD = 1e-3  # part of an interval at whose end it is seen whether a distance falls into it
 VALLEYS = 2  # places, the nearest of those known, beside which it is searched
 
 
@@ -76,31 +83,58 @@ class Search:
         self.sampled = np.empty((len(motion), len(distances.pairs)))
         self.points = np.empty((*self.sampled.shape, 2, 3))
         self._travelled: list[Array] = []
+        self._rough: set[int] = set()  # samples after which polynomials stray too far
+        self._known_places: dict[Place, Array] = {}  # configurations, for all pairs
 
     def sample(self) -> Iterator[int]:
         """Take the distances of all pairs at all samples, one sample at a time."""
         before = None
         for row, q in enumerate(self.between.motion.q):
             here = self.distances.middles(q)
-            for pair in range(self.sampled.shape[1]):
-                self.sampled[row, pair], self.points[row, pair] = self.distances.least(pair)
-            if before is not None:
+            for pair, found in enumerate(self.distances.every()):
+                self.sampled[row, pair], self.points[row, pair] = found
+            if before is not None and self.sampled.shape[1]:
+                if self._strays(row - 1):
+                    self._rough.add(row - 1)
                 self._travelled.append(self._way_to(row, before, here))
             before = here
             yield row
 
+    def _strays(self, row: int) -> bool:
+        """Whether bodies stray from where closed loops have them, on the way to the next sample."""
+        motion = self.between.motion
+        way = pin.difference(motion.mechanism.model, *motion.q[row : row + 2])
+        if np.abs(way / motion.mechanism.velocity_scale).max(initial=0.0) <= FAIRLY_FAR:
+            return False
+        placed = (self.distances.middles(q) for q in (
+            self.between.at(row, 0.5), self.between.closed(row, 0.5)))
+        strayed = self.distances.travel(*placed).max(initial=0.0)
+        return bool(strayed > STRAY * self.certain)
+
+    def _on_way(self, row: int, part: float) -> Array:
+        """Return the configuration (nq,) at a place, as good as the search for places needs it."""
+        place = Place(row, part)
+        if place not in self._known_places:
+            go = self.between.closed if row in self._rough else self.between.at
+            self._known_places[place] = go(row, part)
+        return self._known_places[place]
+
     def _way_to(
         self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]
     ) -> Array:
-        """Return how far solids have come (parts + 1, n) at even parts of the way to a sample."""
+        """Return how far links have come towards each other at even parts of the way to a sample.
+
+        Returns:
+            (parts + 1, pairs).
+        """
         parts = EVEN_PARTS * max(1, int(np.ceil(self.between.turned(row - 1) / WHOLE_TURN)))
-        way = np.zeros((parts + 1, len(before[0])))
+        way: list[Array] = []
         for k in range(1, parts + 1):
             there = here if k == parts else self.distances.middles(
-                self.between.at(row - 1, k / parts))
-            way[k] = way[k - 1] + self.distances.travel(before, there)
+                self._on_way(row - 1, k / parts))
+            way.append(self.distances.approach(before, there))
             before = there
-        return way
+        return np.cumsum([np.zeros(self.sampled.shape[1]), *way], axis=0)
 
     def found(self, pair: int) -> Found:
         """Return what there is of a pair, the samples taken."""
@@ -114,7 +148,7 @@ class Search:
         if part == 0.0:
             q = self.between.motion.q[row]
         else:
-            q = (self.between.closed if closed else self.between.at)(row, part)
+            q = (self.between.closed if closed else self._on_way)(row, part)
         self.distances.place(q)
         return self.distances.least(pair)
 
@@ -122,7 +156,7 @@ class Search:
         """Add distances between samples, until none can hide what was asked for."""
         least = min(known.values())
         for row, travelled in enumerate(self._travelled):
-            come = CURVED * self.distances.way(pair, travelled)
+            come = CURVED * travelled[:, pair]
             places = np.linspace(0.0, 1.0, len(come))
             left = [(0.0, 1.0, known[Place(row, 0.0)], known[Place(row + 1, 0.0)])]
             while left:
@@ -150,7 +184,12 @@ class Search:
 
         places = sorted(known)
         for k in sorted(range(len(places)), key=lambda k: known[places[k]])[:VALLEYS]:
+            here = known[places[k]] = self._nearest(pair, places[k]).distance
             for row, first, last in _beside(places, k):
+                end, other = (first, last) if (row, first) == places[k] else (last, first)
+                inside = Place(row, end + INWARD * (other - end))
+                if self._nearest(pair, inside).distance >= here:
+                    continue
                 found = minimize_scalar(
                     lambda part, row=row: self._nearest(pair, Place(row, part)).distance,
                     bounds=(first, last), method="bounded", options={"xatol": NEAREST})

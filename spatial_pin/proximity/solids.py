@@ -23,6 +23,8 @@ class Solid(NamedTuple):
         rotation, position: (3, 3), (3,) in that frame.
         shape: its own.
         centre, radius: (3,) in that frame, of a sphere that holds it [m].
+        half, thickness: (3,) in that frame, from the centre to an end of a segment, and radius
+            about it within which the solid lies [m].
     """
 
     link: str
@@ -32,6 +34,8 @@ class Solid(NamedTuple):
     shape: coal.ShapeBase
     centre: Array
     radius: float
+    half: Array
+    thickness: float
 
 
 def solids_of(mechanism: Mechanism) -> list[Solid]:
@@ -57,9 +61,24 @@ def _by_link(mechanism: Mechanism) -> Iterator[pin.GeometryObject]:
 def _solid(mechanism: Mechanism, geometry: pin.GeometryObject, shape: coal.ShapeBase) -> Solid:
     place = geometry.placement
     shape.computeLocalAABB()
+    half, thickness = _segment(shape)
     return Solid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
                  place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
-                 float(shape.aabb_radius))
+                 float(shape.aabb_radius), place.rotation @ half, thickness)
+
+
+def _segment(shape: coal.ShapeBase) -> tuple[Array, float]:
+    """Return half a segment (3,) through a solid's middle, and how far it reaches from that.
+
+    Rods lie along their axes, other solids along the longest edge of the box about them.
+    """
+    if isinstance(shape, coal.Cylinder | coal.Capsule | coal.Cone):
+        return np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
+    if isinstance(shape, coal.Sphere):
+        return np.zeros(3), float(shape.radius)
+    box = 0.5 * (shape.aabb_local.max_ - shape.aabb_local.min_)
+    along = np.where(np.arange(3) == np.argmax(box), box, 0.0)
+    return along, float(np.linalg.norm(box - along))
 
 
 def _convex(geometry: pin.GeometryObject) -> Iterator[coal.ShapeBase]:
