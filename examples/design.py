@@ -7,7 +7,8 @@ The points of the line are met as well as can be, three of the logarithm exactly
 
     python examples/design.py [FOLDER]
 
-writes design.png: all three; report.txt; curve/, the first of them as a mechanism.
+writes design.png: all three; report.txt; tracer.toml and tracer.urdf.xacro, a four-bar with all
+lengths free; curve/, the first of what was found as a mechanism.
 """
 
 import sys
