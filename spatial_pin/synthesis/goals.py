@@ -1,20 +1,38 @@
 """What to ask of a mechanism in `design`: each a function that returns a goal.
 
-With a weight (the default is 1) a goal is met as well as can be: the sum of weight² residual² is
-least, lengths relative to the characteristic length, angles in rad. With `weight=None` it is met
-exactly.
+With a weight a goal is met as well as can be: the sum of weight² residual² is least, lengths
+relative to the characteristic length, angles in rad; what is demanded at most relative to that.
+With `weight=None` it is met exactly. Paths, poses and functions have a weight of 1 if nothing is
+said, what is asked of the mechanism as a whole has none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import checked, finite_array, finite_number, finite_points, mapping
+from spatial_pin.checks import (
+    checked,
+    finite_array,
+    finite_number,
+    finite_points,
+    mapping,
+    positive_number,
+)
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.synthesis.demands import (
+    DeadCentres,
+    FullTurn,
+    LeastClearance,
+    LeastTransmission,
+    MostEffort,
+    MostMass,
+    MostSize,
+    Swing,
+)
 from spatial_pin.synthesis.precision import Function, Path, Poses
 
 
@@ -131,3 +149,165 @@ def function(
         raise ValueError("function: drivers names no driver; give {name: values}")
     return Function(weight=_weight(weight), output=output, values=array, offset=offset,
                     drivers=found, input_offset=input_offset)
+
+
+# ---------------------------------------------------------------- of the mechanism as a whole
+
+
+def _values(values: Any) -> Array | None:
+    if values is None:
+        return None
+    array = np.atleast_1d(finite_array(values, np.shape(values), "values"))
+    if array.ndim != 1 or not len(array):
+        raise ValueError("values are a list of driver values, or None for all that it can have")
+    return array
+
+
+@checked
+def swing(
+    output: str, angle: float, driver: str | None = None, *, values: Any = None,
+    weight: float | None = None,
+) -> Swing:
+    """Ask how far an output goes to and fro while a driver turns, or goes from limit to limit.
+
+    Args:
+        output: name of a coordinate.
+        angle: from its least to its largest value [rad or m].
+        driver: what moves it; the only driver if not given.
+        values: (k,) driver values that are gone through instead.
+        weight: as for all goals.
+
+    Raises:
+        ValueError: the angle is not larger than 0.
+    """
+    return Swing(weight=_weight(weight), output=output, angle=positive_number(angle, "angle"),
+                 driver=driver, at=_values(values))
+
+
+@checked
+def transmission(
+    output: str, at_least: float, driver: str | None = None, *, pair: str | None = None,
+    values: Any = None, weight: float | None = None,
+) -> LeastTransmission:
+    """Ask that the transmission angle of an output is nowhere smaller.
+
+    Args:
+        output: name of a coordinate of a joint of one freedom.
+        at_least: angle, up to pi/2 [rad].
+        driver: what moves it; the only driver if not given. It counts over a turn of it, or from
+            limit to limit.
+        pair: closure or joint that moves the output's link, as `at` of `transmission`.
+        values: (k,) driver values at which it counts instead.
+        weight: as for all goals.
+
+    Raises:
+        ValueError: the angle is none that it can have.
+    """
+    angle = positive_number(at_least, "at_least")
+    if angle > np.pi / 2.0:
+        raise ValueError(f"transmission: at_least is {angle:g} rad; it is pi/2 at most")
+    return LeastTransmission(weight=_weight(weight), output=output, at_least=angle, driver=driver,
+                             pair=pair, at=_values(values))
+
+
+@checked
+def turns(driver: str | None = None, *, weight: float | None = None) -> FullTurn:
+    """Ask that a driver turns all the way round, without a limit.
+
+    It keeps half a degree of transmission angle away from one.
+
+    Args:
+        driver: name of a driver or coordinate that turns; the only driver if not given.
+        weight: as for all goals.
+    """
+    return FullTurn(weight=_weight(weight), driver=driver)
+
+
+@checked
+def dead_centres(
+    output: str, values: Any, driver: str | None = None, *, weight: float | None = None,
+) -> DeadCentres:
+    """Ask that an output stands still at values of a driver.
+
+    Args:
+        output: name of a coordinate. For dead centres of a driver itself, name it here, and another
+            coordinate as the driver.
+        values: (k,) of the driver [rad or m].
+        driver: what moves it; the only driver if not given.
+        weight: as for all goals.
+    """
+    return DeadCentres(weight=_weight(weight), output=output, driver=driver, at=_values(values))
+
+
+@checked
+def effort(
+    at_most: float, driver: str | None = None, *, loads: Mapping[str, Any] | None = None,
+    values: Any = None, weight: float | None = None,
+) -> MostEffort:
+    """Ask that a driver needs nowhere a larger effort to hold the mechanism at rest.
+
+    Args:
+        at_most: effort either way [N m or N].
+        driver: which one; the only driver if not given. It counts over a turn of it, or from limit
+            to limit, where it may be infinite: name `values` then.
+        loads: {frame: pinocchio.Force or (6,)}, force and moment at the origin of a link, frame or
+            joint, world axes, besides gravity.
+        values: (k,) driver values at which it counts instead.
+        weight: as for all goals.
+    """
+    found = {name: _wrench(name, load) for name, load in mapping(loads, "loads").items()}
+    return MostEffort(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
+                      driver=driver, loads=found, at=_values(values))
+
+
+def _wrench(name: str, load: Any) -> Array:
+    given = load.vector if isinstance(load, pin.Force) else load
+    return finite_array(given, (6,), f"load at {name!r}")
+
+
+@checked
+def size(
+    at_most: float, driver: str | None = None, *, values: Any = None, weight: float | None = None,
+) -> MostSize:
+    """Ask that no two joints or closures are ever farther apart.
+
+    Args:
+        at_most: distance [m].
+        driver: what moves it; the only driver if not given. It counts over a turn of it, or from
+            limit to limit.
+        values: (k,) driver values at which it counts instead.
+        weight: as for all goals.
+    """
+    return MostSize(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
+                    driver=driver, at=_values(values))
+
+
+@checked
+def mass(at_most: float, *, weight: float | None = None) -> MostMass:
+    """Ask that all moving links together weigh no more.
+
+    Args:
+        at_most: mass [kg].
+        weight: as for all goals.
+    """
+    return MostMass(weight=_weight(weight), at_most=positive_number(at_most, "at_most"))
+
+
+@checked
+def clearance(
+    at_least: float, pairs: Iterable[tuple[str, str]] | None = None, driver: str | None = None, *,
+    values: Any = None, weight: float | None = None,
+) -> LeastClearance:
+    """Ask that links that are not joined stay apart, as `sp.clearance` measures it.
+
+    Args:
+        at_least: distance [m].
+        pairs: names of two links each; default all that are not joined.
+        driver: what moves them; the only driver if not given. It counts over a turn of it, or from
+            limit to limit.
+        values: (k,) driver values that are gone through instead.
+        weight: as for all goals.
+    """
+    asked = None if pairs is None else tuple((str(a), str(b)) for a, b in pairs)
+    return LeastClearance(weight=_weight(weight), at_least=finite_number(at_least, "at_least"),
+                          pairs=asked, driver=driver, at=_values(values))

@@ -45,6 +45,10 @@ class Goal(ABC):
         """What it is called in reports."""
 
     @abstractmethod
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """Return the unit that its error is told in."""
+
+    @abstractmethod
     def check(self, mechanism: Mechanism) -> None:
         """Refuse what the mechanism does not have.
 
@@ -88,11 +92,6 @@ class Precision(Goal):
     @abstractmethod
     def width(self) -> int:
         """How many residuals a sample has."""
-
-    @property
-    @abstractmethod
-    def unit(self) -> str:
-        """The unit that its error is told in."""
 
     @abstractmethod
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
@@ -219,9 +218,8 @@ class Path(_Drawn):
         """See `Goal`."""
         return f"path of {self.frame}"
 
-    @property
-    def unit(self) -> str:
-        """See `Precision`."""
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """See `Goal`."""
         return "m"
 
     @property
@@ -262,9 +260,8 @@ class Poses(_Drawn):
         """See `Goal`."""
         return f"poses of {self.frame}"
 
-    @property
-    def unit(self) -> str:
-        """See `Precision`."""
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """See `Goal`."""
         return "m, rad"
 
     @property
@@ -318,10 +315,9 @@ class Function(Precision):
         """See `Goal`."""
         return f"function of {self.output}"
 
-    @property
-    def unit(self) -> str:
-        """See `Precision`."""
-        return "rad or m"
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """See `Goal`."""
+        return str(mechanism.prescribed_coordinate(self.output).unit)
 
     @property
     def width(self) -> int:

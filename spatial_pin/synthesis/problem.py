@@ -37,6 +37,7 @@ EXACT_EVALUATIONS = 200  # of exact ones: ten are usual, a hundred along curved 
 LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on to
 FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
 MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
+IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
 FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
 NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
 START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
@@ -227,7 +228,10 @@ class Problem:
     # ------------------------------------------------------------ solutions
 
     def value(self, x: Array) -> float:
-        """Return the loose cost at x, from the closed state: for a global search."""
+        """Return the loose cost at x, from the closed state: for a global search.
+
+        Demands count where there are no goals of precision.
+        """
         members = self.members(x)
         if not members.holds.all():
             return np.inf
@@ -235,8 +239,20 @@ class Problem:
         for settling, samples, own in zip(self.settlings, self._begin(x, None), self._own,
                                           strict=True):
             left = settling.loose_residual(members, samples, x[own], WEIGHTS[-1])
-            total += float(np.sum(left**2)) * (settling.goal.weight or 1.0) ** 2
+            total += float(np.sum(left**2)) * _size(settling.goal) ** 2
+        if not self.settlings:
+            candidate = self.candidate(x, [])
+            for demand in self.demands:
+                left = demand.values(candidate)
+                missed = np.maximum(left, 0.0) if demand.is_one_sided else left
+                total += float(np.sum(missed**2)) * _size(demand) ** 2
         return total
+
+    def candidate(
+        self, x: Array, samples: Sequence[Samples], near: State | None = None
+    ) -> Candidate:
+        """Return the mechanism of x with closed configurations, for demands."""
+        return Candidate.of(self.family, x[: self.n], near or self.nominal(), samples)
 
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> Found:
         """Return the local solution from a start.
@@ -421,20 +437,20 @@ class _Exactly:
     def __init__(self, fit: Fit, x: Array) -> None:
         self.fit, self.p, self.x = fit, fit.p, x
         self._memo: dict[bytes, tuple[list[Samples], Array] | None] = {}
+        self._counts: list[int] = []
+        self._state = fit.p.nominal()  # where the mechanisms of demands are followed from
         first = self._at(x)
         if first is None:
             raise SpatialPinError("the loops do not close from this start")
         goals = [s.goal for s, _ in fit._parts]
-        counts = [len(x) * g.width for x, g in zip((at.q for at in first[0]), goals, strict=True)]
-        demanded = [d.count for d in self.p.demands]
         every = [*goals, *self.p.demands]
-        repeats = [*counts, *demanded]
+        repeats = [g.count * g.width for g in goals] + self._counts
         self.weights = np.repeat([_size(g) for g in every], repeats)
         self.exact = np.repeat([g.weight is None for g in every], repeats).astype(bool)
         self.one_sided = np.repeat([isinstance(g, Demand) and g.is_one_sided for g in every],
                                    repeats).astype(bool)
         self.multipliers = np.zeros(len(self.weights))
-        self.penalty = FIRST_PENALTY if (~self.exact).any() or self.one_sided.any() else 1.0
+        self.penalty = FIRST_PENALTY if (~self.exact).any() else 1.0
 
     def _at(self, x: Array) -> tuple[list[Samples], Array] | None:
         """Return configurations and residuals of x; None where they do not close."""
@@ -454,12 +470,17 @@ class _Exactly:
             demanded = self._demanded(x, samples)
         except SpatialPinError:
             return None
+        counts = [len(values) for values in demanded]
+        self._counts = self._counts or counts
+        if counts != self._counts:  # links that have no shape there, say
+            return None
         return samples, np.concatenate([np.empty(0), *parts, *demanded])
 
     def _demanded(self, x: Array, samples: list[Samples]) -> list[Array]:
         if not self.p.demands:
             return []
-        candidate = Candidate.of(self.p.family, x[: self.p.n], self.p.nominal(), samples)
+        candidate = self.p.candidate(x, samples, self._state)
+        self._state = candidate.states[0]
         return [demand.values(candidate) for demand in self.p.demands]
 
     def _shaped(self, raw: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -479,26 +500,25 @@ class _Exactly:
         found = self._at(x)
         assert found is not None
         samples, raw = found
-        rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, samples)]
+        rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, samples, raw)]
         factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
         slopes: Array = np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
         return slopes
 
-    def _demand_slopes(self, x: Array, samples: list[Samples]) -> list[Array]:
+    def _demand_slopes(self, x: Array, samples: list[Samples], raw: Array) -> list[Array]:
         """Return derivatives of demands, by differences of closed configurations."""
         if not self.p.demands:
             return []
-        columns = []
-        for i in range(len(x)):
-            step = np.zeros(len(x))
-            step[i] = STEP * self.p.sizes[i]
-            ends = []
-            for there in (x + step, x - step):
-                closed = self.fit.settle(there)
-                if closed is None:
-                    raise SpatialPinError("the loops open next to these dimensions")
-                ends.append(np.concatenate(self._demanded(there, closed[0])))
-            columns.append((ends[0] - ends[1]) / (2.0 * step[i]))
+        n = sum(self._counts)
+        own, columns = raw[len(raw) - n :], []
+        for i, step in enumerate(STEP * self.p.sizes):
+            there = step * np.eye(len(x))[i]
+            ends = [(sign * step, self._evaluated(x + sign * there)) for sign in (1.0, -1.0)]
+            known = [(at, found[1][len(raw) - n :]) for at, found in ends if found is not None]
+            if not known:
+                raise SpatialPinError("the loops open next to these dimensions")
+            (at, ahead), (back, behind) = known[0], known[1] if len(known) > 1 else (0.0, own)
+            columns.append((ahead - behind) / (at - back))
         return [np.array(columns).T]
 
     def found(self) -> Found:
@@ -524,16 +544,19 @@ class _Exactly:
         given up.
         """
         found = self._fitted(LOOSE_GAIN)
-        is_far = np.abs(found[1]).max(initial=0.0) > TOLERANCES.half_precision
+        left = np.where(self.one_sided, np.maximum(found[1], 0.0), found[1])
+        is_far = np.abs(left).max(initial=0.0) > TOLERANCES.half_precision
         return found if is_far else self._fitted(TOLERANCES.tight)
 
     def _weighed(self) -> tuple[list[Samples], Array]:
-        """Return the same of goals some of which have a weight, or are one-sided."""
+        """Return the same of goals some of which have a weight."""
+        misses = [np.inf] * IDLE_PENALTIES
         for _ in range(MOST_PENALTIES):
             found = self._fitted(TOLERANCES.tight)
             least = -self.multipliers / self.penalty
             missed = np.where(self.one_sided, np.maximum(found[1], least), found[1])[self.exact]
-            if np.abs(missed).max(initial=0.0) <= TOLERANCES.tight:
+            misses.append(float(np.abs(missed).max(initial=0.0)))
+            if misses[-1] <= TOLERANCES.tight or misses[-1] > 0.5 * misses[-1 - IDLE_PENALTIES]:
                 break
             self.multipliers[self.exact] += self.penalty * missed
             self.penalty *= 4.0

@@ -51,6 +51,8 @@ class GoalError(NamedTuple):
     samples: int
 
     def __str__(self) -> str:
+        if not self.most:
+            return "met"
         unit = f" {self.unit}" * bool(self.unit)
         if self.samples == 1:
             return f"{self.most:.3g}{unit}"
@@ -329,17 +331,15 @@ def design_of(problem: Problem, found: Found) -> Design:
         missed = goal.errors(settling.residual(members, samples, own), problem.mechanism,
                              own[: len(goal.own_names)])
         name = _free_name(goal.name, errors)
-        unit = (problem.mechanism.prescribed_coordinate(goal.output).unit
-                if isinstance(goal, Function) else goal.unit)
-        errors[name] = _error(missed, unit)
+        errors[name] = _error(missed, goal.unit_of(problem.mechanism))
         numbers |= {f"{name}: {key}": _natural(goal, problem.mechanism, key, x)
                     for key, x in zip(settling.names, own.tolist(), strict=True)}
     states = tuple(state for one in met for state in one.states) or (
         followed(there, {}, problem.nominal()),)
     for demand in problem.demands:
         values = demand.values(Candidate(there, states))
-        missed = np.maximum(values, 0.0) if demand.is_one_sided else values
-        errors[_free_name(demand.name, errors)] = _error(missed, "")
+        missed = demand.errors(values, problem.mechanism)
+        errors[_free_name(demand.name, errors)] = _error(missed, demand.unit_of(problem.mechanism))
     ends = zip(problem.lower[:n].tolist(), problem.upper[:n].tolist(), strict=True)
     bounds = dict(zip(problem.names[:n], ends, strict=True))
     return Design(there, dimensions, bounds,
