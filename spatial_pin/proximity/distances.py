@@ -28,7 +28,7 @@ TOLERANCES = ((1e-12, 1e-8), (1e-12, 1e-6), (1e-6, 1e-6))
 # tolerance.
 ALIKE = 1e-5
 PARALLEL = 1e-12  # square of the sine of the angle between segments that count as parallel
-ROUND_OFF = 4e-6  # what bounds are lower for that, relative to the solids: four times its root
+LOWERED = 4e-6  # what bounds are lower for that, relative to the solids: four times its root
 
 
 def _around(n: int) -> Array:
@@ -212,7 +212,7 @@ class Distances:
         spheres = np.sqrt(np.einsum("ki,ki->k", between, between)) - radii
         rods = (segments_apart(between, self._halves[first], self._halves[second])
                 - self._thickness[first] - self._thickness[second])
-        found: Array = np.maximum(spheres, rods) - ROUND_OFF * radii
+        found: Array = np.maximum(spheres, rods) - LOWERED * radii
         return found
 
     def touching(self, tolerance: float) -> tuple[str, str] | None:

@@ -35,14 +35,14 @@ from spatial_pin.synthesis.family import Family
 from spatial_pin.synthesis.precision import Goal
 
 TURN = 2.0 * np.pi
-ROWS = 36  # steps of a motion that is looked at
-STEP_OF_TURN = TURN / ROWS  # ten degrees
+PER_TURN = 36  # steps of a motion that is looked at
+STEP_OF_TURN = TURN / PER_TURN  # ten degrees
 PARTS = 6  # of a motion, each with a number of its own
 PEAK = 1e-7  # of where a peak is: it is as high as its square
 BEYOND = 0.25  # of a demand's unit, by which a part is met so well that samples are enough
 # Part of its range that a driver stays short of its limits, where rates are infinite: still nearer
 # samples cost ten times as much.
-SHORT = 1e-5
+SHORT_OF_LIMITS = 1e-5
 # Square of the least singular value of what the driver leaves to be determined, lengths relative to
 # the characteristic length: so far a driver that turns fully is from being stopped, about a degree
 # of transmission angle.
@@ -137,7 +137,7 @@ def _turned(mechanism: Mechanism, driver: str, state: State) -> tuple[Motion, bo
     coordinate = mechanism.driven_coordinate(driver)
     own = state.coordinate(coordinate.name).value
     if coordinate.unit == "rad":
-        values = STEP_OF_TURN * (np.ceil(own / STEP_OF_TURN) + np.arange(-1, ROWS + 1))
+        values = STEP_OF_TURN * (np.ceil(own / STEP_OF_TURN) + np.arange(-1, PER_TURN + 1))
         first = sweep(mechanism, driver, [own, values[0]], guess=state, on_limit="stop")
         if len(first) == 2:
             motion = sweep(mechanism, driver, values, guess=first.state(-1), on_limit="stop")
@@ -145,7 +145,7 @@ def _turned(mechanism: Mechanism, driver: str, state: State) -> tuple[Motion, bo
                 return motion, True
     low, high = (_limit(mechanism, driver, state, sense) for sense in (-1.0, 1.0))
     # joints go as the square root of the distance from a limit: so do the samples
-    half = (0.5 - SHORT) * np.cos(np.linspace(-np.pi, 0.0, ROWS + 1))
+    half = (0.5 - SHORT_OF_LIMITS) * np.cos(np.linspace(-np.pi, 0.0, PER_TURN + 1))
     return _led(mechanism, driver, state, 0.5 * (low + high) + half * (high - low)), False
 
 
@@ -154,7 +154,7 @@ def _limit(mechanism: Mechanism, driver: str, state: State, sense: float) -> flo
     coordinate = mechanism.driven_coordinate(driver)
     span = (2.0 * TURN if coordinate.unit == "rad" else
             FARTHEST_SLIDE * mechanism.characteristic_length)
-    values = state.coordinate(coordinate.name).value + sense * np.linspace(0.0, span, 2 * ROWS + 1)
+    values = state.coordinate(coordinate.name).value + sense * np.linspace(0.0, span, 2 * PER_TURN + 1)
     motion = sweep(mechanism, driver, values, guess=state, on_limit="stop")
     if len(motion) == len(values):
         raise SpatialPinError(f"{driver!r} has no limits: say through which values it goes")
@@ -230,10 +230,10 @@ class _Moving(Demand):
 
 def _parts(motion: Motion) -> list[NDArray[np.intp]]:
     """Return rows of each part: those of a turn are sixths of it, whatever it begins with."""
-    if len(motion) == ROWS + 1:
-        return np.array_split(np.arange(ROWS + 1), PARTS)
-    steps = np.rint(motion.swept[1 : ROWS + 1] / STEP_OF_TURN).astype(np.intp) % ROWS
-    return [1 + np.flatnonzero(steps * PARTS // ROWS == part) for part in range(PARTS)]
+    if len(motion) == PER_TURN + 1:
+        return np.array_split(np.arange(PER_TURN + 1), PARTS)
+    steps = np.rint(motion.swept[1 : PER_TURN + 1] / STEP_OF_TURN).astype(np.intp) % PER_TURN
+    return [1 + np.flatnonzero(steps * PARTS // PER_TURN == part) for part in range(PARTS)]
 
 
 def _peak(
@@ -315,7 +315,7 @@ def _ends(motion: Motion, output: str, is_turn: bool) -> tuple[float, float]:
         x, v, a = (float(part[0]) for part in there)
         found.append(x - 0.5 * v * v / a if a else x)
     if not is_turn:
-        d = SHORT * (at[-1] - at[0]) / (1.0 - 2.0 * SHORT)
+        d = SHORT_OF_LIMITS * (at[-1] - at[0]) / (1.0 - 2.0 * SHORT_OF_LIMITS)
         found += [value[k] + sign * d * rate[k] + 2.0 * d * d * acceleration[k]
                   for k, sign in ((0, -1.0), (-1, 1.0))]
     return min(found), max(found)
