@@ -154,7 +154,8 @@ def _limit(mechanism: Mechanism, driver: str, state: State, sense: float) -> flo
     coordinate = mechanism.driven_coordinate(driver)
     span = (2.0 * TURN if coordinate.unit == "rad" else
             FARTHEST_SLIDE * mechanism.characteristic_length)
-    values = state.coordinate(coordinate.name).value + sense * np.linspace(0.0, span, 2 * PER_TURN + 1)
+    own = state.coordinate(coordinate.name).value
+    values = own + sense * np.linspace(0.0, span, 2 * PER_TURN + 1)
     motion = sweep(mechanism, driver, values, guess=state, on_limit="stop")
     if len(motion) == len(values):
         raise SpatialPinError(f"{driver!r} has no limits: say through which values it goes")
