@@ -56,6 +56,15 @@ def exactly(shift=0.0):
     ([exactly(), exactly(0.1)], BOUNDS, {}, ValueError, "goals contradict: function of rocker_pin"),
     (goals.path("coupler_b", [[0, 0, 1], [0, 0, 2]], {"crank": [1.0, 1.0]}, weight=None), BOUNDS,
      {}, ValueError, "sample 0, and path of coupler_b, sample 1, have the same drivers"),
+    ([goals.swing("rocker_pin", 1.0), goals.swing("rocker_pin", 1.2, "crank_pin")], BOUNDS, {},
+     ValueError, "goals contradict: swing of rocker_pin is to be 1 and 1.2"),
+    (goals.transmission("rocker_pin", 0.5, pair="pin"), BOUNDS, {}, sp.UnknownNameError,
+     "no pair of the output's link 'pin'"),
+    (goals.transmission("crank_pin", 0.5), BOUNDS, {}, sp.SpatialPinError, "is a driver itself"),
+    (goals.clearance(0.1, [("crank_pin", "rocker")]), BOUNDS, {}, sp.UnknownNameError,
+     "no link 'crank_pin'"),
+    (goals.clearance(0.1, [("rocker", "rocker_b")]), BOUNDS, {}, sp.SpatialPinError,
+     "has no <collision> and no <visual>"),
     (FUNCTION, BOUNDS, {"starts": 0}, ValueError, "starts is 0"),
     (FUNCTION, BOUNDS, {"starts": 1.5}, ValueError, "starts must be a whole number"),
     (FUNCTION, BOUNDS, {"seed": -1}, ValueError, "seed is -1"),
@@ -90,6 +99,10 @@ def test_what_cannot_be_is_refused_before_the_work(
     (lambda: goals.poses("tip", [np.eye(3)]), "placement 0 has shape (3, 3)"),
     (lambda: goals.function("out", [1.0], {}), "drivers names no driver"),
     (lambda: goals.function("out", 1.0, {"crank": 1.0}), "values of 'out' are a list of numbers"),
+    (lambda: goals.dead_centres("out", None), "values of the driver are needed"),
+    (lambda: goals.clearance(0.1, ["ab"]), "the names of two links, not 'ab'"),
+    (lambda: goals.clearance(0.1, [("a", "b", "c")]), "the names of two links, not ('a', 'b', 'c"),
+    (lambda: goals.clearance(0.1, []), "pairs is empty"),
 ])
 def test_goals_that_are_none_are_refused_when_they_are_made(make, says):
     with pytest.raises(ValueError) as told:

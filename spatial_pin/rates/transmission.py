@@ -83,17 +83,43 @@ def transmission_angle(
     mechanism: Mechanism, state: State, output: str, driver: str, at: str | None = None
 ) -> tuple[float, str]:
     """Return transmission angle and pair as `transmission` does, at dead centres too."""
-    coordinate = mechanism.driven_coordinate(output)
-    driven = driven_coordinates(mechanism, [driver])
-    if coordinate in driven:
-        raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
-    joint = _own_joint(mechanism, coordinate)
-    at, point = _moved_at(mechanism, joint, at)
+    moved = MovedOutput.of(mechanism, output, driver, at)
     with evaluation_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        own, allowed = _velocities(evaluation, joint, coordinate, [c.v for c in driven])
-        place = evaluation.data.oMi[joint].act(point)
-    return _angle(own, allowed, place / mechanism.characteristic_length), at
+        own, allowed = _velocities(evaluation, moved.joint, moved.coordinate,
+                                   [c.v for c in moved.driven])
+        place = evaluation.data.oMi[moved.joint].act(moved.point)
+    return _angle(own, allowed, place / mechanism.characteristic_length), moved.at
+
+
+class MovedOutput(NamedTuple):
+    """An output that has a transmission angle.
+
+    Attributes:
+        coordinate: the output.
+        driven: what moves it.
+        joint: its own joint.
+        at: closure or joint that moves its link.
+        point: (3,) where that is, in the joint's frame [m].
+    """
+
+    coordinate: Coordinate
+    driven: list[Coordinate]
+    joint: int
+    at: str
+    point: Array
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, output: str, driver: str, at: str | None = None
+    ) -> MovedOutput:
+        """Return it; the same is raised as by `transmission`."""
+        coordinate = mechanism.driven_coordinate(output)
+        driven = driven_coordinates(mechanism, [driver])
+        if coordinate in driven:
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
+        joint = _own_joint(mechanism, coordinate)
+        return cls(coordinate, driven, joint, *_moved_at(mechanism, joint, at))
 
 
 def _input(mechanism: Mechanism, driver: str | None) -> Coordinate:

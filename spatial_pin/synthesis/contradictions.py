@@ -10,14 +10,16 @@ import numpy as np
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.demands import Swing
 from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
 
 
 def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
     """Refuse goals that are to be met exactly and ask for two things at one place.
 
-    Goals of precision do if their drivers have the same values and their targets differ. Nothing is
-    said of goals with a weight, and of those whose drawing, zeros or drivers are free.
+    Goals of precision do if their drivers have the same values and their targets differ, and two
+    swings of one motion. Nothing is said of goals with a weight, and of those whose drawing, zeros
+    or drivers are free.
 
     Raises:
         ValueError: names the goals and their samples.
@@ -28,6 +30,24 @@ def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
             raise ValueError(
                 f"goals contradict: {first.name}, sample {i}, and {second.name}, sample {j}, have "
                 "the same drivers and other targets; give one of them a weight, or leave it out")
+    swings = [goal for goal in goals if isinstance(goal, Swing) and goal.weight is None]
+    for one, other in itertools.combinations(swings, 2):
+        if _of_one_motion(mechanism, one, other) and one.angle != other.angle:
+            raise ValueError(
+                f"goals contradict: {one.name} is to be {one.angle:g} and {other.angle:g}; give "
+                "one of them a weight, or leave it out")
+
+
+def _of_one_motion(mechanism: Mechanism, one: Swing, other: Swing) -> bool:
+    """Return whether two swings are those of one output in one motion."""
+    names, outputs = zip(*((mechanism.driven_coordinate(swing.moved_by(mechanism)).name,
+                            mechanism.coordinate(swing.output).name) for swing in (one, other)),
+                         strict=True)
+    if one.at is None or other.at is None:
+        same = one.at is other.at
+    else:
+        same = np.array_equal(one.at, other.at)
+    return names[0] == names[1] and outputs[0] == outputs[1] and same
 
 
 def _stands(goal: Precision) -> bool:

@@ -30,7 +30,8 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array, rank, singular_values
 from spatial_pin.proximity.clearance import clearance
-from spatial_pin.rates.transmission import transmission_angle
+from spatial_pin.proximity.distances import Distances
+from spatial_pin.rates.transmission import MovedOutput, transmission_angle
 from spatial_pin.synthesis.family import Family
 from spatial_pin.synthesis.precision import Goal
 
@@ -351,7 +352,7 @@ class LeastTransmission(_Moving):
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
         super().check(mechanism)
-        mechanism.coordinate(self.output)
+        MovedOutput.of(mechanism, self.output, self.moved_by(mechanism), self.pair)
 
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: angles that are missing."""
@@ -526,8 +527,9 @@ class LeastClearance(_Moving):
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
         super().check(mechanism)
-        for name in (name for pair in self.pairs or () for name in pair):
-            mechanism.frame_id(name)
+        if not Distances(mechanism, self.pairs).pairs:
+            raise ValueError(f"clearance: mechanism {mechanism.name!r} has no two links with a "
+                             "shape that are not joined; name pairs of those that are")
 
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: distances that are missing, by pair of links, in characteristic lengths."""

@@ -235,8 +235,14 @@ def dead_centres(
         values: (k,) of the driver [rad or m].
         driver: what moves it; the only driver if not given.
         weight: as for all goals.
+
+    Raises:
+        ValueError: there are no values.
     """
-    return DeadCentres(weight=_weight(weight), output=output, driver=driver, at=_values(values))
+    at = _values(values)
+    if at is None:
+        raise ValueError("dead_centres: values of the driver are needed: say where they are to be")
+    return DeadCentres(weight=_weight(weight), output=output, driver=driver, at=at)
 
 
 @checked
@@ -307,7 +313,19 @@ def clearance(
             limit to limit.
         values: (k,) driver values that are gone through instead.
         weight: as for all goals.
+
+    Raises:
+        ValueError: the distance is no number; pairs are none.
     """
-    asked = None if pairs is None else tuple((str(a), str(b)) for a, b in pairs)
+    asked = None if pairs is None else tuple(_two_links(pair) for pair in pairs)
+    if asked == ():
+        raise ValueError("clearance: pairs is empty: name two links each, or leave it out for all")
     return LeastClearance(weight=_weight(weight), at_least=finite_number(at_least, "at_least"),
                           pairs=asked, driver=driver, at=_values(values))
+
+
+def _two_links(pair: Any) -> tuple[str, str]:
+    if isinstance(pair, str) or np.shape(pair) != (2,):
+        raise ValueError(f"clearance: a pair is the names of two links, not {pair!r}")
+    first, second = pair
+    return str(first), str(second)
