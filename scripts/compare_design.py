@@ -54,12 +54,17 @@ def interpreter(named: str | None) -> str | None:
     return str(tools.environment(tool, tools.FOLDER)) if there else None
 
 
-def tutorials(python: str | None) -> list[dict[str, Any]]:
-    """Return what pylinkage finds for its own problems."""
+def tutorials(python: str | None) -> tuple[list[dict[str, Any]], str]:
+    """Return what pylinkage finds for its own problems, or why there is nothing."""
     if python is None:
-        return []
-    done = subprocess.run([python, str(TUTORIALS)], check=True, capture_output=True, text=True)
-    return list(json.loads(done.stdout.splitlines()[-1])["rows"])
+        return [], "pylinkage is not installed, so not compared; name an interpreter by --pylinkage"
+    try:
+        done = subprocess.run([python, str(TUTORIALS)], capture_output=True, text=True)
+    except OSError as error:
+        return [], f"pylinkage is not compared: {error}"
+    if done.returncode:
+        return [], f"pylinkage is not compared: {done.stderr.strip().splitlines()[-1]}"
+    return list(json.loads(done.stdout.splitlines()[-1])["rows"]), ""
 
 
 def number(x: float | None) -> str:
@@ -89,11 +94,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(line([designs.PROBLEMS[name].title, *map(number, (
             row["published"], row["error"], row["designs"], row["evaluations"], row["seconds"])),
             ", ".join(row["defects"]) or "none"]), flush=True)
-    python = interpreter(options.pylinkage)
-    if python is None:
-        print("\npylinkage is not installed, so not compared; name an interpreter by --pylinkage")
+    rows, reason = tutorials(interpreter(options.pylinkage))
+    if not rows:
+        print(f"\n{reason}")
         return
-    rows = tutorials(python)
     print("\n" + line(["pylinkage, its own tutorials", "error", "evaluations", "s"]))
     print(line(["---"] * 4))
     for row in rows:

@@ -43,7 +43,8 @@ PEERS = (
     Tool("Exudyn", ("with_exudyn", "with_exudyn_rssr", "with_exudyn_cube"), ("exudyn",),
          ("exudyn", "scipy")),
     Tool("placo", ("with_placo", "with_placo_reach"), ("placo",), ("placo", "scipy")),
-    Tool("pylinkage", ("with_pylinkage",), ("pylinkage", "numba"), ("pylinkage", "numba"),
+    Tool("pylinkage", ("with_pylinkage",), ("pylinkage", "numba"),
+         ("pylinkage", "numba", "scipy"),  # its synthesis imports SciPy and does not ask for it
          ("four_bar",)),
     Tool("pink", ("with_pink", "with_pink_reach"), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
 )

@@ -85,7 +85,7 @@ def function(name: str, pairs) -> dict:
 
 
 def missed(solution) -> float:
-    """Return by how much the coupler curve misses the points: root of the sum of squares."""
+    """Return by how much the coupler curve misses the points: the sum of squared distances."""
     a, d, b, c = (complex(*x) for x in (solution.ground_pivot_a, solution.ground_pivot_d,
                                         solution.crank_pivot_b, solution.coupler_pivot_c))
     tracer = (complex(*solution.coupler_point) - b) / (c - b)
@@ -108,7 +108,7 @@ def missed(solution) -> float:
                 bounds=(near - 1e-3, near + 1e-3), method="bounded", options={"xatol": 1e-13})
             best = min(best, float(end.fun))
         total += best**2
-    return math.sqrt(total)
+    return total
 
 
 def path() -> dict:
