@@ -203,6 +203,21 @@ def test_it_is_told_how_far_the_nearest_is_from_what_is_to_be_met_exactly():
         found[0]
 
 
+def test_it_is_told_why_a_demand_could_not_be_judged():
+    asked = goals.swing("rocker_pin", 0.5, values=[0.0, np.pi])  # the crank does not come there
+    found = sp.design(sp.load("four_bar", r2=0.25), asked, {"r2": (0.24, 0.26)}, starts=1)
+    assert not found and "out of reach" in found.why
+    assert found.why.split(" (")[0] in " ".join(str(found).split())
+
+
+def test_dimensions_with_which_the_file_makes_no_mechanism_are_no_design():
+    """Without a length a link cannot be drawn, though the loops close."""
+    found = sp.design(sp.load("four_bar"), goals.path("coupler", [[0.0, 0.0, 0.0]]), ["r2"],
+                      starts=1)
+    assert not found and found.failed == 1
+    assert "four_bar.urdf.xacro" in found.why and "division by zero" in str(found)
+
+
 def test_designs_are_named_briefly(function):
     assert repr(function).startswith("Designs('four_bar': 1 from 3 starts, errors from ")
     assert repr(function[0]).startswith("Design('four_bar': error ") and len(repr(function)) < 90

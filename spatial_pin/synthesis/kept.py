@@ -100,7 +100,7 @@ class Kept:
 
 def _table(found: Found) -> dict[str, Any]:
     return {"x": found.x.tolist(), "cost": found.cost, "hard": found.hard,
-            "evaluations": found.evaluations,
+            "evaluations": found.evaluations, "why": found.why,
             "samples": [{"q": s.q.tolist(), "angles": s.angles.tolist(), "at": s.at.tolist()}
                         for s in found.samples]}
 
@@ -109,7 +109,7 @@ def _found(table: Mapping[str, Any]) -> Found:
     return Found(_numbers(table["x"]), float(table["cost"]), float(table["hard"]), tuple(
         Samples(_rows(s["q"], len(s["at"])), _rows(s["angles"], len(s["at"])),
                 np.array(s["at"], dtype=np.intp))
-        for s in table["samples"]), int(table["evaluations"]))
+        for s in table["samples"]), int(table["evaluations"]), str(table["why"]))
 
 
 def _numbers(values: Any) -> Array:

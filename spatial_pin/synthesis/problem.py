@@ -60,6 +60,7 @@ class Found:
         hard: the largest residual of goals that are to be met exactly.
         samples: configurations of every goal of precision.
         evaluations: sets of dimensions that were tried.
+        why: what was said where nothing closes, or a demand cannot be judged.
     """
 
     x: Array
@@ -67,6 +68,7 @@ class Found:
     hard: float
     samples: tuple[Samples, ...]
     evaluations: int
+    why: str = ""
 
     @property
     def is_one(self) -> bool:
@@ -265,8 +267,8 @@ class Problem:
         try:
             near = self._begin(x, rng)
             return fit.solved(x, near, WEIGHTS if rng is None else WEIGHTS[rng.integers(2) :])
-        except SpatialPinError:  # nothing closes there, or a demand cannot be judged
-            return Found(x, np.inf, np.inf, (), fit.evaluations)
+        except SpatialPinError as error:  # nothing closes there, or a demand cannot be judged
+            return Found(x, np.inf, np.inf, (), fit.evaluations, str(error))
 
 
 def _drawn(name: str, rng: np.random.Generator) -> float:
@@ -439,9 +441,10 @@ class _Exactly:
         self._memo: dict[bytes, tuple[list[Samples], Array] | None] = {}
         self._counts: list[int] = []
         self._state = fit.p.nominal()  # where the mechanisms of demands are followed from
+        self._why = ""  # the last configurations were none
         first = self._at(x)
         if first is None:
-            raise SpatialPinError("the loops do not close from this start")
+            raise SpatialPinError(self._why)
         goals = [s.goal for s, _ in fit._parts]
         every = [*goals, *self.p.demands]
         repeats = [g.count * g.width for g in goals] + self._counts
@@ -463,12 +466,14 @@ class _Exactly:
     def _evaluated(self, x: Array) -> tuple[list[Samples], Array] | None:
         found = self.fit.settle(x)
         if found is None:
+            self._why = "the loops do not close"
             return None
         samples, residuals = found
         parts = [r.ravel() for r in residuals]
         try:
             demanded = self._demanded(x, samples)
-        except SpatialPinError:
+        except SpatialPinError as error:
+            self._why = str(error)
             return None
         counts = [len(values) for values in demanded]
         self._counts = self._counts or counts
@@ -534,7 +539,7 @@ class _Exactly:
         self.x = self.fit.minimum(self.residual, self.slopes, self.x, EXACT_EVALUATIONS, gain)
         found = self._at(self.x)
         if found is None:
-            raise SpatialPinError("the loops do not close")
+            raise SpatialPinError(self._why)
         return found
 
     def _met(self) -> tuple[list[Samples], Array]:

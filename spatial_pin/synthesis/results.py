@@ -203,7 +203,9 @@ class Designs(Sequence[Design]):
         failed: how many of them led to no design.
         evaluations: sets of dimensions that were tried in all.
         nearest: of those that led to no design, the least by which what is to be met exactly was
-            missed [characteristic lengths, rad]; infinite if the loops closed at none.
+            missed [characteristic lengths, rad, or parts of what is allowed]; infinite if the loops
+            closed at none, or nothing could be judged.
+        why: what was said of the first start that led nowhere at all; empty if there is none.
     """
 
     designs: tuple[Design, ...]
@@ -213,6 +215,7 @@ class Designs(Sequence[Design]):
     failed: int
     evaluations: int
     nearest: float = np.inf
+    why: str = ""
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -244,9 +247,9 @@ class Designs(Sequence[Design]):
         if self.designs or not self.failed:
             return ""
         if not np.isfinite(self.nearest):
-            return "; the loops closed at none of them"
+            return f"; {self.why or 'the loops closed at none of them'}"
         return ("; the nearest misses what is to be met exactly by "
-                f"{self.nearest:.2g} characteristic lengths or rad")
+                f"{self.nearest:.2g} characteristic lengths, rad, or parts of what is allowed")
 
     def __repr__(self) -> str:
         best = f", errors from {self.designs[0].error:.3g}" if self.designs else ""
@@ -291,9 +294,17 @@ def _through(mechanism: Mechanism, names: Sequence[str], states: Sequence[State]
 
 def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
     """Return the best of what a search found."""
-    designs = _ranked([design_of(problem, found) for found in searched.found[:most]])
-    return Designs(tuple(designs), problem.mechanism.name, searched.is_whole, searched.starts,
-                   searched.failed, searched.evaluations, searched.nearest)
+    made, why = list[Design](), searched.why
+    failed = searched.failed
+    for found in searched.found:
+        if len(made) == most:
+            break
+        try:
+            made.append(design_of(problem, found))
+        except SpatialPinError as error:  # its loops close, but its file makes no such mechanism
+            failed, why = failed + 1, why or str(error)
+    return Designs(tuple(_ranked(made)), problem.mechanism.name, searched.is_whole,
+                   searched.starts, failed, searched.evaluations, searched.nearest, why)
 
 
 def _ranked(designs: Sequence[Design]) -> list[Design]:

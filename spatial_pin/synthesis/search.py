@@ -76,6 +76,7 @@ class Searched(NamedTuple):
         evaluations: sets of dimensions that were tried in all.
         nearest: of those that led to no solution, the least by which what is to be met exactly is
             missed [characteristic lengths, rad]; infinite if the loops closed at none.
+        why: what was said of the first that led nowhere at all; empty if there is none.
     """
 
     found: tuple[Found, ...]
@@ -84,6 +85,7 @@ class Searched(NamedTuple):
     failed: int
     evaluations: int
     nearest: float
+    why: str = ""
 
 
 def searched(
@@ -141,7 +143,8 @@ def searched(
     own = [found for found in tried if found.is_one]
     return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), len(tried) - len(own),
                     sum(found.evaluations for found in tried) + len(kept.values),
-                    min((found.hard for found in tried if not found.is_one), default=np.inf))
+                    min((found.hard for found in tried if not found.is_one), default=np.inf),
+                    next((found.why for found in tried if found.why), ""))
 
 
 class _Search:
