@@ -189,6 +189,21 @@ class Demand(Goal):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class _AtMost(Demand):
+    """A demand whose numbers are relative to the largest value that is allowed.
+
+    Attributes:
+        at_most: that value.
+    """
+
+    at_most: float
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """See `Demand`."""
+        return super().errors(values, mechanism) * self.at_most
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Moving(Demand):
     """A demand on a motion.
 
@@ -466,10 +481,9 @@ class DeadCentres(_Moving):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MostEffort(_Moving):
+class MostEffort(_AtMost, _Moving):
     """That a driver needs little effort to hold loads."""
 
-    at_most: float
     loads: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -502,10 +516,6 @@ class MostEffort(_Moving):
             return found
 
         return self.worst(motion, beyond)
-
-    def errors(self, values: Array, mechanism: Mechanism) -> Array:
-        """See `Demand`."""
-        return np.maximum(values, 0.0) * self.at_most
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -544,10 +554,8 @@ class LeastClearance(_Moving):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MostSize(_Moving):
+class MostSize(_AtMost, _Moving):
     """That no two joints or closures are ever far apart."""
-
-    at_most: float
 
     @property
     def name(self) -> str:
@@ -572,16 +580,10 @@ class MostSize(_Moving):
 
         return self.worst(motion, beyond)
 
-    def errors(self, values: Array, mechanism: Mechanism) -> Array:
-        """See `Demand`."""
-        return np.maximum(values, 0.0) * self.at_most
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MostMass(Demand):
+class MostMass(_AtMost):
     """That all moving links together weigh little."""
-
-    at_most: float
 
     @property
     def name(self) -> str:
@@ -600,10 +602,6 @@ class MostMass(Demand):
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: relative to the largest one allowed."""
         return np.array([_mass(candidate.whole) / self.at_most - 1.0])
-
-    def errors(self, values: Array, mechanism: Mechanism) -> Array:
-        """See `Demand`."""
-        return np.maximum(values, 0.0) * self.at_most
 
 
 def _mass(mechanism: Mechanism) -> float:
