@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import FARTHEST_SLIDE
 from spatial_pin.motion.motion import Motion
@@ -394,19 +394,17 @@ class _Loops:
         assert motion.driver_name is not None
         names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
         self._held = [mechanism.driven_coordinate(name).v for name in names]
-        with evaluation_of(mechanism) as evaluation:
-            self._rank = rank(self._left(evaluation, motion.q[0]))
+        with kernel_of(mechanism) as kernel:
+            self._rank = rank(self._left(kernel, motion.q[:1])[0])
 
-    def _left(self, evaluation: Evaluation, q: Array) -> Array:
-        evaluation.update(q)
-        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
-        return np.delete(rows, self._held, axis=1)
+    def _left(self, kernel: Kernel, q: Array) -> Array:
+        """Return derivatives (n, ., .) of all equations for what is not driven."""
+        return np.delete(kernel.jacobians(q), self._held, axis=2)
 
     def regularity(self, motion: Motion) -> Array:
         """Return the least singular value (n,) of as many equations as are independent."""
-        with evaluation_of(motion.mechanism) as evaluation:
-            return np.array([singular_values(self._left(evaluation, q))[self._rank - 1]
-                             for q in motion.q])
+        with kernel_of(motion.mechanism) as kernel:
+            return singular_values(self._left(kernel, motion.q))[:, self._rank - 1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
