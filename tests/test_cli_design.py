@@ -177,7 +177,7 @@ GOAL = '[[goal]]\nkind = "function"\noutput = "rocker_pin"\nvalues = [1.4]\n'
     ("goal = 1\n", ["r2"], "there is no goal"),
     ("a b\n", ["r2"], "not valid TOML"),
     ('[[goal]]\nkind = "fonction"\n', ["r2"], "goal 1: kind is 'fonction'; did you mean"),
-    ("[[goal]]\n", ["r2"], "goal 1: kind is None; there are: "),
+    ("[[goal]]\n", ["r2"], "goal 1: it has no kind; there are: "),
     (GOAL, ["r2"], "goal 1: function needs 'drivers'"),
     (GOAL + "driver = 1\n", ["r2"], "function has no 'driver'; did you mean 'drivers'?"),
     (GOAL + "drivers = {crank = [1.0, 2.0]}\n", ["r2"], "drivers: values of 'crank' has shape"),

@@ -120,7 +120,8 @@ def _goals(path: Path, mechanism: Mechanism, table: dict[str, Any]) -> list[Goal
     kind = table.pop("kind", None)
     make = KINDS.get(kind) if isinstance(kind, str) else None
     if make is None:
-        raise ValueError(f"kind is {kind!r}; {suggestion(str(kind), KINDS)}")
+        given = "it has no kind" if kind is None else f"kind is {kind!r}"
+        raise ValueError(f"{given}; {suggestion(str(kind), KINDS)}")
     parameters = inspect.signature(make).parameters
     for key in table:
         if key not in parameters:

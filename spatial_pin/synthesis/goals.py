@@ -170,6 +170,8 @@ def swing(
 ) -> Swing:
     """Ask how far an output goes to and fro while a driver turns, or goes from limit to limit.
 
+    Limits are those of the loops, as `limits` finds them; those of joints are for `values`.
+
     Args:
         output: name of a coordinate.
         angle: from its least to its largest value [rad or m].
@@ -195,7 +197,7 @@ def transmission(
         output: name of a coordinate of a joint of one freedom.
         at_least: angle, up to pi/2 [rad].
         driver: what moves it; the only driver if not given. It counts over a turn of it, or from
-            limit to limit.
+            limit to limit, where it is zero: name `values` then.
         pair: closure or joint that moves the output's link, as `at` of `transmission`.
         values: (k,) driver values at which it counts instead.
         weight: as for all goals.
