@@ -459,7 +459,9 @@ def test_workers_change_nothing(bars, found):
     assert str(other) == str(found)
 
 
-def test_what_was_found_before_an_interruption_is_kept(bars, found, monkeypatch):
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Ctrl-C after some two hundred points."""
     class Bar:
         n = 0
 
@@ -475,6 +477,27 @@ def test_what_was_found_before_an_interruption_is_kept(bars, found, monkeypatch)
                 raise KeyboardInterrupt
 
     monkeypatch.setattr(module, "progress_bar", lambda *args: Bar())
+
+
+def test_a_command_that_was_interrupted_writes_what_was_found_and_says_so(
+    interrupted, tmp_path, capsys
+):
+    table = tmp_path / "points.csv"
+    assert main(["workspace", "excavator", "teeth", "boom=2.6..2.8", "bucket=2.1..2.4",
+                 "--points", "30", "--csv", str(table)]) == 130
+    assert "cut short" in capsys.readouterr().out
+    assert table.read_text().count("\n") == 901
+
+
+def test_a_command_gives_the_work_to_processes(tmp_path, capsys):
+    words = ["workspace", "rssr", "coupler", "crank=0..90deg", "--points", "9"]
+    assert main(words) == 0
+    alone = capsys.readouterr().out
+    assert main([*words, "--workers", "2"]) == 0
+    assert capsys.readouterr().out == alone
+
+
+def test_what_was_found_before_an_interruption_is_kept(bars, found, interrupted):
     part = sp.workspace(bars, "tip", BARS, points=25)
     assert not part.is_whole
     assert "cut short" in str(part)

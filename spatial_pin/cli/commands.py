@@ -254,15 +254,18 @@ def _workspace(options: argparse.Namespace) -> None:
             unit = unit_of(mechanism, name) if name in PARTS else ""
             if unit and not span[k].is_for(unit):
                 raise ValueError(f"{name} is in {unit}, not in {span[k].unit}")
-    found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
-                         guess=_guess(options), task=options.task, limits=options.limits,
-                         on_crossing=options.on_crossing, clearance=options.clearance,
-                         sheets=options.sheets, progress=True)
+    with _workers(options.workers) as executor:
+        found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
+                             guess=_guess(options), task=options.task, limits=options.limits,
+                             on_crossing=options.on_crossing, clearance=options.clearance,
+                             sheets=options.sheets, executor=executor, progress=True)
     if options.json != "-":
         print(found)
     for path in _mapped(options, found):
         if options.json != "-":
             print(f"wrote {path}")
+    if not found.is_whole:
+        raise KeyboardInterrupt
 
 
 def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:

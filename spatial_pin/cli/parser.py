@@ -150,6 +150,7 @@ def _workspace_options(sub: argparse.ArgumentParser) -> None:
                      help="links that are not joined keep this distance; 0: they do not touch")
     sub.add_argument("--sheets", action="store_true",
                      help="look for other branches over the same grid")
+    _workers_option(sub)
     _guess_option(sub)
     sub.add_argument("--csv", metavar="F", help="write a row for every point of the grid")
     sub.add_argument("--curves", metavar="F",
@@ -202,8 +203,7 @@ def _design_options(sub: argparse.ArgumentParser) -> None:
                      default="multistart", help="where they start (multistart)")
     sub.add_argument("--seed", type=_number_from_zero, default=0, help="of random numbers (0)")
     sub.add_argument("--most", type=_count, default=10, help="designs to tell of (10)")
-    sub.add_argument("--workers", type=_count, default=1,
-                     help="processes that work on it; the answer is the same (1)")
+    _workers_option(sub)
     sub.add_argument("--resume", metavar="F",
                      help="keep what is found in this file, and go on from what it has")
     _guess_option(sub)
@@ -320,6 +320,11 @@ def _start_options(sub: argparse.ArgumentParser, speed: str) -> None:
                      metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
     sub.add_argument("--effort", action="append", default=[], type=_setting,
                      metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
+
+
+def _workers_option(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--workers", type=_count, default=1,
+                     help="processes that work on it; the answer is the same (1)")
 
 
 def _guess_option(sub: argparse.ArgumentParser) -> None:
