@@ -242,7 +242,7 @@ def test_what_is_not_judged_is_said():
     states = [sp.assemble(platform)] * 2
     found = defects(platform, states)
     assert kinds(found) == [("not judged", (0, 1))]
-    assert "6 drivers move" in found[0].text
+    assert "6 drivers move, and these are of motions by one" in found[0].text
     assert defects(platform, []) == ()
     six_bar = sp.load("watt_six_bar")
     found = defects(six_bar, [sp.assemble(six_bar, {"crank": x}) for x in (0.0, 0.2)])

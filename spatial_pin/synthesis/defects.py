@@ -126,7 +126,8 @@ def _unjudged(mechanism: Mechanism, states: Sequence[State], driver: str | None)
     """Return why nothing can be judged, in words; empty if it can."""
     if driver is None:
         n = len(mechanism.drivers)
-        return f"{n} drivers move, say which one" if n else "no driver moves it"
+        return (f"{n} drivers move, and these are of motions by one" if n else
+                "no driver moves it")
     own = mechanism.driven_coordinate(driver)
     if len(mechanism.drivers) == 1:
         return ""  # it leads, or follows the coordinate that leads instead
