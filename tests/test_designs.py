@@ -208,6 +208,9 @@ def test_it_is_told_why_a_demand_could_not_be_judged():
     found = sp.design(sp.load("four_bar", r2=0.25), asked, {"r2": (0.24, 0.26)}, starts=1)
     assert not found and "out of reach" in found.why
     assert found.why.split(" (")[0] in " ".join(str(found).split())
+    assert found.as_dict()["why"] == found.why
+    with pytest.raises(IndexError, match=r"from 1 start; .*out of reach"):
+        found[0]
 
 
 def test_dimensions_with_which_the_file_makes_no_mechanism_are_no_design():

@@ -229,7 +229,7 @@ class Designs(Sequence[Design]):
     def __getitem__(self, k: int | slice) -> Design | tuple[Design, ...]:
         if isinstance(k, int) and not -len(self) <= k < len(self):
             raise IndexError(f"{self.name}: there is no design {k}; {len(self)} were found, "
-                             f"from {self.starts} starts{self._why}")
+                             f"from {self._starts}{self._why}")
         return self.designs[k]
 
     def __iter__(self) -> Iterator[Design]:
@@ -239,7 +239,12 @@ class Designs(Sequence[Design]):
         """Return all as plain numbers and lists, as JSON has them."""
         return {"mechanism": self.name, "is_whole": self.is_whole, "starts": self.starts,
                 "failed": self.failed, "evaluations": self.evaluations,
+                "why": self._why.removeprefix("; "),
                 "designs": [design.as_dict() for design in self.designs]}
+
+    @property
+    def _starts(self) -> str:
+        return f"{self.starts} start{'s' * (self.starts != 1)}"
 
     @property
     def _why(self) -> str:
@@ -258,9 +263,9 @@ class Designs(Sequence[Design]):
     def __str__(self) -> str:
         n = len(self.designs)
         none = f", {self.failed} of them without one" if self.failed else ""
-        head = (f"{self.name}: {n} design{'s' * (n != 1)} from {self.starts} "
-                f"start{'s' * (self.starts != 1)}{none}; {self.evaluations} sets of dimensions "
-                f"tried{'' if self.is_whole else '; cut short'}{self._why}")
+        head = (f"{self.name}: {n} design{'s' * (n != 1)} from {self._starts}{none}; "
+                f"{self.evaluations} sets of dimensions tried"
+                f"{'' if self.is_whole else '; cut short'}{self._why}")
         return "\n".join([*textwrap.wrap(head, WIDTH),
                           *(f"{k}. {design}" for k, design in enumerate(self.designs, start=1))])
 
