@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.product_vectors import frames_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.numerics.linalg import Array
 
 
 def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
@@ -21,16 +24,40 @@ def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
         data: of its model, with the joint placements.
     """
     found = {}
-    for closure in mechanism.closures:
-        if closure.type == COUPLING or not closure.pair.aligned:
-            continue
-        one, two = frames_of(mechanism, closure.frames)
-        oM = data.oMi
-        geometry = closure.geometry
-        assert geometry is not None
-        axes1 = oM[one.joint].rotation @ one.placement.rotation @ geometry.axes1
-        axes2 = oM[two.joint].rotation @ two.placement.rotation @ geometry.axes2
-        cosines = np.vecdot(axes1.T, axes2.T)[2 if closure.pair.aligned == "z" else 0 :]
+    for pair in _axis_pairs(mechanism):
+        one, two = (data.oMi[joint].rotation @ axes for joint, axes in pair.fixed)
+        cosines = np.vecdot(one.T, two.T)
         if np.any(cosines < 0.5):
-            found[closure.name] = bool(np.all(np.abs(cosines) > 0.5))
+            found[pair.closure] = bool(np.all(np.abs(cosines) > 0.5))
     return found
+
+
+class _AxisPair(NamedTuple):
+    """Axes of a closure that should point the same way.
+
+    Attributes:
+        closure: its name.
+        fixed: the joint that carries each end, and the axes (3, n) fixed to it.
+    """
+
+    closure: str
+    fixed: tuple[tuple[int, Array], tuple[int, Array]]
+
+
+def _axis_pairs(mechanism: Mechanism) -> list[_AxisPair]:
+    """Return the axes of all closures that have any: read once for a mechanism."""
+    if "axis pairs" not in mechanism.memo:
+        found = []
+        for closure in mechanism.closures:
+            if closure.type == COUPLING or not closure.pair.aligned:
+                continue
+            geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
+            assert geometry is not None
+            one, two = (
+                (frame.joint, (frame.placement.rotation @ axes)[:, first:])
+                for frame, axes in zip(frames_of(mechanism, closure.frames),
+                                       (geometry.axes1, geometry.axes2), strict=True))
+            found.append(_AxisPair(closure.name, (one, two)))
+        mechanism.memo["axis pairs"] = found
+    pairs: list[_AxisPair] = mechanism.memo["axis pairs"]
+    return pairs
