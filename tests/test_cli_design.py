@@ -250,7 +250,9 @@ def test_workers_and_going_on_change_nothing(run, goals, tmp_path):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_was_found_before_ctrl_c_is_kept(goals, tmp_path, workers):
     kept = tmp_path / "kept"
-    command = [sys.executable, "-m", "spatial_pin", "design", "four_bar", "--goals", str(goals),
+    program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    program += "from spatial_pin.cli import main; sys.exit(main())"  # ignored in the background
+    command = [sys.executable, "-c", program, "design", "four_bar", "--goals", str(goals),
                "--starts", "100000", "--workers", str(workers), "--resume", str(kept),
                "--save", str(tmp_path / "best")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
