@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from spatial_pin.synthesis.design import design
     from spatial_pin.synthesis.precision import Goal
     from spatial_pin.synthesis.results import Design, Designs, GoalError, Met
-    from spatial_pin.workspace_map.result import Borders, Workspace
+    from spatial_pin.workspace_map.result import Borders, Curve, Workspace
     from spatial_pin.workspace_map.workspace import workspace
 
 __version__ = "0.1.0"
@@ -148,7 +148,7 @@ _ON_USE = {
     "synthesis.results": "Design Designs GoalError Met",
     "view": "Look Viewer export_html live movie plot report screenshot show",
     "view.scene.layers.arrows": "Vectors",
-    "workspace_map.result": "Borders Workspace",
+    "workspace_map.result": "Borders Curve Workspace",
     "workspace_map.workspace": "workspace",
 }
 _MODULES = {name: module for module, names in _ON_USE.items() for name in names.split()}
@@ -167,6 +167,7 @@ __all__ = [
     "ContinuumError",
     "Coordinate",
     "CoordinateRates",
+    "Curve",
     "Defect",
     "Derivatives",
     "Design",

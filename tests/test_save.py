@@ -61,7 +61,8 @@ def test_so_is_a_reduced_mechanism(name, output, dynamics, tmp_path):
 
 
 IMPORTED = [p.relative_to(DATA) for ending in (".xml", ".sdf", ".usda", ".toml", ".urdf")
-            for p in sorted(DATA.rglob(f"*{ending}")) if "far_starts" not in p.parts]
+            for p in sorted(DATA.rglob(f"*{ending}"))
+            if "far_starts" not in p.parts and p.name != "cases.toml"]  # numbers, no mechanisms
 
 
 @pytest.mark.parametrize("file", IMPORTED, ids=str)
