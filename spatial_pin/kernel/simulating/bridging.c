@@ -167,16 +167,17 @@ int passage_bridge(Dynamics *d, Real ahead, Real step)
     int code = LOST;
     const Real tolerance = d->tolerance;
     independent_remember(d, &d->aside);
-    d->tolerance = fmin(tolerance, 1e-14);
     for (int i = 0; i < REACHES && code == LOST; i++) {
+        d->tolerance = fmin(tolerance, 1e-14);
         code = build_at(d, s, about, sense, FIRST_REACH / (Real)(1 << i));
+        d->tolerance = tolerance; /* what it stood on need not be closed better than it was */
         if (independent_return(d, &d->aside) != DONE)
             code = ASTRAY;
     }
-    d->tolerance = tolerance;
-    if (code == ASTRAY)
-        return LOST;
-    if (code == CHOSEN_ANEW) {
+    /* where other equations were taken already, and this is told again, nothing is to be gained */
+    if (code == CHOSEN_ANEW && !(d->n_renewed && fabs(about - d->renewed) < REFUSED)) {
+        d->renewed = about;
+        d->n_renewed++;
         d->distance = 0.0;
         d->first_pivot = d->pivot;
         return DONE;
@@ -186,5 +187,5 @@ int passage_bridge(Dynamics *d, Real ahead, Real step)
         d->n_passages = d->n_built < MOST_PASSAGES ? d->n_built : MOST_PASSAGES;
     } else
         d->refused[d->n_refused++ % MOST_PASSAGES] = about;
-    return code;
+    return code == DONE ? DONE : LOST;
 }

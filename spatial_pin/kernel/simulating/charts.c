@@ -87,7 +87,7 @@ static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_cho
     if (code != DONE)
         return code;
     memcpy(d->start, d->q, (size_t)k->nq * sizeof *d->q);
-    d->n_passages = d->n_built = d->n_refused = d->period_is_known = 0;
+    d->n_passages = d->n_built = d->n_refused = d->n_renewed = d->period_is_known = 0;
     d->distance = 0.0;
     memset(d->change, 0, (size_t)d->n_held * sizeof *d->change);
     return independent_begin(d);

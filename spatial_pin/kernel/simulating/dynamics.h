@@ -96,6 +96,8 @@ typedef struct Dynamics {
     Real mantissa;
     Int exponent; /* of the determinant here */
     Real refused[MOST_PASSAGES];
+    Int n_renewed;
+    Real renewed; /* where other equations were chosen last instead of passing a branch point */
     Int n_refused, flipped;
     Real *passage_t, *passage_c;
 
