@@ -4,7 +4,7 @@ Every row is an extreme: its worst error against 50 digits (mpmath: closed forms
 loop equations), with the bound that `tests/test_extremes.py` holds it to; or the error it raises.
 
     python scripts/extremes.py                # a table for the terminal, with what was measured
-    python scripts/extremes.py --markdown     # the table of the README: bounds only
+    python scripts/extremes.py --markdown     # the table of docs/extremes.md: bounds only
 
 Errors of lengths are relative to the mechanism's size, angles absolute, rates relative to the
 largest. Where the library tells an error of its own, the row fails if it tells less than there is.
@@ -736,7 +736,7 @@ def answer(extreme: Extreme) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--markdown", action="store_true", help="the table of the README")
+    parser.add_argument("--markdown", action="store_true", help="the table of docs/extremes.md")
     parser.add_argument("--only", default="", help="rows with this text in them")
     options = parser.parse_args()
     failed = 0

@@ -1,4 +1,4 @@
-"""Every row of the table of extremes in the README, as `scripts/extremes.py` has them."""
+"""Every row of the table of docs/extremes.md, as `scripts/extremes.py` has them."""
 
 import importlib.util
 import xml.etree.ElementTree as ET
