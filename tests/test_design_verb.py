@@ -159,6 +159,20 @@ def test_the_answer_is_the_same_wherever_it_is_worked_out(four_bar, alone, make)
     assert_same(alone, found)
 
 
+@pytest.mark.parametrize("method", ["multistart", "evolution"])
+def test_a_dask_cluster_finds_the_same(four_bar, method):
+    distributed = pytest.importorskip("distributed")
+    options = {"starts": 2, "method": method}
+    with (distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False,
+                                   dashboard_address=None) as cluster,
+          distributed.Client(cluster) as client):
+        found = [sp.design(four_bar, FUNCTION, BOUNDS, executor=executor, **options)
+                 for executor in (client.get_executor(), client)]
+    alone = sp.design(four_bar, FUNCTION, BOUNDS, **options)
+    for same in found:
+        assert_same(alone, same)
+
+
 def test_an_executor_stays_open(four_bar):
     with ThreadPoolExecutor(1) as executor:
         sp.design(four_bar, FUNCTION, BOUNDS, starts=1, executor=executor)
