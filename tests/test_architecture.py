@@ -31,6 +31,7 @@ LAYERS = {
     "assembly": ["search"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations"],
+    "synthesis": ["demands"],
     "view": ["scene", "page", "browser"],
     "view.scene": ["layers"],
 }

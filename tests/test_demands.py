@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.synthesis.demands import Candidate
+from spatial_pin.synthesis.demands.candidate import Candidate
 from spatial_pin.synthesis.problem import Problem
 
 goals = sp.goals

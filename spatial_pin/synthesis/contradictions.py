@@ -10,7 +10,7 @@ import numpy as np
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.demands import Swing
+from spatial_pin.synthesis.demands.swing import Swing
 from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
 
 

@@ -23,16 +23,11 @@ from spatial_pin.checks import (
     positive_number,
 )
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.demands import (
-    DeadCentres,
-    FullTurn,
-    LeastClearance,
-    LeastTransmission,
-    MostEffort,
-    MostMass,
-    MostSize,
-    Swing,
-)
+from spatial_pin.synthesis.demands.effort import MostEffort
+from spatial_pin.synthesis.demands.extent import LeastClearance, MostMass, MostSize
+from spatial_pin.synthesis.demands.full_turn import FullTurn
+from spatial_pin.synthesis.demands.swing import DeadCentres, Swing
+from spatial_pin.synthesis.demands.transmission import LeastTransmission
 from spatial_pin.synthesis.precision import Function, Path, Poses
 
 

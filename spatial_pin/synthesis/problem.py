@@ -23,7 +23,8 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.demands import Candidate, Demand
+from spatial_pin.synthesis.demands.candidate import Candidate
+from spatial_pin.synthesis.demands.demand import Demand
 from spatial_pin.synthesis.family import Family, Members
 from spatial_pin.synthesis.precision import Goal, Precision
 from spatial_pin.synthesis.settling import Samples, Settling, spread

@@ -23,7 +23,7 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.defects import Defect, defects
-from spatial_pin.synthesis.demands import Candidate
+from spatial_pin.synthesis.demands.candidate import Candidate
 from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
 from spatial_pin.synthesis.problem import Found, Problem
 from spatial_pin.synthesis.search import Searched

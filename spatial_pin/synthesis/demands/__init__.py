@@ -1,0 +1,1 @@
+"""What a mechanism should be like, one kind of demand a class."""
