@@ -55,8 +55,9 @@ if TYPE_CHECKING:
     from spatial_pin.motion.dead_centres import dead_centres
     from spatial_pin.motion.follow import follow
     from spatial_pin.motion.joint_limits import JointLimit, Passing
-    from spatial_pin.motion.limits import Range, limits
+    from spatial_pin.motion.limits import Bound, Range, limits
     from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
+    from spatial_pin.motion.rated_limits import BeyondLimit
     from spatial_pin.motion.sweep import sweep
     from spatial_pin.motion.trace import trace
     from spatial_pin.proximity.clearance import Clearance, Contact, PairClearance, clearance
@@ -70,7 +71,7 @@ if TYPE_CHECKING:
     from spatial_pin.rates.jerks import Jerks, solve_jerks
     from spatial_pin.rates.rates import solve_rates
     from spatial_pin.rates.transmission import Transmission, transmission
-    from spatial_pin.reduction.differences import Verification
+    from spatial_pin.reduction.differences import Difference, Verification
     from spatial_pin.reduction.reduce import Reduced, reduce
     from spatial_pin.reduction.report import Omission
     from spatial_pin.synthesis import goals
@@ -78,6 +79,18 @@ if TYPE_CHECKING:
     from spatial_pin.synthesis.design import design
     from spatial_pin.synthesis.precision import Goal
     from spatial_pin.synthesis.results import Design, Designs, GoalError, Met
+    from spatial_pin.view import (
+        Look,
+        Viewer,
+        export_html,
+        live,
+        movie,
+        plot,
+        report,
+        screenshot,
+        show,
+    )
+    from spatial_pin.view.scene.layers.arrows import Vectors
     from spatial_pin.workspace_map.result import Borders, Curve, Workspace
     from spatial_pin.workspace_map.workspace import workspace
 
@@ -129,8 +142,9 @@ _ON_USE = {
     "motion.dead_centres": "dead_centres",
     "motion.follow": "follow",
     "motion.joint_limits": "JointLimit Passing",
-    "motion.limits": "Range limits",
+    "motion.limits": "Bound Range limits",
     "motion.motion": "Event FrameMotion Motion Output",
+    "motion.rated_limits": "BeyondLimit",
     "motion.sweep": "sweep",
     "motion.trace": "trace",
     "proximity.clearance": "Clearance Contact PairClearance clearance",
@@ -138,7 +152,7 @@ _ON_USE = {
     "rates.jerks": "Jerks solve_jerks",
     "rates.rates": "solve_rates",
     "rates.transmission": "Transmission transmission",
-    "reduction.differences": "Verification",
+    "reduction.differences": "Difference Verification",
     "reduction.reduce": "Reduced reduce",
     "reduction.report": "Omission",
     "synthesis": "goals",
@@ -157,7 +171,9 @@ __all__ = [
     "Accuracy",
     "AssemblyError",
     "AssemblyModes",
+    "BeyondLimit",
     "Borders",
+    "Bound",
     "Calibration",
     "Clearance",
     "Closure",
@@ -172,6 +188,7 @@ __all__ = [
     "Derivatives",
     "Design",
     "Designs",
+    "Difference",
     "Driver",
     "Dynamics",
     "Efforts",
@@ -275,13 +292,15 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = found
-    return found
+if not TYPE_CHECKING:  # type checkers take the imports above, so that a wrong name is one
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+        globals()[name] = found
+        return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULES})
+    return [*__all__, "__version__"]

@@ -139,7 +139,7 @@ def test_a_wheel_in_an_empty_environment_loads_by_name_from_another_folder(tmp_p
     assert re.fullmatch(r"spatial_pin-[\d.]+-py3-none-(?!any).+\.whl", wheel.name)
     with zipfile.ZipFile(wheel) as built:
         names = built.namelist()
-    assert f"spatial_pin/kernel/{LIBRARY}" in names
+    assert {f"spatial_pin/kernel/{LIBRARY}", "spatial_pin/py.typed"} <= set(names)
     assert not [n for n in names if n.endswith((".c", ".h"))]
     with tarfile.open(sdist) as packed:
         sources = {name.partition("/")[2] for name in packed.getnames()}

@@ -196,7 +196,7 @@ class State:
             return self.mechanism.model, self.data, frame
         return self._located.find(frame)
 
-    def coordinate(self, name: str) -> CoordinateRates:
+    def coordinate(self, name: str) -> CoordinateRates[float]:
         """Return (value, rate, acceleration) of a joint coordinate [rad or m, per s, per s²].
 
         Args:

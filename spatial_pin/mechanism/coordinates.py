@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,8 @@ from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
+
+Numbers = TypeVar("Numbers", float, Array)
 
 
 def needed(mechanism: object) -> None:
@@ -35,12 +37,18 @@ def needed(mechanism: object) -> None:
                         f"{type(mechanism).__name__}: sp.load(...) makes one")
 
 
-class CoordinateRates(NamedTuple):
-    """Value, rate and acceleration of one coordinate: floats of a State, (N,) of a Motion."""
+class CoordinateRates(NamedTuple, Generic[Numbers]):
+    """Value, rate and acceleration of one coordinate: floats of a State, (N,) of a Motion.
 
-    value: Any
-    rate: Any
-    acceleration: Any
+    Attributes:
+        value: [rad or m].
+        rate: [rad/s or m/s].
+        acceleration: [rad/s² or m/s²].
+    """
+
+    value: Numbers
+    rate: Numbers
+    acceleration: Numbers
 
 
 def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:
@@ -153,7 +161,7 @@ def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
 
 def coordinate_rates(
     mechanism: Mechanism, name: str, q: Array, v: Array, a: Array, *, continued: bool = True
-) -> CoordinateRates:
+) -> CoordinateRates[Array]:
     """Return value, rate and acceleration of a coordinate over rows q (N, nq), v, a (N, nv).
 
     Rotation vectors are continued from row to row, past pi and past whole turns; rows that have
@@ -208,7 +216,7 @@ def coordinate_bias(mechanism: Mechanism, coordinate: Coordinate, q: Array, v: A
 
 def _floating_translation(
     k: int, x: Array, quaternions: Array, v: Array, a: Array
-) -> CoordinateRates:
+) -> CoordinateRates[Array]:
     from scipy.spatial.transform import Rotation
 
     rotation = Rotation.from_quat(quaternions.copy())  # SciPy refuses read-only arrays

@@ -154,7 +154,7 @@ class Motion:
         return self.driver
 
     @checked
-    def coordinate(self, name: str) -> CoordinateRates:
+    def coordinate(self, name: str) -> CoordinateRates[Array]:
         """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
 
         Raises:

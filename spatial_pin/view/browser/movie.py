@@ -27,6 +27,7 @@ from spatial_pin.view.scene.overlay import overlaid
 if TYPE_CHECKING:
     from PIL import Image
 
+    from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
     from spatial_pin.synthesis.results import Design, Designs
     from spatial_pin.view.scene.look import Look
@@ -139,7 +140,7 @@ def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -
 
 @checked
 def movie(
-    motion: Motion | Design | Designs,
+    motion: Motion | State | Design | Designs,
     path: str | Path,
     *,
     fps: float = 25.0,
