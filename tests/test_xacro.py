@@ -4,6 +4,7 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import spatial_pin as sp
@@ -57,3 +58,14 @@ def test_the_copies_leave_xacro_as_it_was(tmp_path):
     before = dict(vars(xacro))
     expand(LIBRARY / "rssr.urdf.xacro", {})
     assert vars(xacro) == before and sys.modules["xacro"] is xacro
+
+
+def test_the_parts_of_the_library_are_at_hand_wherever_a_file_lies(tmp_path):
+    path = tmp_path / "r.urdf.xacro"
+    path.write_text("""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+      <xacro:include filename="$(find spatial_pin)/parts.xacro"/>
+      <xacro:body name="ball"><solids>
+        <xacro:ball centre="0 0 0" radius="0.1" colour="red"/>
+      </solids></xacro:body></robot>""")
+    (inertial,) = ET.fromstring(expand(path, {})).iter("inertial")
+    assert float(inertial.find("mass").get("value")) == pytest.approx(7850 * 4 / 3 * np.pi * 1e-3)

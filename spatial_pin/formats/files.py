@@ -20,17 +20,16 @@ from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.imported import Imported, Request
 from spatial_pin.formats.mechanism_file import mechanism_of
 from spatial_pin.formats.merging import merged
-from spatial_pin.formats.sources import check_file, is_file, read_text, shown
+from spatial_pin.formats.sources import (
+    check_file,
+    is_file,
+    library_folder,
+    read_text,
+    shown,
+)
 from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
-
-
-def library_folder() -> Path:
-    """Return the folder of the mechanisms that come with the library."""
-    package = Path(__file__).resolve().parent.parent
-    shipped = package / "urdf"
-    return shipped if shipped.is_dir() else package.parent / "urdf"
 
 
 def list_mechanisms() -> list[str]:

@@ -69,9 +69,17 @@ def read_text(path: Path) -> str:
 
 # ---------------------------------------------------------------- packages
 
+LIBRARY = "spatial_pin"  # the package that holds the library: `$(find spatial_pin)/parts.xacro`
 MANIFEST = "package.xml"
 OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
 NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
+
+
+def library_folder() -> Path:
+    """Return the folder of the mechanisms that come with the library."""
+    package = Path(__file__).resolve().parent.parent
+    shipped = package / "urdf"
+    return shipped if shipped.is_dir() else package.parent / "urdf"
 
 
 def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> Iterator[Path]:
@@ -88,6 +96,8 @@ def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> It
         return
     if name in packages:
         yield packages[name]
+    if name == LIBRARY:
+        yield library_folder()
     for root in (*_listed("ROS_PACKAGE_PATH"),
                  *(prefix / "share" for prefix in _listed("AMENT_PREFIX_PATH")),
                  *(root for variable in OF_MODELS for root in _listed(variable))):
@@ -126,7 +136,10 @@ def _manifest_name(folder: Path) -> str:
 
 
 def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
-    """Return whether a folder is a ROS package: it says so, or environment or caller name it."""
-    roots = [*_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH"), *packages.values()]
+    """Return whether a folder is the library, or a ROS package.
+
+    That is what says so itself, or is named by the environment or the caller.
+    """
+    roots = [library_folder(), *_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH"), *packages.values()]
     return is_file(folder / MANIFEST) or any(r.resolve() in (folder, *folder.parents)
                                              for r in roots)
