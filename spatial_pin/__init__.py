@@ -94,7 +94,7 @@ if TYPE_CHECKING:
     from spatial_pin.workspace_map.result import Borders, Curve, Workspace
     from spatial_pin.workspace_map.workspace import workspace
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _offer({  # imported when they are first asked for
     "Mechanism.from_model": "formats.pinocchio_model.from_model:mechanism_of",
