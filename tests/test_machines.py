@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
@@ -65,3 +66,77 @@ def test_the_foot_of_jansens_leg_is_where_circles_meet(run):
     wanted = np.array([jansen_foot(crank) for crank in made["motion"].driver[:-1]])
     assert abs(100 * made["foot"][:, [0, 2]] - wanted).max() < 1e-11
     assert abs(made["foot"][:, 1]).max() < 1e-14
+
+
+# ---------------------------------------------------------------- double wishbone
+
+def turned(point, base, axis, angle):
+    """Return a point turned about the line through a base (Rodrigues)."""
+    n, r = axis / np.linalg.norm(axis), point - base
+    return base + (r * np.cos(angle) + np.cross(n, r) * np.sin(angle)
+                   + n * (n @ r) * (1 - np.cos(angle)))
+
+
+def on_circle(point, base, axis, centre, radius):
+    """Return a point turned about a line until it is at a distance, the nearer of both ways.
+
+    E sin a + F cos a + G = 0, solved by half angles.
+    """
+    n = axis / np.linalg.norm(axis)
+    r, d = point - base, centre - base
+    across = r - n * (n @ r)
+    e, f = -2 * d @ np.cross(n, r), -2 * d @ across
+    g = r @ r + d @ d - radius**2 - 2 * (d @ n) * (n @ r)
+    root = np.sqrt(e**2 + f**2 - g**2)
+    angles = [2 * np.arctan2(-e + s * root, g - f) for s in (1, -1)]
+    angles = [(a + np.pi) % (2 * np.pi) - np.pi for a in angles]
+    return turned(point, base, axis, min(angles, key=abs))
+
+
+def three_spheres(centres, radii, near):
+    """Return where three spheres meet, the one of both places nearer to a point."""
+    a, b, c = centres
+    x = (b - a) / np.linalg.norm(b - a)
+    i = x @ (c - a)
+    y = (c - a - i * x) / np.linalg.norm(c - a - i * x)
+    d, j = np.linalg.norm(b - a), y @ (c - a)
+    u = (radii[0]**2 - radii[1]**2 + d**2) / (2 * d)
+    v = (radii[0]**2 - radii[2]**2 + i**2 + j**2) / (2 * j) - i / j * u
+    w = np.sqrt(radii[0]**2 - u**2 - v**2)
+    places = [a + u * x + v * y + s * w * np.cross(x, y) for s in (1, -1)]
+    return min(places, key=lambda p: np.linalg.norm(p - near))
+
+
+def wishbone_angles(angle, rack_z=0.233):
+    """Return camber, toe-in and caster [degrees] of the suspension, from spheres that meet."""
+    front, rear, ball = np.array([[0.15, 0.36, 0.2], [-0.2, 0.36, 0.19], [0.005, 0.69, 0.18]])
+    above = np.array([[0.12, 0.43, 0.45], [-0.15, 0.43, 0.435], [-0.02, 0.645, 0.465]])
+    rack, steer = np.array([-0.12, 0.37, rack_z]), np.array([-0.135, 0.68, 0.225])
+    low = turned(ball, rear, front - rear, angle)
+    kingpin = np.linalg.norm(above[2] - ball)
+    top = on_circle(above[2], above[1], above[0] - above[1], low, kingpin)
+    end = three_spheres([low, top, rack], [np.linalg.norm(steer - p)
+                                           for p in (ball, above[2], rack)], steer)
+    axes = [np.column_stack([t - b, e - b, np.cross(t - b, e - b)])
+            for b, t, e in ((ball, above[2], steer), (low, top, end))]
+    axle = axes[1] @ np.linalg.inv(axes[0]) @ [0, 1, 0]
+    k = top - low
+    return np.degrees([-np.arcsin(axle[2]), np.arctan2(axle[0], axle[1]),
+                       np.arctan2(-k[0], k[2])])
+
+
+def test_the_wheel_of_a_double_wishbone_stands_where_spheres_meet(run):
+    made = run("double_wishbone")
+    wanted = np.array([wishbone_angles(a) for a in made["motion"].driver]).T
+    for name, x in zip(("camber", "toe-in", "caster"), wanted, strict=True):
+        assert made["angles"][name] == pytest.approx(x, abs=1e-11)
+
+
+def test_a_force_on_the_hub_of_a_double_wishbone_works_as_much_as_the_arm(run):
+    made = run("double_wishbone")
+    car, state = made["motion"].mechanism, made["motion"].state(20)
+    held = sp.inverse_dynamics(car, state).efforts["wheel"]
+    lift = state.velocity("hub").linear[2]
+    load = {"hub": pin.Force(np.array([0, 0, 3430.0]), np.zeros(3))}
+    pushed = sp.inverse_dynamics(car, state, external=load).efforts["wheel"]
+    assert held - pushed == pytest.approx(3430.0 * lift, rel=1e-12)

@@ -140,6 +140,7 @@ def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
 
     That is what says so itself, or is named by the environment or the caller.
     """
-    roots = [library_folder(), *_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH"), *packages.values()]
+    roots = [library_folder(), *_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH"),
+             *packages.values()]
     return is_file(folder / MANIFEST) or any(r.resolve() in (folder, *folder.parents)
                                              for r in roots)
