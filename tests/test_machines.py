@@ -140,3 +140,24 @@ def test_a_force_on_the_hub_of_a_double_wishbone_works_as_much_as_the_arm(run):
     load = {"hub": pin.Force(np.array([0, 0, 3430.0]), np.zeros(3))}
     pushed = sp.inverse_dynamics(car, state, external=load).efforts["wheel"]
     assert held - pushed == pytest.approx(3430.0 * lift, rel=1e-12)
+
+
+# ---------------------------------------------------------------- engine
+
+def test_four_cylinders_shake_as_lanchester_says_and_not_at_all_with_his_shafts(run):
+    made = run("balanced_engine")
+    r, length = 0.043, 0.145
+    solids = [(0.033, 0.024, 0.0), (0.008, length - 0.02, (length + 0.02) / 2),
+              (0.016, 0.024, length)]  # of a rod: radius, length, place
+    masses = [7850 * np.pi * a**2 * b for a, b, _ in solids]
+    at_pin = sum(m * x / length for m, (_, _, x) in zip(masses, solids, strict=True))
+    ratio = r / length
+    second = ratio + ratio**3 / 4 + 15 * ratio**5 / 128 + 35 * ratio**7 / 512
+    fourth = -(ratio**3 / 4 + 3 * ratio**5 / 16 + 35 * ratio**7 / 256)
+    unit = 4 * (0.5 + at_pin) * r * made["speed"]**2
+    found = made["harmonics"].real
+    assert found[2] == pytest.approx(unit * second, rel=1e-4)  # the series leaves off at ratio^9
+    assert found[4] == pytest.approx(unit * fourth, rel=2e-3)
+    assert abs(found[[1, 3, 5]]).max() < 1e-12 * found[2]
+    assert abs(made["left"][2]) < 1e-13 * found[2]
+    assert made["left"][4].real == pytest.approx(found[4], rel=1e-11)
