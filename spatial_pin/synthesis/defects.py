@@ -1,4 +1,7 @@
-"""Defects of a synthesised mechanism: circuit, branch, order, transmission [ChaseMirth1993]."""
+"""Defects of a synthesised mechanism: circuit, branch, order, transmission [ChaseMirth1993].
+
+Joint limits that its motion passes are one too: loops do not know them.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,12 @@ import numpy as np
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.dead_centres import grounded_outputs
+from spatial_pin.motion.joint_limits import Passing, joint_limits_passed, passed_at_start
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.transmission import transmission_angle
@@ -28,7 +35,8 @@ class Defect(NamedTuple):
     Attributes:
         kind: "circuit": the loops would have to be opened between samples; "branch": the driver
             cannot lead from one to another; "order": it meets them in another order than asked;
-            "transmission": a poor transmission angle; "not judged": something was not looked at.
+            "joint limit": a joint passes its limit of the URDF on the way; "transmission": a poor
+            transmission angle; "not judged": something was not looked at.
         samples: numbers of the samples it is about, from 0.
         text: the same as a sentence.
     """
@@ -73,7 +81,8 @@ def defects(
 
     The curves of configurations that the states lie on are followed as a whole (`trace`), with
     other drivers standing still; two states are on one circuit where one curve leads to both, on
-    one branch where the driver meets neither a limit nor a branch point between them.
+    one branch where the driver meets neither a limit nor a branch point between them. Joint limits
+    count at the states and between those of a branch.
 
     Args:
         mechanism: the mechanism.
@@ -105,12 +114,13 @@ def defects(
     if driver is None and len(mechanism.drivers) == 1:
         driver = next(iter(mechanism.drivers))
     why = _unjudged(mechanism, states, driver)
+    beyond = [*_beyond_limits(states)]
     if driver is None or why:
-        return (Defect("not judged", everything, f"{ALL}: {why}"),)
+        return (Defect("not judged", everything, f"{ALL}: {why}"), *beyond)
     try:
         circuits = _circuits(mechanism, states, driver)
     except SpatialPinError as error:
-        return (Defect("not judged", everything, f"{ALL}: {error}"),)
+        return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
     found = [*_circuit_defects(circuits)]
     stretches = list[_Stretch]()
     for circuit, places in circuits:
@@ -119,6 +129,7 @@ def defects(
         stretches += own
     if ordered:
         found += [defect for own in stretches for defect in _order_defects(own)]
+    found += beyond or [x for own in stretches for x in _limits_passed(own, states, cyclic)]
     return (*found, *_transmission(stretches, states, output, at, least_angle, cyclic))
 
 
@@ -258,6 +269,72 @@ def _longest_rise(values: Array) -> Array:
         kept[k] = True
         k = int(before[k])
     return kept
+
+
+# ---------------------------------------------------------------- joint limits
+
+
+def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
+    """Yield joint limits that samples are beyond."""
+    passed: dict[str, list[int]] = {}
+    for k, state in enumerate(states):
+        for passing in passed_at_start(state.mechanism, state.q, 0.0):
+            passed.setdefault(passing.limit.words, []).append(k)
+    for words, samples in passed.items():
+        are = "are" if len(samples) > 1 else "is"
+        yield Defect("joint limit", tuple(samples), f"{_named(tuple(samples))} {are} beyond the "
+                     f"{words}")
+
+
+def _limits_passed(
+    stretch: _Stretch, states: Sequence[State], cyclic: bool
+) -> Iterator[Defect]:
+    """Yield joint limits that are passed on the way through the places of a branch."""
+    if not joint_limits(stretch.circuit.motion.mechanism):
+        return
+    try:
+        yield from limits_passed(_used(stretch, states, cyclic), stretch.samples)
+    except SpatialPinError as error:
+        yield Defect("not judged", stretch.samples, f"joint limits: {error}")
+
+
+def limits_passed(motion: Motion, samples: tuple[int, ...] = ()) -> tuple[Defect, ...]:
+    """Return a defect for each joint limit that a motion passes, where it does so first.
+
+    Args:
+        motion: of one driver.
+        samples: numbers of those that it leads through.
+    """
+    first: dict[str, Passing] = {}
+    for passing in joint_limits_passed(motion):
+        first.setdefault(passing.limit.words, passing)
+    return tuple(Defect("joint limit", samples, _passed(motion, passing))
+                 for passing in first.values())
+
+
+def _passed(motion: Motion, passing: Passing) -> str:
+    """Return where a limit is passed, and by how much."""
+    by = -float(passing.limit.room(motion.q).min())
+    most = f", by up to {by:.3g} {passing.limit.unit}" * (by > 0.0)
+    if passing.where:
+        return f"the {passing.limit.words} is passed {passing.where}{most}"
+    return f"the motion begins beyond the {passing.limit.words}{most}"
+
+
+def _used(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Motion:
+    """Return the motion through the places of a branch, a whole turn where that is used.
+
+    Raises:
+        SpatialPinError: the driver cannot lead through them.
+    """
+    circuit, n = stretch.circuit, len(_used_rows(stretch, cyclic)) + 2
+    sense, offsets, _ = _direction(stretch)
+    most = abs(circuit.turn) if circuit.turns_fully and cyclic else float(offsets.max())
+    k = int(np.argmin(offsets))
+    state = states[stretch.samples[k]]
+    own = float(state.coordinate(circuit.driver).value)
+    values = own + sense * np.linspace(0.0, most - float(offsets[k]), n)
+    return sweep(state.mechanism, circuit.driver, values, guess=state, on_limit="stop")
 
 
 # ---------------------------------------------------------------- transmission

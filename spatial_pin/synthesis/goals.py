@@ -26,6 +26,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.demands.effort import MostEffort
 from spatial_pin.synthesis.demands.extent import LeastClearance, MostMass, MostSize
 from spatial_pin.synthesis.demands.full_turn import FullTurn
+from spatial_pin.synthesis.demands.joint_limits import WithinLimits
 from spatial_pin.synthesis.demands.swing import DeadCentres, Swing
 from spatial_pin.synthesis.demands.transmission import LeastTransmission
 from spatial_pin.synthesis.precision import Function, Path, Poses
@@ -165,7 +166,7 @@ def swing(
 ) -> Swing:
     """Ask how far an output goes to and fro while a driver turns, or goes from limit to limit.
 
-    Limits are those of the loops, as `limits` finds them; those of joints are for `values`.
+    Limits are those of the loops, as `limits` finds them; those of joints are for `joint_limits`.
 
     Args:
         output: name of a coordinate.
@@ -218,6 +219,23 @@ def turns(driver: str | None = None, *, weight: float | None = None) -> FullTurn
         weight: as for all goals.
     """
     return FullTurn(weight=_weight(weight), driver=driver)
+
+
+@checked
+def joint_limits(
+    driver: str | None = None, *, values: Any = None, weight: float | None = None,
+) -> WithinLimits:
+    """Ask that no joint passes its limits of the URDF while a driver moves.
+
+    Without it they are passed if that serves the other goals, and a design says so in its defects.
+
+    Args:
+        driver: what moves it; the only driver if not given. It counts over a turn of it, or from
+            limit to limit of the loops; limits of its own joint do not, name `values` for them.
+        values: (k,) driver values that are gone through instead.
+        weight: as for all goals.
+    """
+    return WithinLimits(weight=_weight(weight), driver=driver, at=_values(values))
 
 
 @checked

@@ -15,6 +15,7 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.homotopy import followed, varied
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.limits import limits
@@ -22,8 +23,9 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.defects import Defect, defects
-from spatial_pin.synthesis.demands.candidate import Candidate
+from spatial_pin.synthesis.defects import Defect, defects, limits_passed
+from spatial_pin.synthesis.demands.candidate import Candidate, in_own_turn
+from spatial_pin.synthesis.demands.demand import Demand, Moving
 from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
 from spatial_pin.synthesis.problem import Found, Problem
 from spatial_pin.synthesis.search import Searched
@@ -97,6 +99,7 @@ class Design:
             vector in rad] and scaled, zeros of outputs and drivers [m or rad].
         met: the goals of precision, their states and targets.
         evaluations: sets of dimensions that were tried on the way to it.
+        demands: what was asked of the mechanism as a whole.
     """
 
     mechanism: Mechanism
@@ -108,10 +111,11 @@ class Design:
     numbers: dict[str, float]
     met: tuple[Met, ...]
     evaluations: int
+    demands: tuple[Demand, ...] = ()
 
     @cached_property
     def defects(self) -> tuple[Defect, ...]:
-        """Circuit, branch, order and transmission, as far as they are not right."""
+        """Circuit, branch, order, joint limits and transmission, as far as they are not right."""
         found = list[Defect]()
         for met in self.met:
             output = met.goal.output if isinstance(met.goal, Function) else None
@@ -120,7 +124,17 @@ class Design:
                           cyclic=isinstance(met.goal, Path) and met.goal.closed)
             which = f"{met.goal.name}: " if len(self.met) > 1 else ""
             found += [defect._replace(text=which + defect.text) for defect in own]
-        return tuple(found)
+        return (*found, *self._limits_of_demands())
+
+    def _limits_of_demands(self) -> Iterator[Defect]:
+        """Yield joint limits that are passed in motions which demands are about."""
+        candidate, told = Candidate(self.mechanism, self.states), set[Defect]()
+        for demand in self.demands:
+            if isinstance(demand, Moving) and joint_limits(self.mechanism):
+                passed = limits_passed(demand.motion(candidate)[0])
+                yield from (x._replace(text=f"{demand.name}: {x.text}")
+                            for x in passed if x not in told)
+                told.update(passed)
 
     @property
     def at_bounds(self) -> dict[str, str]:
@@ -325,7 +339,8 @@ def _ranked(designs: Sequence[Design]) -> list[Design]:
 
 def _flaws(design: Design) -> tuple[int, int]:
     """Return how many defects keep it from moving as asked, and how many others it has."""
-    grave = sum(defect.kind in ("circuit", "branch", "order") for defect in design.defects)
+    grave = sum(defect.kind in ("circuit", "branch", "order", "joint limit")
+                for defect in design.defects)
     return grave, len(design.defects) - grave
 
 
@@ -340,7 +355,7 @@ def design_of(problem: Problem, found: Found) -> Design:
         own = found.x[end : end + len(settling.names)]
         end += len(own)
         goal = settling.goal
-        states = tuple(_closed(there, q, angles)
+        states = tuple(_closed(there, in_own_turn(there, q, goal.drivers), angles)
                        for q, angles in zip(samples.q, samples.angles, strict=True))
         met.append(Met(goal, states, _targets(goal, problem.mechanism,
                                               own[: len(goal.own_names)])))
@@ -359,7 +374,8 @@ def design_of(problem: Problem, found: Found) -> Design:
     ends = zip(problem.lower[:n].tolist(), problem.upper[:n].tolist(), strict=True)
     bounds = dict(zip(problem.names[:n], ends, strict=True))
     return Design(there, dimensions, bounds,
-        float(np.sqrt(found.cost)), errors, states, numbers, tuple(met), found.evaluations)
+        float(np.sqrt(found.cost)), errors, states, numbers, tuple(met), found.evaluations,
+        tuple(problem.demands))
 
 
 def _closed(mechanism: Mechanism, q: Array, angles: Array) -> State:

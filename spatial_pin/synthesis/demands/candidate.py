@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cached_property
 from typing import Any
@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import FARTHEST_SLIDE
 from spatial_pin.motion.motion import Motion
@@ -60,8 +62,8 @@ class Candidate:
         names = dict(zip(family.names, dimensions.tolist(), strict=True))
         there = family.variants.at(names)
         if samples:
-            states = [State(there, q, closure_error=0.0, angles=a) for s in samples
-                      for q, a in zip(s.q, s.angles, strict=True)]
+            states = [State(there, in_own_turn(there, q), closure_error=0.0, angles=a)
+                      for s in samples for q, a in zip(s.q, s.angles, strict=True)]
         else:
             states = [_closed(there, near)]
         return cls(there, tuple(states), lambda: family.mechanism_at(names))
@@ -91,6 +93,23 @@ class Candidate:
             self._motions[key] = (_turned(mechanism, driver, state) if values is None else
                                   (_led(mechanism, driver, state, values), False))
         return self._motions[key]
+
+
+def in_own_turn(mechanism: Mechanism, q: Array, kept: Iterable[str] = ()) -> Array:
+    """Return a configuration (nq,) without whole turns that take angles beyond their joint limits.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) the configuration.
+        kept: drivers that stand where they are said to.
+    """
+    stand = {mechanism.prescribed_coordinate(name).name for name in kept}
+    beyond = beyond_limits(mechanism, q).keys() - stand
+    if not beyond:
+        return q
+    others = {name: float(q[c.q]) for name, c in mechanism.coordinate_table.items()
+              if c.q >= 0 and name not in beyond}
+    return nearest_turn(mechanism, q, {}, others)
 
 
 def _closed(mechanism: Mechanism, near: State) -> State:
