@@ -129,6 +129,18 @@ def test_a_library_older_than_its_c_files_is_refused(tree):
         opened(folder / "none.so")
 
 
+def as_an_index_reads_them(wheel, sdist):
+    """The description renders, and its pictures and links are whole addresses."""
+    subprocess.run([sys.executable, "-m", "twine", "check", "--strict", str(wheel), str(sdist)],
+                   check=True, capture_output=True)
+    with zipfile.ZipFile(wheel) as built:
+        (name,) = [n for n in built.namelist() if n.endswith(".dist-info/METADATA")]
+        description = built.read(name).decode()
+    links = re.findall(r"\]\(([^)]+)\)", description)
+    assert len(links) > 10
+    assert not [link for link in links if not link.startswith("https://")]
+
+
 @pytest.mark.slow
 def test_a_wheel_in_an_empty_environment_loads_by_name_from_another_folder(tmp_path):
     """The wheel is built from the sdist; the dependencies come from this environment."""
@@ -146,6 +158,7 @@ def test_a_wheel_in_an_empty_environment_loads_by_name_from_another_folder(tmp_p
     assert {"scripts/build_kernel.py", "spatial_pin/kernel/core/model.c",
             "spatial_pin/kernel/core/kernel.h"} <= sources
     assert not [n for n in sources if n.endswith(LIBRARY)]
+    as_an_index_reads_them(wheel, sdist)
 
     folder = tmp_path / "empty"
     venv.create(folder, with_pip=False)

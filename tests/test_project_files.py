@@ -16,7 +16,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 
 
 def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    return [text for name, text in fenced if name == language]
 
 
 def commands():
@@ -69,7 +70,7 @@ def test_the_version_is_the_same_everywhere():
 def test_the_conda_recipe_asks_for_what_the_package_asks_for():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
     other_names = {"pinocchio": "pin", "meshcat-python": "meshcat", "matplotlib-base": "matplotlib"}
-    run = [entry.split()for entry in recipe["requirements"]["run"]]
+    run = [entry.split() for entry in recipe["requirements"]["run"]]
     asked = {other_names.get(name, name) + bound for name, bound, *_ in run if name != "python"}
     assert asked == set(PROJECT["dependencies"])
 
