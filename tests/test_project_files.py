@@ -1,4 +1,4 @@
-"""The files about the project tell one story: readme, citation, recipe, workflow and package metadata."""
+"""The files about the project tell one story: readme, citation, recipe, workflow, metadata."""
 
 import re
 import tomllib
