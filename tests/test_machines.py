@@ -161,3 +161,41 @@ def test_four_cylinders_shake_as_lanchester_says_and_not_at_all_with_his_shafts(
     assert abs(found[[1, 3, 5]]).max() < 1e-12 * found[2]
     assert abs(made["left"][2]) < 1e-13 * found[2]
     assert made["left"][4].real == pytest.approx(found[4], rel=1e-11)
+
+
+# ---------------------------------------------------------------- ankle
+
+def pitched_and_rolled(point, pitch, roll):
+    """Return where a point of the foot is: roll about x first, then pitch about y."""
+    x, y, z = point
+    y, z = y * np.cos(roll) - z * np.sin(roll), y * np.sin(roll) + z * np.cos(roll)
+    return np.array([x * np.cos(pitch) + z * np.sin(pitch), y,
+                     z * np.cos(pitch) - x * np.sin(pitch)])
+
+
+def ankle_motors(pitch, roll):
+    """Return both motors' angles [rad], from circles of crank tips that meet spheres."""
+    found = []
+    for y, z in ((0.035, 0.26), (-0.035, 0.16)):
+        ball = pitched_and_rolled([-0.045, y, 0.0], pitch, roll)
+        tip = on_circle(np.array([-0.045, y, z]), np.array([0, y, z]), np.array([0, 1.0, 0]),
+                        ball, z)
+        found.append(np.arctan2(tip[2] - z, -tip[0]))
+    return np.array(found)
+
+
+def test_motors_of_the_ankle_stand_and_pull_as_spheres_and_virtual_work_say(run):
+    made, h = run("parallel_ankle"), 1e-5
+    for pitch, roll, state, ratios, torques in made["table"]:
+        at = np.radians([pitch, roll])
+        motors = [state.coordinate(name).value for name in made["names"]]
+        assert motors == pytest.approx(ankle_motors(*at), abs=1e-12)
+        slopes = np.transpose([(ankle_motors(*(at + s)) - ankle_motors(*(at - s))) / (2 * h)
+                               for s in h * np.eye(2)])
+        assert ratios == pytest.approx(slopes, abs=1e-8)
+        lift = [(pitched_and_rolled([0.12, 0, -0.07], *(at + s))[2]
+                 - pitched_and_rolled([0.12, 0, -0.07], *(at - s))[2]) / (2 * h)
+                for s in h * np.eye(2)]
+        own = sp.inverse_dynamics(made["ankle"], state).efforts  # the weight of its parts
+        given = [torques[name] - own[name] for name in made["names"]]
+        assert slopes.T @ given == pytest.approx(-60 * 9.81 * np.array(lift), abs=1e-6)
