@@ -2,6 +2,7 @@
 
     python scripts/gallery.py [gallery.png] [--only NAME ...]
     python scripts/gallery.py docs/gallery.jpg --width 1440
+    python scripts/gallery.py --each docs/pictures [--only NAME ...]
     python scripts/gallery.py --animation rssr docs/rssr.gif [--trace POINT ...]
 
 A mechanism is shown on the way of a move of its first driver. Needs Chromium or Chrome.
@@ -92,6 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                         help="the sheet (gallery.png)")
     parser.add_argument("--width", type=int, help="of the sheet, to make it smaller [pixels]")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="these mechanisms, not all")
+    parser.add_argument("--each", type=Path, metavar="FOLDER",
+                        help="write a picture of each, FOLDER/NAME.jpg, instead")
     parser.add_argument("--animation", nargs=2, metavar=("NAME", "PATH"),
                         help="write one turn of a mechanism as a GIF instead")
     parser.add_argument("--trace", nargs="+", default=[], metavar="POINT",
@@ -100,11 +103,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.animation:
         name, path = options.animation
         animate(name, Path(path), options.trace)
+        print(f"wrote {path}")
+        return
+    names = options.only or sp.list_mechanisms()
+    with tempfile.TemporaryDirectory() as folder:
+        images = list(pictures(map(on_the_way, names), Path(folder)))
+    if options.each:
+        path = options.each
+        path.mkdir(parents=True, exist_ok=True)
+        for name, image in zip(names, images, strict=True):
+            image.convert("RGB").save(path / f"{name}.jpg", quality=85, optimize=True)
     else:
         path = options.path
-        names = options.only or sp.list_mechanisms()
-        with tempfile.TemporaryDirectory() as folder:
-            images = list(pictures(map(on_the_way, names), Path(folder)))
         made = sheet(list(map(caption_of, names)), images)
         if options.width:
             size = options.width, round(options.width * made.height / made.width)

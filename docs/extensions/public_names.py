@@ -1,0 +1,86 @@
+"""Names in docstrings and signatures link to the pages of the public names.
+
+A signature names a class as its module does (`State`, `motion.motion.Motion`). Readers know it as
+`spatial_pin.State`. Types of other packages (`pin.SE3`, `np.ndarray`) and inner types have no page
+here: they stay plain text in signatures. A name that a page of prose refers to must exist.
+
+Docstrings have names and code in single backticks. Those of public names become links, the others
+code. Attributes stand in the docstring of their class: fields of tuples are listed there only.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+from sphinx.domains.python import PyObject
+from sphinx.environment import BuildEnvironment
+
+import spatial_pin
+
+REFERENCE = "reference/"
+ARRAY = re.compile(r"~?(numpy\.)?ndarray\[tuple\[.*?\], ~?(numpy\.)?dtype\[~?(numpy\.)?floating"
+                   r"(\[.*?\])?\]\]")
+QUOTED = re.compile(r"(?<!`)`([^`]+)`(?!`)(\w?)")
+
+
+def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref,
+            text: nodes.TextElement) -> nodes.Node | None:
+    """Return a link to the public name that a type is known by, or its plain text."""
+    if node.get("refdomain") != "py":
+        return None
+    name = node["reftarget"].rpartition(".")[2]
+    if name in spatial_pin.__all__:
+        domain: Any = env.get_domain("py")
+        target = f"spatial_pin.{name}"
+        if target in domain.objects:
+            found = domain.objects[target]
+            return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node,
+                                       text) if found else None
+    return text if node.get("refdoc", "").startswith(REFERENCE) else None
+
+
+def linked(match: re.Match) -> str:
+    """Return reStructuredText of words in single backticks, with the letter that follows."""
+    words, letter = match.groups()
+    name = words.removeprefix("sp.").removeprefix("spatial_pin.")
+    after = f"\\ {letter}" if letter else ""
+    if name in spatial_pin.__all__:
+        return f":py:obj:`{words} <spatial_pin.{name}>`{after}"
+    return f"``{words}``{after}"
+
+
+def link(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Change the backticks of a docstring; they may reach over the end of a line."""
+    lines[:] = QUOTED.sub(linked, "\n".join(lines)).split("\n")
+
+
+def shorten(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None,
+    returned: str | None,
+) -> tuple[str | None, str | None]:
+    """Write arrays of floats as ndarray; docstrings say their shapes."""
+    short = [ARRAY.sub("ndarray", text) if text else text for text in (signature, returned)]
+    return short[0], short[1]
+
+
+def left_out(
+    app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any
+) -> bool | None:
+    """Leave out fields of tuples, which Python documents as "Alias for field number N"."""
+    return True if (getattr(obj, "__doc__", "") or "").startswith("Alias for field") else None
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register it with Sphinx."""
+    for field in PyObject.doc_field_types:
+        if field.name == "variable":  # attributes: no links to attributes of that name elsewhere
+            field.label, field.rolename = "Attributes", ""
+    app.connect("autodoc-skip-member", left_out)
+    app.connect("missing-reference", resolve)
+    app.connect("autodoc-process-docstring", link)
+    app.connect("autodoc-process-signature", shorten)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,108 @@
+"""The documentation says what is: its code runs, its tables are those of the code."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.formats.checked_tables import BELONGS
+from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.glob("*.md"))
+
+
+def script(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+page_code = script("page_code")
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("page", [p for p in PAGES if page_code.blocks(p)], ids=lambda p: p.stem)
+def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page):
+    with page_code.empty_folder():
+        wrong = page_code.run_page(page)
+    assert not wrong, "\n\n".join(wrong)
+
+
+def test_the_runner_tells_of_a_block_that_prints_something_else(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint(1 + 1)\n```\n\n```text\n3\n```\n")
+    assert len(page_code.run_page(page)) == 1
+    page.write_text("```python\nprint(1 + 1)\n```\n\n```text\n2\n```\n")
+    assert not page_code.run_page(page)
+
+
+# ---------------------------------------------------------------- reference
+
+
+def test_every_public_name_has_a_place_in_the_reference():
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.md"))
+    told = re.findall(r"^\.\. auto\w+:: spatial_pin\.(\w+)$", text, flags=re.MULTILINE)
+    assert sorted(told) == sorted({*sp.__all__, "operators"})
+
+
+# ---------------------------------------------------------------- the mechanism file
+
+
+def sections(text):
+    """The tables of keys of docs/mechanism_file.md, by what `BELONGS` calls their place."""
+    found = {}
+    for part in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+        place = part.split("\n", 1)[0]
+        found[place] = re.findall(r"^\| `(\w+)` \|", part, flags=re.MULTILINE)
+    return found
+
+
+def test_every_key_of_a_mechanism_file_is_told_where_it_belongs():
+    found = sections((DOCS / "mechanism_file.md").read_text(encoding="utf-8"))
+    for place, keys in BELONGS.items():
+        title = f"`{place[3:]}`" if place.startswith("in ") else "Top of the file"
+        assert sorted(found[title]) == sorted(keys), title
+
+
+def test_every_type_of_joint_and_closure_is_told():
+    found = sections((DOCS / "mechanism_file.md").read_text(encoding="utf-8"))
+    assert sorted(found["Types of closures"]) == sorted(CLOSURE_TYPES)
+    assert sorted(found["Types of joints"]) == sorted(JOINT_TYPES)
+
+
+# ---------------------------------------------------------------- tables made by scripts
+
+
+def test_the_table_of_extremes_is_that_of_the_script():
+    extremes = script("extremes")
+    rows = [f"| {x.name} | {x.tried} | {extremes.answer(x)} |" for x in extremes.EXTREMES]
+    text = (DOCS / "extremes.md").read_text(encoding="utf-8")
+    assert [line for line in text.split("\n") if line.startswith("| ")][1:] == rows
+
+
+# ---------------------------------------------------------------- the site
+
+
+def test_pictures_are_small_and_every_library_mechanism_has_one():
+    pictures = [p for p in DOCS.rglob("*") if p.suffix in (".png", ".jpg", ".gif", ".svg")]
+    large = [p.name for p in pictures if "_build" not in p.parts and p.stat().st_size > 300e3]
+    assert not large
+    assert {p.stem for p in (DOCS / "pictures").glob("*.jpg")} >= set(sp.list_mechanisms())
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    pytest.importorskip("sphinx")
+    pytest.importorskip("furo")
+    import subprocess
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-n", "-W", "--keep-going", "-q", "-d", tmp_path / "trees",
+         "-b", "html", DOCS, tmp_path / "html"], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "html" / "index.html").is_file()
