@@ -199,3 +199,17 @@ def test_motors_of_the_ankle_stand_and_pull_as_spheres_and_virtual_work_say(run)
         own = sp.inverse_dynamics(made["ankle"], state).efforts  # the weight of its parts
         given = [torques[name] - own[name] for name in made["names"]]
         assert slopes.T @ given == pytest.approx(-60 * 9.81 * np.array(lift), abs=1e-6)
+
+
+# ---------------------------------------------------------------- Hoberman's ring
+
+def test_hobermans_ring_is_as_wide_as_its_angle_says(run):
+    made = run("hoberman_ring")
+    x, half, a = -made["motion"].driver, np.pi / 8, 0.5
+    middle = a * np.cos(x) / np.sin(half)
+    assert made["guides"] == pytest.approx(np.tile(middle, (8, 1)), abs=1e-13)
+    outer = (middle + a * np.sin(x - half)) / np.cos(half)
+    inner = (middle - a * np.sin(x + half)) / np.cos(half)
+    assert made["outer"] == pytest.approx(2 * outer, abs=1e-13)
+    assert made["inner"] == pytest.approx(2 * inner, abs=1e-13)
+    assert (made["mobility"].dof, made["bent"].dof) == (1, 0)
