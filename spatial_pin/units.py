@@ -67,3 +67,14 @@ def quantity(text: str) -> Quantity:
     found = Quantity(value)
     found.unit = match[2]
     return found
+
+
+def likely_unit(times: float) -> str:
+    """Return the unit that a number was probably meant in, by how far it is off; "" if in its own.
+
+    Args:
+        times: the number, taken in metres or radians, relative to what it usually is.
+    """
+    if 300.0 < abs(times) < 3000.0:
+        return "millimetres"
+    return "degrees" if 40.0 < abs(times) < 80.0 else ""

@@ -33,6 +33,7 @@ LAYERS = {
     "dynamics.simulation": ["formulations"],
     "synthesis": ["demands"],
     "view": ["scene", "page", "browser"],
+    "cli": ["commands"],
     "view.scene": ["layers"],
 }
 LOADER = {"kernel.sources", "kernel.library"}  # of the compiled library: they know no mechanism

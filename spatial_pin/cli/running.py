@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.commands import RUNS
 from spatial_pin.cli.parser import options_of
+from spatial_pin.cli.results import SCREEN
 from spatial_pin.outputs import figure_suffix
 
+DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
          "picture", "curves", "report", "resume")  # options that name a file to write
 
@@ -22,7 +23,7 @@ FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
     words = sys.argv[1:] if arguments is None else arguments
-    options = options_of(words, RUNS)
+    options = options_of(words)
     warnings.showwarning = _show_warning
     try:
         _check_files(options)
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (sp.SpatialPinError, ValueError) as error:
-        print(f"spatial-pin: {error}", file=sys.stderr)
+        print("; ".join([f"spatial-pin: {error}", *_hints(options)]), file=sys.stderr)
         return 1
     except OSError as error:
         what = f"{error.filename}: " if error.filename else "cannot write: "
@@ -40,7 +41,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
+    for hint in _hints(options):
+        print(f"spatial-pin: hint: {hint}", file=sys.stderr)
     return 0
+
+
+def _hints(options: argparse.Namespace) -> list[str]:
+    """Return what may have been meant otherwise, each once."""
+    return list(dict.fromkeys(options.hints))
 
 
 def _check_files(options: argparse.Namespace) -> None:
@@ -50,9 +58,12 @@ def _check_files(options: argparse.Namespace) -> None:
         ValueError: there is no such folder, it is not to be written in, or it is a folder; or a
             figure's name has no suffix that tells how to write it.
     """
+    both = [name for name in DATA if getattr(options, name, None) == SCREEN]
+    if len(both) > 1:
+        options.usage_error("standard output holds one of --json - and --csv -")
     for name in FILES:
         path = getattr(options, name, None)
-        if not path or (name == "json" and path == "-"):
+        if not path or (name in DATA and path == SCREEN):
             continue
         if name in ("plot", "picture"):
             figure_suffix(Path(path), f"--{name}")

@@ -173,7 +173,7 @@ def clearance(
         ValueError: the motion has no samples, or the tolerance is no number.
     """
     if isinstance(motion, State):
-        motion = _standing(motion)
+        motion = standing(motion)
     motion_needed(motion)
     if not len(motion):
         raise ValueError("the motion has no samples: there is nothing to look at")
@@ -197,7 +197,7 @@ def clearance(
                      search.distances.joined, touching, _events(between, names, found))
 
 
-def _standing(state: State) -> Motion:
+def standing(state: State) -> Motion:
     """Return a state as a motion of one sample."""
     s, none = state, np.zeros(1)
     q, v, a, error, angles = (np.atleast_2d(x) for x in (s.q, s.v, s.a, s.closure_error, s.angles))

@@ -206,12 +206,7 @@ class Workspace:
         Raises:
             OSError: it cannot be written; what was there before stays.
         """
-        tables = [x.columns() for x in (self, *self.sheets)]
-        table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
-        if self.sheets:
-            n = len(self.reached)
-            table = {"sheet": np.repeat(np.arange(len(tables)), n), **table}
-        return write_columns(named_path(path), table)
+        return write_columns(named_path(path), all_columns(self))
 
     @checked
     def plot(
@@ -271,3 +266,12 @@ class Workspace:
     def _named(self, row: int) -> str:
         return ", ".join(f"{name} = {x:.6g}" for name, x in zip(
             self.names, self.drivers[row].tolist(), strict=True))
+
+
+def all_columns(workspace: Workspace) -> dict[str, Any]:
+    """Return `columns` with the rows of its sheets below, where there are any, and their number."""
+    tables = [x.columns() for x in (workspace, *workspace.sheets)]
+    table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
+    if not workspace.sheets:
+        return table
+    return {"sheet": np.repeat(np.arange(len(tables)), len(workspace.reached)), **table}

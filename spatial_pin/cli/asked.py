@@ -1,0 +1,139 @@
+"""What options ask of a mechanism: the mechanism itself, values in its units, names it has."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor, ProcessPoolExecutor
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.units import Quantity, likely_unit
+
+MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
+FAR = 30.0  # characteristic lengths that no slide goes
+
+
+def loaded(options: argparse.Namespace) -> sp.Mechanism:
+    """Return the mechanism; dimensions far off their defaults are hints."""
+    given: dict[str, Any] = unique(options, options.parameters)
+    how: dict[str, Any] = {"trusted": options.trusted, "free_flyer": options.free_flyer,
+                           "packages": dict(options.packages)}
+    plain = {name: x for name, x in given.items() if isinstance(x, Quantity) and not x.unit}
+    mechanism = sp.load(options.mechanism, **how, **given)
+    if plain:
+        rest = {name: x for name, x in given.items() if name not in plain}
+        with contextlib.suppress(sp.SpatialPinError):  # what needs a dimension has no default
+            usual = sp.load(options.mechanism, **how, **rest).dimensions
+            options.hints += _off(plain, usual)
+    return mechanism
+
+
+def _off(given: Mapping[str, float], usual: Mapping[str, float]) -> list[str]:
+    """Return hints for numbers that are as far off their defaults as another unit would bring."""
+    hints = []
+    for name, x in given.items():
+        was = usual.get(name, 0.0)
+        times = x / was if was else 1.0
+        unit = likely_unit(times)
+        if unit:
+            hints.append(f"{name} is {times:.4g} times its default {was:.6g}: {unit}?")
+    return hints
+
+
+def unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> dict[str, float]:
+    """Return values by name; two of one name are wrong usage."""
+    values = dict(settings)
+    if len(values) < len(settings):
+        options.usage_error("a name is given two values")
+    return values
+
+
+def fitting(
+    options: argparse.Namespace, mechanism: sp.Mechanism, values: Mapping[str, float],
+    rates: bool = False,
+) -> dict[str, float]:
+    """Return coordinate values after a look at their units; names are checked elsewhere.
+
+    Raises:
+        ValueError: a unit is of something else.
+    """
+    known = mechanism.coordinate_table
+    for name, x in values.items():
+        driver = mechanism.drivers.get(name)
+        coordinate = known.get(driver.joint if driver else name)
+        if not coordinate or not isinstance(x, Quantity):
+            continue
+        if not x.is_for(coordinate.unit):
+            raise ValueError(f"{name} is in {coordinate.unit}, not in {x.unit}")
+        if not x.unit and not rates:
+            options.hints += _strange(mechanism, name, x, coordinate.unit)
+    return dict(values)
+
+
+def _strange(mechanism: sp.Mechanism, name: str, x: float, unit: str) -> list[str]:
+    """Return a hint for a coordinate that goes where hardly any does."""
+    turns = abs(x) / (2.0 * 3.141592653589793)
+    if unit == "rad" and abs(x) > MANY_TURNS and x == int(x):
+        return [f"{name} = {x:g} rad is {turns:.3g} turns: {x:g}deg?"]
+    if unit == "m" and abs(x) > FAR * mechanism.characteristic_length:
+        return [f"{name} = {x:g} m is {abs(x) / mechanism.characteristic_length:.3g} times the "
+                f"length of the mechanism: {x:g}mm?"]
+    return []
+
+
+def in_units(values: Mapping[str, float], *units: str) -> None:
+    """Refuse quantities in other units.
+
+    Raises:
+        ValueError: names the quantity.
+    """
+    for name, x in values.items():
+        if isinstance(x, Quantity) and x.unit not in ("", *units):
+            raise ValueError(f"{name} is in {' or '.join(units)}, not in {x.unit}")
+
+
+def guess_of(options: argparse.Namespace) -> dict[str, float] | None:
+    """Return the guess that is given, None for that of the file."""
+    return unique(options, options.guess) or None
+
+
+def state_at(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.State:
+    """Return the configuration that `configuration_options`, and `rate_options`, ask for."""
+    values = fitting(options, mechanism, unique(options, options.values))
+    state = sp.assemble(mechanism, values, guess_of(options))
+    speeds, accelerations = (
+        fitting(options, mechanism, unique(options, getattr(options, key, [])), rates=True)
+        for key in ("speed", "acceleration"))
+    if speeds or accelerations:
+        state = sp.solve_rates(mechanism, state, speeds, accelerations)
+    return state
+
+
+def motion_over(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | None:
+    """Return the sweep that `--over` asks for, if it does, without a speed."""
+    if options.over is None:
+        return None
+    name, ends = options.over
+    if options.values:
+        options.usage_error("--over goes from the guess on: DRIVER=VALUE belongs to one "
+                            "configuration")
+    for end in ends:
+        fitting(options, mechanism, {name: end})
+    values = np.linspace(ends[0], ends[1], options.steps)
+    return sp.sweep(mechanism, name, values, guess=guess_of(options), progress=True)
+
+
+@contextlib.contextmanager
+def workers(count: int) -> Iterator[Executor | None]:
+    """Make processes that leave Ctrl-C to this one; none for one."""
+    if count == 1:
+        yield None
+        return
+    with ProcessPoolExecutor(count, initializer=signal.signal,
+                             initargs=(signal.SIGINT, signal.SIG_IGN)) as executor:
+        yield executor

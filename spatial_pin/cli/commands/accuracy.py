@@ -1,0 +1,80 @@
+"""The command that measures what accuracy costs: tradeoff."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.cli.asked import loaded
+from spatial_pin.cli.commands.motions import beginning, sweep_task
+from spatial_pin.cli.options import (
+    Command,
+    count,
+    data_options,
+    positive,
+    start_options,
+    sweep_arguments,
+    value,
+)
+from spatial_pin.cli.results import finite, tell
+
+
+def _tradeoff_options(sub: argparse.ArgumentParser) -> None:
+    sweep_arguments(sub, needed=False)
+    sub.add_argument("--simulate", nargs="?", const=0.0, type=value, metavar="DURATION",
+                     help="a simulation instead of a sweep, as 10 or 500ms "
+                          "(a few seconds under gravity)")
+    start_options(sub, "--begin")  # --speed is that of a sweep
+    sub.add_argument("--rows", type=count, help="number of its rows (201)")
+    sub.add_argument("--repeats", type=count, default=5, help="runs of each setting (5)")
+    sub.add_argument("--error", type=positive, help="name the cheapest setting for this error")
+    data_options(sub, "the table", "a setting in every row,")
+    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
+
+
+def _tradeoff(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    found = sp.tradeoff(mechanism, _task(options, mechanism), repeats=options.repeats,
+                        progress=True)
+    text, files = str(found), []
+    if options.error is not None:
+        pick = sp.Accuracy.for_error(options.error, measured=found)
+        text += f"\ncheapest for an error of {options.error:.3g}: {pick}"
+    if options.plot:
+        found.plot(options.plot)
+        files.append(options.plot)
+    content = finite(found.as_dict())
+    keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
+    tell(options, text, content, {key: [row[key] for row in content["rows"]] for key in keys},
+         files)
+
+
+def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:
+    """What a trade-off is measured on."""
+    if options.simulate is None:
+        if options.at or options.begin or options.effort or options.rows:
+            options.usage_error("--at, --begin, --effort and --rows need --simulate")
+        if options.driver is None:
+            return "sweep"
+        if options.last is None:
+            options.usage_error("a sweep needs a driver, a first and a last value")
+        return sweep_task(options, mechanism)
+    if options.driver is not None or options.speed is not None or options.acceleration:
+        options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
+    said = options.at or options.begin or options.effort or options.rows or options.guess
+    if not options.simulate:
+        if said:
+            options.usage_error("--simulate needs a duration where more is said")
+        return "simulate"
+    state, efforts = beginning(options, mechanism, options.begin, options.simulate)
+    return {"state": state, "duration": options.simulate, "efforts": efforts,
+            "times": np.linspace(0.0, options.simulate, options.rows or 201)}
+
+
+COMMANDS = {
+    "tradeoff": Command("measure what accuracy settings cost and lose on a motion of it",
+                        _tradeoff_options, _tradeoff),
+}

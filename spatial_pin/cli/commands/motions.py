@@ -1,0 +1,299 @@
+"""Commands of motions: sweep, follow, simulate, clearance; how motions are written."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.cli.asked import fitting, guess_of, in_units, loaded, unique
+from spatial_pin.cli.names import check_names
+from spatial_pin.cli.options import (
+    Command,
+    count,
+    data_options,
+    guess_option,
+    hold_option,
+    result_options,
+    setting,
+    start_options,
+    sweep_arguments,
+    value,
+)
+from spatial_pin.cli.results import finite, on_screen, say, tell
+from spatial_pin.cli.tables import read_table
+from spatial_pin.motion.default_motion import default_motion
+from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
+from spatial_pin.motion.report import motion_summary
+from spatial_pin.view.page.plots import default_outputs
+
+SPRINGS_HELP = "; springs for all joints that springs act about"
+
+
+# ---------------------------------------------------------------- how motions are written
+
+
+def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) -> sp.Look:
+    """Return what a picture is to show."""
+    return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
+                   arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
+
+
+def write_motion(options: argparse.Namespace, motion: sp.Motion, last: str = "") -> None:
+    """Say what a motion is, and write it as asked; `last` goes below."""
+    found = sp.clearance(motion, progress=True) if options.clearance else None
+    lines = [motion_summary(motion), *([str(found)] if found is not None else []),
+             *([last] if last else [])]
+    tell(options, "\n".join(lines), _content(motion, found), motion.columns(),
+         _written(options, motion, found))
+
+
+def _written(
+    options: argparse.Namespace, motion: sp.Motion, found: sp.Clearance | None
+) -> Iterator[Path | str]:
+    """Write arrays and pictures, and yield the files."""
+    if options.npz:
+        yield motion.save(options.npz)
+    if options.plot:
+        sp.plot(motion, options.output or _with_ratios(motion), options.plot)
+        yield options.plot
+    if options.html:
+        yield sp.export_html(motion, options.html, look=look_of(options, found))
+
+
+def _content(motion: sp.Motion, found: sp.Clearance | None) -> dict[str, Any]:
+    """Return what a motion is, as JSON has it."""
+    columns = {name: column.tolist() for name, column in motion.columns().items()}
+    content = {"mechanism": motion.mechanism.name, "columns": columns,
+               "events": [event._asdict() for event in motion.events]}
+    return finite(content if found is None else {**content, "clearance": found.as_dict()})
+
+
+def _with_ratios(motion: sp.Motion) -> list[str]:
+    """The outputs looked at first, each coordinate with its speed ratio."""
+    coordinates = motion.mechanism.coordinate_table
+    if motion.driver is None:
+        return default_outputs(motion)
+    return [name for output in default_outputs(motion)
+            for name in ([output, f"{output}.ratio"] if output in coordinates else [output])]
+
+
+# ---------------------------------------------------------------- sweep
+
+
+def _sweep_options(sub: argparse.ArgumentParser) -> None:
+    sweep_arguments(sub)
+    sub.add_argument("--limits", action="store_true",
+                     help="a joint limit of the URDF, of any joint, is a limit position too")
+    hold_option(sub, SPRINGS_HELP)
+    sub.add_argument("--only", action="append", default=[], metavar="NAME",
+                     help="sweep the smallest model that yields this coordinate, link or frame, "
+                          "and say what it leaves out")
+    result_options(sub)
+
+
+def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
+    """Return the arguments of the sweep that was asked for."""
+    for end in (options.first, options.last):
+        fitting(options, mechanism, {options.driver: end})
+    for rate in (options.speed, options.acceleration):
+        fitting(options, mechanism, {options.driver: rate}, rates=True)
+    values = np.linspace(options.first, options.last, options.steps)
+    if options.acceleration and options.speed is None:
+        options.usage_error("--acceleration needs a --speed")
+    return {"driver": options.driver, "values": values, "speed": options.speed,
+            "acceleration": options.acceleration, "guess": guess_of(options),
+            "on_limit": "stop" if options.stop else "raise"}
+
+
+def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
+    """Return the sweep that was asked for."""
+    task = sweep_task(options, mechanism)
+    if getattr(options, "only", None):
+        mechanism, task["guess"] = _reduced(options, mechanism)
+    if getattr(options, "hold", None):
+        task["hold"] = ["base", *options.hold]
+    motion = sp.sweep(mechanism, progress=True, **task)
+    return _within(options, motion, task) if getattr(options, "limits", False) else motion
+
+
+def _within(options: argparse.Namespace, motion: sp.Motion, task: dict[str, Any]) -> sp.Motion:
+    """Return a sweep up to the first joint limit that it passes.
+
+    Raises:
+        LimitError: it passes one, and is not to stop there.
+    """
+    passed = next((event for event in motion.events if event.kind == JOINT_LIMIT), None)
+    if passed is None:
+        return motion
+    if not options.stop or not passed.row:
+        raise sp.LimitError(f"mechanism {motion.mechanism.name!r}: {passed.text}; --stop ends "
+                            "the sweep before it", limit=passed.value, motion=motion)
+    part = sp.sweep(motion.mechanism, **{**task, "values": task["values"][: passed.row]})
+    return replace(part, events=[*part.events, passed])
+
+
+def _reduced(
+    options: argparse.Namespace, mechanism: sp.Mechanism
+) -> tuple[sp.Reduced, sp.State]:
+    """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
+    state = sp.assemble(mechanism, {options.driver: options.first}, guess_of(options))
+    driven = mechanism.driven_coordinate(options.driver).name
+    others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
+              if d.joint != driven and d.joint not in options.only and d.name not in options.only}
+    is_driver = driven in (d.joint for d in mechanism.drivers.values())
+    found = sp.reduce(mechanism, [*options.only, *[driven] * (not is_driver)], lock=others,
+                      guess=state)
+    if not on_screen(options):
+        say(found)
+    return found, found.state(state)
+
+
+def _sweep(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    mechanism.coordinate(options.driver)
+    check_names(options, mechanism)
+    write_motion(options, run_sweep(options, mechanism))
+
+
+def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | sp.State:
+    """Return the sweep that was asked for, or what a mechanism is shown with when none was."""
+    if options.driver is not None:
+        mechanism.coordinate(options.driver)
+    check_names(options, mechanism)
+    if options.last is not None:
+        return run_sweep(options, mechanism)
+    said = (options.first, options.speed, options.acceleration or None, options.guess or None)
+    if any(x is not None for x in said):
+        options.usage_error("a sweep needs a driver, a first and a last value")
+    return default_motion(mechanism, options.driver, options.steps)
+
+
+# ---------------------------------------------------------------- follow
+
+
+def _follow_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
+                     "boom [deg], arm; then a line of numbers for every sample")
+    hold_option(sub)
+    sub.add_argument("--stop", action="store_true",
+                     help="end before what cannot be reached instead of failing")
+    guess_option(sub)
+    result_options(sub)
+
+
+def _follow(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    check_names(options, mechanism)
+    values, times = read_table(options.table, mechanism)
+    write_motion(options, sp.follow(
+        mechanism, values, times, guess=guess_of(options), hold=["base", *options.hold],
+        on_limit="stop" if options.stop else "raise",
+        on_crossing="stop" if options.stop else "straight", progress=True))
+
+
+# ---------------------------------------------------------------- simulate
+
+
+def _simulate_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--duration", type=value, required=True, help="how long, as 10 or 500ms")
+    sub.add_argument("--rows", type=count, default=1001, help="number of rows (1001)")
+    start_options(sub, "--speed")
+    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
+                     help="where a joint passes a limit of the URDF (report)")
+    sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
+                     default="engineering", help="of the integrator (engineering)")
+    guess_option(sub)
+    result_options(sub)
+
+
+def beginning(
+    options: argparse.Namespace, mechanism: sp.Mechanism, speeds: list[tuple[str, float]],
+    duration: float,
+) -> tuple[sp.State, dict[str, float]]:
+    """Return the state that a simulation starts from, and the efforts."""
+    start = fitting(options, mechanism, unique(options, options.at))
+    rates = fitting(options, mechanism, unique(options, speeds), rates=True)
+    in_units({"duration": duration}, "s", "ms")
+    efforts = unique(options, options.effort)
+    in_units(efforts, "N", "kN", "Nm", "N·m")
+    for name in efforts:
+        mechanism.coordinate(name)
+    state = sp.assemble(mechanism, start, guess_of(options))
+    if rates:  # without, it starts from rest, drivers or none
+        state = sp.solve_rates(mechanism, state, rates)
+    return state, efforts
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    check_names(options, mechanism)
+    state, efforts = beginning(options, mechanism, options.speed, options.duration)
+    times = np.linspace(0.0, options.duration, options.rows)
+    motion = sp.simulate(mechanism, state, options.duration, efforts, times,
+                         sp.Accuracy.named(options.accuracy),
+                         on_joint_limit=options.on_joint_limit, progress=True)
+    write_motion(options, motion,
+                 f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} "
+                 f"steps of the integrator in {', '.join(motion.coordinates)}")
+
+
+# ---------------------------------------------------------------- clearance
+
+
+def _clearance_options(sub: argparse.ArgumentParser) -> None:
+    sweep_arguments(sub, needed=False)
+    sub.add_argument("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+                     help="at this configuration instead of along a sweep")
+    sub.add_argument("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
+                     help="only these two links, joined ones too")
+    sub.add_argument("--tolerance", type=value, default=0.0, metavar="DISTANCE",
+                     help="links that are so near count as touching, as 2mm (0)")
+    data_options(sub, "the pairs of links", "the pairs of links")
+
+
+def _clearance(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    in_units({"tolerance": options.tolerance}, "m", "cm", "mm", "um", "in")
+    for link in (link for pair in options.between for link in pair):
+        mechanism.frame_id(link)
+    if options.at and options.driver is not None:
+        options.usage_error("--at is one configuration: it takes no driver to sweep")
+    if options.at:
+        values = fitting(options, mechanism, unique(options, options.at))
+        subject: sp.Motion | sp.State = sp.assemble(mechanism, values, guess_of(options))
+    else:
+        subject = shown(options, mechanism)
+    found = sp.clearance(subject, [(a, b) for a, b in options.between] or None,
+                         tolerance=float(options.tolerance), progress=True)
+    over = _name_of_value(found.motion)
+    table = {"first": [p.links[0] for p in found.pairs],
+             "second": [p.links[1] for p in found.pairs],
+             "distance [m]": [float(p.distance) for p in found.pairs],
+             **({over: [float(p.value) for p in found.pairs]} if over else {}),
+             "touches": [bool(p.contacts) for p in found.pairs]}
+    tell(options, found, finite({"mechanism": mechanism.name, "over": over, **found.as_dict()}),
+         table)
+
+
+def _name_of_value(motion: sp.Motion) -> str:
+    """Return what the nearest places of a clearance are values of, with the unit."""
+    if motion.driver is not None:
+        return f"{motion.driver_name} [{motion.driver_unit}]"
+    return "" if motion.time is None or len(motion) == 1 else "time [s]"
+
+
+COMMANDS = {
+    "sweep": Command("follow one branch from one driver value to another", _sweep_options, _sweep),
+    "follow": Command("follow one branch as several drivers go along a table", _follow_options,
+                      _follow),
+    "simulate": Command("let it move under gravity, springs and efforts", _simulate_options,
+                        _simulate),
+    "clearance": Command("how near links come to each other, and where they touch",
+                         _clearance_options, _clearance),
+}

@@ -1,0 +1,218 @@
+"""Commands of configurations: assemble, limits, modes, reach."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from typing import Any
+
+import spatial_pin as sp
+from spatial_pin.cli.asked import fitting, guess_of, loaded, unique
+from spatial_pin.cli.commands.motions import look_of, write_motion
+from spatial_pin.cli.names import check_names
+from spatial_pin.cli.options import (
+    AT_HELP,
+    Command,
+    configuration_options,
+    count,
+    data_options,
+    guess_option,
+    hold_option,
+    result_options,
+    setting,
+    target,
+)
+from spatial_pin.cli.results import SCREEN, finite, tell
+from spatial_pin.cli.tables import read_table, targets_of
+from spatial_pin.motion.report import assembly_summary
+
+
+def _assemble_options(sub: argparse.ArgumentParser) -> None:
+    configuration_options(sub)
+    sub.add_argument("--limits", action="store_true", help="keep the joint limits")
+    sub.add_argument("--release", action=argparse.BooleanOptionalAction, default=True,
+                     help="let drivers that are given no value go, as little as possible, where "
+                          "the loops cannot close with them at their guess")
+    sub.add_argument("--free", action="append", default=[], metavar="DRIVER",
+                     help="a driver that goes where the loops take it")
+    data_options(sub, "the configuration", "its coordinates")
+
+
+def _assemble(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    values = fitting(options, mechanism, unique(options, options.values))
+    state = sp.assemble(mechanism, values, guess_of(options), limits=options.limits,
+                        release=options.release, free=options.free)
+    tell(options, assembly_summary(state), _content(state), _table(state))
+
+
+def _content(state: sp.State) -> dict[str, Any]:
+    """Return a configuration as JSON has it."""
+    mechanism = state.mechanism
+    table = mechanism.coordinate_table
+    return {"mechanism": mechanism.name,
+            "coordinates": {name: state.coordinate(name).value for name in table},
+            "units": {name: c.unit for name, c in table.items()},
+            "drivers": {name: state.coordinate(name).value for name in mechanism.drivers},
+            "q": state.q.tolist(), "closure_error": state.closure_error,
+            "released": dict(state.released), "beyond_limits": dict(state.beyond_limits)}
+
+
+def _table(state: sp.State) -> dict[str, list[Any]]:
+    """Return the coordinates of a configuration, one a row."""
+    table = state.mechanism.coordinate_table
+    return {"coordinate": list(table),
+            "value": [float(state.coordinate(name).value) for name in table],
+            "unit": [c.unit for c in table.values()]}
+
+
+# ---------------------------------------------------------------- limits, modes
+
+
+def _limits_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("driver", help="driver or coordinate")
+    sub.add_argument("--joints", action="store_true",
+                     help="and before a joint reaches a limit of the URDF")
+    guess_option(sub)
+    data_options(sub, "both ends", "both ends")
+
+
+def _limits(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    found = sp.limits(mechanism, options.driver, guess_of(options), joints=options.joints)
+    text, grashof = f"{mechanism.name}, {found}", None
+    with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
+        grashof = sp.grashof(mechanism)
+        text += f"\n{grashof}"
+    ends = {"lower": found.lower, "upper": found.upper}
+    content = {"mechanism": mechanism.name, "driver": found.driver, "unit": found.unit,
+               **{name: end._asdict() for name, end in ends.items()},
+               "full_turn": found.full_turn, "grashof": grashof and grashof._asdict()}
+    tell(options, text, finite(content),
+         {"end": list(ends), f"value [{found.unit}]": [float(x.value) for x in ends.values()],
+          "kind": [x.kind for x in ends.values()]})
+
+
+def _modes_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
+                     help=AT_HELP)
+    sub.add_argument("--patience", type=count, default=1000,
+                     help="go on until so many starts have found nothing new (1000)")
+    sub.add_argument("--copies", action="store_true",
+                     help="every reading of the coordinates, not one for each mode")
+    sub.add_argument("--limits", action="store_true",
+                     help="only modes that keep the joint limits of the URDF")
+    data_options(sub, "the modes", "the coordinates, a mode in every row,")
+    sub.add_argument("--html", metavar="F", help="write a page that shows them side by side")
+
+
+def _modes(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    values = fitting(options, mechanism, unique(options, options.values))
+    modes = sp.assembly_modes(mechanism, values, copies=options.copies, limits=options.limits,
+                              patience=options.patience, progress=True)
+    lines = [f"{mechanism.name}: {modes}"]
+    for k, mode in enumerate(modes, start=1):
+        lines += [f"{k}: branch {mode.branch or '?'}", assembly_summary(mode)]
+    if any(mode.branch.startswith("singular") for mode in modes):
+        lines.append("a singular mode can move to first order with the given values held")
+    files = []
+    if options.html and modes:
+        look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
+        files.append(sp.export_html(modes[0], options.html, look=look))
+    tell(options, "\n".join(lines), [
+        {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
+         "coordinates": _content(mode)["coordinates"]} for mode in modes],
+         _modes_table(mechanism, modes), files)
+
+
+def _modes_table(mechanism: sp.Mechanism, modes: sp.AssemblyModes) -> dict[str, list[Any]]:
+    """Return the modes, one a row."""
+    return {"mode": list(range(1, len(modes) + 1)), "branch": [m.branch for m in modes],
+            **{f"{name} [{c.unit}]": [float(m.coordinate(name).value) for m in modes]
+               for name, c in mechanism.coordinate_table.items()},
+            "closure error [-]": [float(m.closure_error) for m in modes]}
+
+
+# ---------------------------------------------------------------- reach
+
+
+def _reach_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("targets", nargs="*", default=[], type=target, metavar="TARGET",
+                     help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
+                          "NAME.orientation=rx,ry,rz, NAME.direction=x,y,z (of its z axis), "
+                          "NAME.distance=OTHER,d (of two frames), com=x,y,z (centre of mass, _ "
+                          "for any), or COORDINATE=value; with @w behind it is met as well as "
+                          "the others let it be, with the weight w")
+    sub.add_argument("--path", metavar="TABLE",
+                     help="a motion along a .csv file instead: a line of names, as time [s], "
+                          "tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
+                          "or coordinates; then a line of numbers for every sample")
+    hold_option(sub)
+    sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
+                     help="keep the joint limits")
+    guess_option(sub)
+    result_options(sub)
+
+
+def _reach(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    targets = _targets(options)
+    if options.path:
+        _reach_path(options, mechanism, targets)
+        return
+    if not targets:
+        options.usage_error("there is no target: name some, or give a table by --path")
+    if any((options.npz, options.plot, options.clearance)) or options.csv not in (None, SCREEN):
+        options.usage_error("--csv, --npz, --plot and --clearance tell of a motion: they need "
+                            "--path (but --csv - for the coordinates)")
+    check_names(options, mechanism)
+    state = sp.assemble(mechanism, {}, guess_of(options))
+    fitting(options, mechanism, {n: x for n, x in targets.items() if not isinstance(x, list)})
+    found = sp.reach(mechanism, targets, state, hold=["base", *options.hold],
+                     limits=options.limits)
+    lines = [assembly_summary(found)]
+    for name in mechanism.drivers:
+        value, unit = found.coordinate(name).value, mechanism.coordinate(name).unit
+        lines.append(f"  driver {name} = {value:.15g} {unit}")
+    files = []
+    if options.html:
+        files.append(sp.export_html(found, options.html, look=look_of(options)))
+    tell(options, "\n".join(lines), _content(found), _table(found), files)
+
+
+def _targets(options: argparse.Namespace) -> dict[str, Any]:
+    """Return values of coordinates, and lists of the targets of frames."""
+    frames: dict[str, list[Any]] = {}
+    for name, one in options.targets:
+        if isinstance(one, sp.Target):
+            frames.setdefault(name, []).append(one)
+    values = [(name, x) for name, x in options.targets if not isinstance(x, sp.Target)]
+    if both := frames.keys() & dict(values):
+        options.usage_error(f"{min(both)!r} is given as a frame and as a coordinate")
+    return {**unique(options, values), **frames}
+
+
+def _reach_path(
+    options: argparse.Namespace, mechanism: sp.Mechanism, standing: dict[str, Any]
+) -> None:
+    """Go along a table of targets; coordinates named beside it stand still."""
+    if any(isinstance(one, list) for one in standing.values()):
+        options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
+    if not options.limits:
+        options.usage_error("--no-limits is of single targets: limits passed are told of a path")
+    columns, times = read_table(options.path, mechanism)
+    targets = targets_of(options.path, mechanism, columns)
+    state = sp.assemble(mechanism, {}, guess_of(options))
+    write_motion(options, sp.reach_path(
+        mechanism, {**targets, **fitting(options, mechanism, standing)}, times, state,
+        hold=["base", *options.hold], progress=True))
+
+
+COMMANDS = {
+    "assemble": Command("close the loops at given driver values", _assemble_options, _assemble),
+    "modes": Command("all closed configurations at given driver values", _modes_options, _modes),
+    "limits": Command("how far a driver can go on its branch", _limits_options, _limits),
+    "reach": Command("find the configuration, or the motion, in which frames are where they "
+                     "should be", _reach_options, _reach),
+}

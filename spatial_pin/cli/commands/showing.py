@@ -1,0 +1,72 @@
+"""Commands for the eye: show, report."""
+
+from __future__ import annotations
+
+import argparse
+
+import spatial_pin as sp
+from spatial_pin.cli.asked import guess_of, loaded
+from spatial_pin.cli.commands.motions import look_of, shown
+from spatial_pin.cli.names import check_names
+from spatial_pin.cli.options import Command, look_options, sweep_arguments
+from spatial_pin.cli.results import wrote
+from spatial_pin.view import Viewer
+
+
+def _show_options(sub: argparse.ArgumentParser) -> None:
+    sweep_arguments(sub, needed=False)
+    sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
+    sub.add_argument("--live", action="store_true",
+                     help="move it by hand instead: a slider for every driver, or the one named")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what --live tells besides the drivers, as rocker_pin, coupler.position")
+    look_options(sub)
+
+
+def _show(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    if options.live:
+        _wait(mechanism, _live(options, mechanism))
+        return
+    subject, look = shown(options, mechanism), look_of(options)
+    if options.movie:
+        wrote([sp.movie(subject, options.movie, look=look, progress=True)])
+        return
+    _wait(mechanism, sp.show(subject, look=look))
+
+
+def _live(options: argparse.Namespace, mechanism: sp.Mechanism) -> Viewer:
+    """The page whose sliders move a mechanism from its guess on."""
+    if options.movie or options.last is not None:
+        options.usage_error("--live takes no values to sweep and makes no film")
+    check_names(options, mechanism)
+    state = sp.assemble(mechanism, {}, guess_of(options))
+    named = [options.driver] if options.driver else None
+    return sp.live(mechanism, state, drivers=named, outputs=options.output)
+
+
+def _wait(mechanism: sp.Mechanism, viewer: Viewer) -> None:
+    with viewer:
+        print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)", flush=True)
+        viewer.wait()
+
+
+def _report_options(sub: argparse.ArgumentParser) -> None:
+    sweep_arguments(sub, needed=False)
+    sub.add_argument("--html", metavar="F", required=True, help="the file to write")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what its figures show, as rocker_pin or coupler.com.position")
+    sub.add_argument("--title", help="heading (the mechanism's title)")
+
+
+def _report(options: argparse.Namespace) -> None:
+    subject = shown(options, loaded(options))
+    wrote([sp.report(subject, options.html, outputs=options.output or None,
+                     title=options.title)])
+
+
+COMMANDS = {
+    "show": Command("animate a motion in the browser", _show_options, _show),
+    "report": Command("write a page to send and to print: 3-D, curves, numbers", _report_options,
+                      _report),
+}

@@ -1,0 +1,228 @@
+"""Options that several commands have, the values of options, and what a command is."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from spatial_pin.cli.tables import read_target
+from spatial_pin.units import Quantity, quantity
+
+MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
+AT_HELP = "where drivers, or coordinates, stand, as crank=60deg; the others stand at the guess"
+
+
+class Command(NamedTuple):
+    """What a word behind `spatial-pin` does.
+
+    Attributes:
+        text: in a line of the help.
+        add_options: gives its parser what it understands.
+        run: does it.
+        takes_mechanism: whether its first word names a mechanism.
+    """
+
+    text: str
+    add_options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], None]
+    takes_mechanism: bool = True
+
+
+# ---------------------------------------------------------------- options
+
+
+def mechanism_options(sub: argparse.ArgumentParser) -> None:
+    """Add the mechanism, and how it is loaded."""
+    sub.add_argument("mechanism", metavar="M", help=MECHANISM_HELP)
+    sub.add_argument("--set", dest="parameters", action="append", default=[], type=setting,
+                     metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
+    sub.add_argument("--trusted", action="store_true",
+                     help="its xacro files may read files outside their folder")
+    sub.add_argument("--free-flyer", action="store_true",
+                     help="a floating joint carries its root link")
+    sub.add_argument("--package", dest="packages", action="append", default=[],
+                     type=package, metavar="NAME=FOLDER",
+                     help="where package://NAME lies, as its files name meshes")
+
+
+def data_options(sub: argparse.ArgumentParser, json: str, csv: str = "") -> None:
+    """Add `--json` and, where there is a table, `--csv`.
+
+    Args:
+        sub: parser of the command.
+        json: what is written as JSON.
+        csv: what is written as a table; "" for none.
+    """
+    sub.add_argument("--json", metavar="F", help=f"write {json} as JSON (- for the screen)")
+    if csv:
+        sub.add_argument("--csv", metavar="F", help=f"write {csv} as a table (- for the screen)")
+
+
+def result_options(sub: argparse.ArgumentParser) -> None:
+    """Add the forms in which a motion is written."""
+    data_options(sub, "the motion and its events", "coordinates, rates and accelerations")
+    sub.add_argument("--npz", metavar="F", help="write all arrays")
+    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
+    sub.add_argument("--output", action="append", default=[], metavar="NAME",
+                     help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
+    sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
+    sub.add_argument("--clearance", action="store_true",
+                     help="say how near links come to each other, and where they touch; the page "
+                          "shows it")
+    look_options(sub)
+
+
+def look_options(sub: argparse.ArgumentParser) -> None:
+    """Add what a picture shows."""
+    sub.add_argument("--trace", action="append", default=[], metavar="NAME",
+                     help="draw the path of a link, frame or joint, or of LINK.com")
+    sub.add_argument("--arrow", action="append", default=[], metavar="NAME.velocity",
+                     help="draw a velocity or acceleration as an arrow")
+    sub.add_argument("--axes", action="store_true", help="draw the axes of the joints")
+    sub.add_argument("--pairs", action="store_true", help="draw a sign for every pair")
+    sub.add_argument("--centres", action="store_true", help="mark the centres of mass")
+
+
+def sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
+    """Add a driver, its first and its last value, and how it goes between them."""
+    sub.add_argument("driver", nargs=None if needed else "?", help="driver or coordinate")
+    sub.add_argument("first", nargs=None if needed else "?", type=value, help="value, as -60deg")
+    sub.add_argument("last", nargs=None if needed else "?", type=value, help="value, as 0.3m")
+    sub.add_argument("--steps", type=count, default=361, help="number of values (361)")
+    sub.add_argument("--speed", type=value, help="of the driver, as 240rpm; without one the "
+                     "motion has no time, and its forces are those at rest")
+    sub.add_argument("--acceleration", type=value, default=0.0, help="of the driver")
+    sub.add_argument("--stop", action="store_true",
+                     help="end at a limit position instead of failing")
+    guess_option(sub)
+
+
+def configuration_options(sub: argparse.ArgumentParser) -> None:
+    """Add where drivers stand, and the guess."""
+    sub.add_argument("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
+                     help=AT_HELP)
+    guess_option(sub)
+
+
+def over_options(sub: argparse.ArgumentParser) -> None:
+    """Add a driver that goes over a range, for a row at each of its values."""
+    sub.add_argument("--over", type=span, metavar="DRIVER=LO..HI",
+                     help="do it all along a sweep of this driver or coordinate")
+    sub.add_argument("--steps", type=count, default=361, help="number of values of --over (361)")
+
+
+def rate_options(sub: argparse.ArgumentParser) -> None:
+    """Add how drivers move."""
+    sub.add_argument("--speed", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+                     help="how fast a driver goes, as crank=240rpm (0)")
+    sub.add_argument("--acceleration", action="append", default=[], type=setting,
+                     metavar="DRIVER=VALUE", help="acceleration of a driver (0)")
+
+
+def start_options(sub: argparse.ArgumentParser, speed: str) -> None:
+    """Add how a simulation begins."""
+    sub.add_argument("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+                     help="where the simulation starts")
+    sub.add_argument(speed, action="append", default=[], type=setting,
+                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
+    sub.add_argument("--effort", action="append", default=[], type=setting,
+                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
+
+
+def hold_option(sub: argparse.ArgumentParser, more: str = "") -> None:
+    """Add what stands still."""
+    sub.add_argument("--hold", action="append", default=[], metavar="NAME",
+                     help=f"a joint or coordinate that stands still, besides a free base{more}")
+
+
+def workers_option(sub: argparse.ArgumentParser) -> None:
+    """Add a number of processes."""
+    sub.add_argument("--workers", type=count, default=1,
+                     help="processes that work on it; the answer is the same (1)")
+
+
+def guess_option(sub: argparse.ArgumentParser) -> None:
+    """Add where it starts from."""
+    sub.add_argument("--guess", action="append", default=[], type=setting, metavar="JOINT=VALUE",
+                     help="start from here instead of the file's guess")
+
+
+# ---------------------------------------------------------------- values
+
+
+def value(text: str) -> Quantity:
+    """Return a number with a unit or without one."""
+    try:
+        return quantity(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def positive(text: str) -> float:
+    """Return a number above zero without a unit."""
+    found = value(text)
+    if not found > 0.0 or found.unit:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number without a unit")
+    return found
+
+
+def count(text: str) -> int:
+    """Return a whole number of at least 1."""
+    if not text.strip().isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    return int(text)
+
+
+def from_zero(text: str) -> int:
+    """Return a whole number from 0 up."""
+    if not text.strip().isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 up")
+    return int(text)
+
+
+def setting(text: str) -> tuple[str, float]:
+    """Return name and value of `NAME=VALUE`."""
+    name, equals, given = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    return name, value(given)
+
+
+def span(text: str) -> tuple[str, tuple[Quantity, Quantity]]:
+    """Return name and ends of `NAME=LO..HI`."""
+    name, equals, given = text.partition("=")
+    low, dots, high = given.partition("..")
+    if not (name and equals and dots):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LO..HI")
+    return name, (value(low), value(high))
+
+
+def bounded(text: str) -> tuple[str, tuple[Quantity, Quantity] | None]:
+    """Return name and ends of `NAME=LO..HI`; None for the ends of `NAME`."""
+    name, equals, _ = text.partition("=")
+    return span(text) if equals else (name, None)
+
+
+def numbers(text: str) -> tuple[str, tuple[Quantity, ...]]:
+    """Return name and numbers of `NAME=A,B,C`."""
+    name, equals, given = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=A,B,C")
+    return name, tuple(value(word) for word in given.split(","))
+
+
+def target(text: str) -> tuple[str, Any]:
+    """Return name and target of `reach`."""
+    try:
+        return read_target(text)
+    except (ValueError, TypeError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def package(text: str) -> tuple[str, str]:
+    """Return name and folder of `NAME=FOLDER`."""
+    name, separator, folder = text.partition("=")
+    if not (name and separator and folder):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
+    return name, folder

@@ -1,0 +1,190 @@
+"""What commands write: JSON and tables on the screen, lines that fit it, hints, names checked."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.cli import main
+from spatial_pin.cli.results import WIDTH, fitted
+
+SWEPT = ("four_bar", "crank", "0", "1", "--steps", "3")
+TABLES = {  # commands with a table: words, and how many rows it has; None: some
+    "list": ([], None),
+    "info": (["rssr"], None),
+    "assemble": (["four_bar", "crank=1"], 3),
+    "modes": (["four_bar", "crank=1", "--patience", "50"], 2),
+    "limits": (["four_bar", "rocker_pin"], 2),
+    "reach": (["four_bar", "rocker_pin=1.7"], 3),
+    "sweep": ([*SWEPT], 3),
+    "simulate": (["four_bar", "--duration", "0.1", "--rows", "5"], 5),
+    "clearance": ([*SWEPT], None),
+    "workspace": (["four_bar", "coupler_b", "crank=0..1", "--points", "4"], 4),
+    "tradeoff": ([*SWEPT, "--repeats", "1"], None),
+}
+# an arm whose joint has limits
+ARM = """<robot name="arm"><link name="base"/><link name="rod"/><joint name="pin" type="revolute">
+<parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="0.5" effort="1" velocity="9"/></joint></robot>"""
+
+
+@pytest.fixture
+def run(capfd):
+    """Run a command; returns its exit code and what it prints on stdout and stderr."""
+
+    def run(*words: object) -> tuple[int, str, str]:
+        try:
+            code = main([str(w) for w in words])
+        except SystemExit as end:  # argparse
+            code = end.code
+        return code, *capfd.readouterr()
+
+    return run
+
+
+@pytest.mark.parametrize("command", TABLES)
+def test_tables_and_json_on_the_screen_are_all_there_is(run, command):
+    words, rows = TABLES[command]
+    code, out, err = run(command, *words, "--csv", "-")
+    assert (code, err) == (0, "")
+    table = list(csv.reader(io.StringIO(out)))
+    assert len({len(line) for line in table}) == 1 and len(table) > 1
+    assert rows is None or len(table) == rows + 1
+    code, out, err = run(command, *words, "--json", "-")
+    assert (code, err) == (0, "") and json.loads(out)
+
+
+def test_one_of_two_has_the_screen(run):
+    code, out, err = run("sweep", *SWEPT, "--json", "-", "--csv", "-")
+    assert code == 2 and out == "" and "one of --json - and --csv -" in err
+
+
+def test_a_table_on_the_screen_has_all_digits_and_is_what_a_file_has(run, tmp_path):
+    path = tmp_path / "turn.csv"
+    _, out, _ = run("sweep", *SWEPT, "--csv", "-")
+    _, told, _ = run("sweep", *SWEPT, "--csv", path)
+    assert f"wrote {path}" in told and out.splitlines() == path.read_text("utf-8").splitlines()
+    motion = sp.sweep(sp.load("four_bar"), "crank", np.linspace(0, 1, 3))
+    column = [float(row["rocker_pin [rad]"]) for row in csv.DictReader(io.StringIO(out))]
+    assert column == motion.coordinate("rocker_pin").value.tolist()
+
+
+def test_configurations_have_units_and_drivers(run):
+    _, out, _ = run("assemble", "excavator", "--json", "-")
+    found = json.loads(out)
+    assert found["units"]["boom_slide"] == "m" and found["units"]["swing"] == "rad"
+    assert found["drivers"]["boom"] == found["coordinates"]["boom_slide"]
+
+
+def test_a_range_of_a_full_turn_is_json_without_infinities(run):
+    _, out, _ = run("limits", "four_bar", "crank", "--json", "-")
+    found = json.loads(out)
+    assert found["full_turn"] and found["lower"]["value"] is None
+    assert found["grashof"]["type"] == "crank-rocker"
+
+
+# ---------------------------------------------------------------- lines that fit
+
+
+@pytest.mark.parametrize("words", [
+    ("list",), ("info", "excavator"), ("info", "stewart"), ("modes", "four_bar", "crank=1"),
+    ("assemble", "delta"), ("limits", "four_bar", "rocker_pin"), ("--help",),
+    ("sweep", "--help"), ("clearance", "delta", "arm_1", "0", "1", "--steps", "9"),
+])
+def test_what_is_told_fits_a_terminal(run, words, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = run(*words)
+    assert code == 0 and max(map(len, out.splitlines())) <= WIDTH
+
+
+def test_a_broken_line_goes_on_below_its_last_column():
+    line = "  coupler_pin  " + "word " * 20
+    first, *rest = fitted(line.rstrip()).splitlines()
+    assert first.startswith("  coupler_pin  word") and len(rest) == 1
+    assert rest[0].startswith(" " * 15 + "word")
+    assert fitted("wrote " + "x" * 100).splitlines()[-1].endswith("x" * 100)
+
+
+# ---------------------------------------------------------------- hints
+
+
+@pytest.mark.parametrize(("words", "hint"), [
+    (("info", "rssr", "--set", "d=315"), "d is 1003 times its default 0.314: millimetres?"),
+    (("assemble", "rssr", "crank=60"), "crank = 60 rad is 9.55 turns: 60deg?"),
+    (("sweep", "rssr", "crank", "0", "360", "--steps", "5"), "360 rad is 57.3 turns: 360deg?"),
+    (("info", "excavator", "--set", "lug_angle=98"), "57.3 times its default 1.71042: degrees?"),
+])
+def test_numbers_of_another_unit_are_asked_about(run, words, hint):
+    code, _, err = run(*words)
+    assert code == 0 and err.startswith("spatial-pin: hint: ") and hint in err
+    assert err.count("\n") == 1
+
+
+def test_a_hint_stands_behind_the_error_that_it_may_explain(run):
+    code, _, err = run("assemble", "rssr", "--set", "d=315")
+    assert code == 1 and err.count("\n") == 1
+    assert "stays open" in err and err.endswith("; d is 1003 times its default 0.314: "
+                                                "millimetres?\n")
+
+
+@pytest.mark.parametrize("words", [
+    ("--set", "d=315mm"), ("--set", "d=0.5"), ("crank=60deg",), ("crank=6.5",), ("crank=-12.566",),
+])
+def test_usual_numbers_are_not_asked_about(run, words):
+    assert run("assemble", "rssr", *words)[2] == "" or "d=0.5" in words
+
+
+# ---------------------------------------------------------------- names before work
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (("sweep", *SWEPT, "--output", "rockr_pin"), "did you mean 'rocker_pin'?"),
+    (("sweep", *SWEPT, "--trace", "couplr"), "did you mean 'coupler'?"),
+    (("sweep", *SWEPT, "--arrow", "coupler.speed"), "no arrow 'coupler.speed'"),
+    (("sweep", *SWEPT, "--arrow", "nowhere.reaction"), "no pair 'nowhere'"),
+    (("sweep", *SWEPT, "--hold", "rockr_pin"), "did you mean 'rocker_pin'?"),
+    (("simulate", "four_bar", "--duration", "1", "--trace", "tip"), "no link, frame or joint"),
+    (("report", "four_bar", "--html", "x.html", "--output", "nix"), "no output 'nix'"),
+    (("clearance", "four_bar", "--between", "crank", "roker"), "did you mean 'rocker'?"),
+    (("workspace", "four_bar", "tip", "crank=0..1"), "no link, frame or joint 'tip'"),
+])
+def test_names_are_checked_before_work_begins(run, words, says, monkeypatch):
+    for verb in ("sweep", "simulate", "workspace"):
+        monkeypatch.setattr(sp, verb, lambda *_, **__: pytest.fail("work was done"))
+    code, out, err = run(*words)
+    assert code == 1 and out == "" and says in err
+
+
+# ---------------------------------------------------------------- limits of joints, clearance
+
+
+def test_a_sweep_keeps_joint_limits_when_asked_to(run, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM)
+    words = ("sweep", path, "pin", "0", "1", "--steps", "11")
+    assert run(*words)[0] == 0
+    code, _, err = run(*words, "--limits")
+    assert code == 1 and "upper limit" in err and "--stop ends the sweep before it" in err
+    code, out, _ = run(*words, "--limits", "--stop", "--json", "-")
+    found = json.loads(out)
+    assert code == 0 and found["columns"]["pin [rad]"][-1] == pytest.approx(0.5, abs=1e-12)
+    assert [event["kind"] for event in found["events"]] == ["joint limit"]
+    assert run("sweep", path, "pin", "0", "0.4", "--limits")[0] == 0
+
+
+def test_clearance_of_a_sweep_and_of_one_configuration(run):
+    _, out, _ = run("clearance", "delta", "arm_1", "0", "2", "--steps", "9", "--json", "-")
+    found = json.loads(out)
+    assert found["over"] == "arm_1 [rad]" and len(found["pairs"]) == 39
+    expected = sp.clearance(sp.sweep(sp.load("delta"), "arm_1", np.linspace(0, 2, 9)))
+    assert found["pairs"][0]["distance"] == expected.least.distance
+    _, out, _ = run("clearance", "delta", "--at", "arm_1=0.1", "--between", "rod_1a", "rod_2b",
+                    "--csv", "-")
+    (row,) = csv.DictReader(io.StringIO(out))
+    standing = sp.clearance(sp.assemble(sp.load("delta"), {"arm_1": 0.1}), [("rod_1a", "rod_2b")])
+    assert float(row["distance [m]"]) == standing.least.distance and row["touches"] == "False"
