@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.integrate import solve_ivp
 
 import spatial_pin as sp
 
@@ -213,3 +214,59 @@ def test_hobermans_ring_is_as_wide_as_its_angle_says(run):
     assert made["outer"] == pytest.approx(2 * outer, abs=1e-13)
     assert made["inner"] == pytest.approx(2 * inner, abs=1e-13)
     assert (made["mobility"].dof, made["bent"].dof) == (1, 0)
+
+
+# ---------------------------------------------------------------- door closer
+
+def closer_angles(door):
+    """Return angles of the closer's shaft and rod [rad], from circles that meet."""
+    shaft = np.array([0.15, -0.08])
+    shoe = 0.45 * np.array([np.cos(door), np.sin(door)])
+    shoe += 0.04 * np.array([-np.sin(door), np.cos(door)])
+    elbow = meet(shaft, 0.28, shoe, 0.34, -1)
+    return np.array([np.arctan2(*(elbow - shaft)[::-1]), np.arctan2(*(shoe - elbow)[::-1])])
+
+
+def closing(door, rate, inertias, law):
+    """Return the door's acceleration, by Lagrange's equation of one freedom."""
+    h = 1e-4
+
+    def turning(angle):
+        """Return rates of shaft and rod per unit of the door's, and the inertia it feels."""
+        shaft, rod = ((-closer_angles(angle + 2 * h) + 8 * closer_angles(angle + h)
+                       - 8 * closer_angles(angle - h) + closer_angles(angle - 2 * h)) / (12 * h))
+        a, b = closer_angles(angle)
+        (_, _, at_door), (_, _, at_arm), (m, x, at_rod) = inertias
+        v = 0.28 * shaft * np.array([-np.sin(a), np.cos(a)])
+        v += x * rod * np.array([-np.sin(b), np.cos(b)])
+        return shaft, at_door + at_arm * shaft**2 + m * v @ v + at_rod * rod**2
+
+    shaft, inertia = turning(door)
+    slope = (turning(door + 1e-3)[1] - turning(door - 1e-3)[1]) / 2e-3
+    moment = -law(closer_angles(door)[0], shaft * rate) - 30.0 * shaft * rate
+    return (shaft * moment - slope * rate**2 / 2) / inertia
+
+
+def test_a_door_shuts_when_an_equation_of_one_freedom_says(run):
+    made = run("door_closer")
+    model, inertias = made["door"].model, []
+    for joint, own in (("hinge", False), ("shaft", False), ("elbow", True)):
+        body = model.inertias[model.getJointId(joint)]
+        c = body.lever
+        about = body.inertia[2, 2] + (0.0 if own else body.mass * (c[0]**2 + c[1]**2))
+        inertias.append((body.mass, c[0], about))
+    for name, law in (("one valve", lambda angle, rate: 3.0 * (angle + 4.5)),
+                      ("with a latching valve", made["latch"])):
+        def slope(t, x, law=law):
+            return [x[1], closing(x[0], x[1], inertias, law)]
+
+        def shut(t, x):
+            return x[0]
+
+        shut.terminal = True
+        wanted = solve_ivp(slope, (0, 20), [np.pi / 2, 0.0], method="DOP853", rtol=1e-9,
+                           atol=1e-10, events=shut)
+        found = made["runs"][name]
+        assert found.time[-1] == pytest.approx(wanted.t[-1], rel=1e-5)
+        assert found.coordinate("door").rate[-1] == pytest.approx(wanted.y[1, -1], rel=1e-5)
+    assert made["moments"][0] > 18.0 and 3.0 < made["runs"]["one valve"].time[-1] < 7.0
