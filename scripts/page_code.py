@@ -1,13 +1,15 @@
 """Runs the code of the documentation's pages, as a reader would, and makes their pictures.
 
-    python scripts/page_code.py docs/sweep.md [...]    # runs it, compares what is shown
-    python scripts/page_code.py --pictures docs/sweep.md [...]   # and keeps the pictures it writes
+    python scripts/page_code.py docs/sweep.md [...]             # runs it, compares what is shown
+    python scripts/page_code.py --pictures docs/sweep.md [...]  # and keeps the pictures it writes
+    python scripts/page_code.py --write docs/sweep.md [...]     # and writes what it prints into it
 
 All `python` blocks of a page share one namespace and run in order, in an empty folder. A `text`
 block right behind one is what it prints ("..." stands for anything). In `console` blocks, lines
 that begin with "$ spatial-pin" run too, but for `show`, which waits for the reader. A block below a
 line that is a file's name and a colon ("`lifter.toml`:") is that file. `sp.show` and `sp.live` open
-no browser here. A block below the comment `<!-- not run -->` is left alone.
+no browser here. A block below the comment `<!-- not run -->` is left alone; `<!-- files: PATH -->`
+puts a copy of a file or folder of the repository into the folder.
 
 A picture of a page whose name a block writes (`![...](pictures/sweep.png)`) is that picture.
 """
@@ -37,6 +39,7 @@ ROOT = Path(__file__).parents[1]
 NOT_RUN = "<!-- not run -->"
 FENCE = re.compile(r"^(?P<ticks>`{3,}|:{3,})(?P<kind>[a-z]*|\{[a-z-]+\}.*)$")
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+COPIES = re.compile(r"^<!-- files: (.+) -->$", flags=re.MULTILINE)
 FILE = re.compile(r"^`([\w.]+\.[a-z]+)`:$")
 IN_A_BROWSER = ("sp.screenshot(", "sp.movie(", "--movie", "--screenshot")
 
@@ -114,14 +117,31 @@ def run_block(block: Block, namespace: dict, where: str) -> str:
     return printed.getvalue()
 
 
+def is_shown(shown: str, printed: str) -> bool:
+    """Return whether a page shows what is printed; "..." alone is yet to be filled in."""
+    return shown != "..." and doctest.OutputChecker().check_output(shown, printed, SAME)
+
+
+def write(path: Path, block: Block, printed: str) -> None:
+    """Put what a block prints where the page shows something else; "..." alone is replaced too."""
+    old = f"{block.code}\n```\n\n```text\n{block.shown}\n```"
+    new = f"{block.code}\n```\n\n```text\n{printed.rstrip()}\n```"
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+
+
 def needs_a_browser(block: Block) -> bool:
     return any(word in block.code for word in IN_A_BROWSER)
 
 
-def run_page(path: Path) -> list[str]:
+def run_page(path: Path, writes: bool = False) -> list[str]:
     """Run the code of a page in the current folder; return how what it prints differs."""
     namespace: dict = {"__name__": "__main__"}
     wrong = []
+    for names in COPIES.findall(path.read_text(encoding="utf-8")):
+        for name in names.split():
+            source = ROOT / name
+            copy = shutil.copytree if source.is_dir() else shutil.copy
+            copy(source, Path(source.name))
     page = {"show": lambda shown, **options: export_html(shown, "shown.html"),
             "live": lambda mechanism, **options: sp.assemble(mechanism)}
     with patch.multiple(sp, **page):
@@ -129,8 +149,11 @@ def run_page(path: Path) -> list[str]:
             if needs_a_browser(block) and find_browser() is None:
                 continue
             printed = run_block(block, namespace, str(path))
-            checker = doctest.OutputChecker()
-            if block.shown is not None and not checker.check_output(block.shown, printed, SAME):
+            if block.shown is None or is_shown(block.shown, printed):
+                continue
+            if writes:
+                write(path, block, printed)
+            else:
                 wrong.append(f"{path}:{block.line} prints\n{printed}\nbut the page shows\n"
                              f"{block.shown}")
     return wrong
@@ -160,11 +183,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("pages", nargs="+", type=Path)
     parser.add_argument("--pictures", action="store_true", help="keep the pictures they write")
+    parser.add_argument("--write", action="store_true", help="write what they print into them")
     options = parser.parse_args()
     wrong = []
     for page in [path.resolve() for path in options.pages]:
         with empty_folder() as folder:
-            wrong += run_page(page)
+            wrong += run_page(page, options.write)
             if options.pictures:
                 keep_pictures(page, folder)
     print("\n\n".join(wrong) or "all blocks run and print what the pages show")
