@@ -97,15 +97,20 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _offer({  # imported when they are first asked for
+    "Kinetostatics.output": "dynamics.outputs:output",
+    "Kinetostatics.quantities": "dynamics.outputs:quantities",
     "Mechanism.from_model": "formats.pinocchio_model.from_model:mechanism_of",
     "Mechanism.save": "formats.export:save",
     "Motion.bodies": "motion.outputs:bodies",
     "Motion.com": "motion.outputs:com",
     "Motion.frame": "motion.outputs:frame",
     "Motion.output": "motion.outputs:output",
+    "Motion.quantities": "motion.outputs:quantities",
     "Motion.rate_error": "rates.rates:rate_error",
     "Motion.summary": "motion.summary:summary",
     "Reduced.verify": "reduction.verification:verification",
+    "Simulation.output": "dynamics.outputs:output_of_simulation",
+    "Simulation.quantities": "dynamics.outputs:quantities_of_simulation",
     "Tradeoff.plot": "accuracy.tradeoff_view:plot",
     "Tradeoff.table": "accuracy.tradeoff_view:table",
     "Workspace.curves": "workspace_map.curves:curves",

@@ -12,7 +12,7 @@ import os
 import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,10 +124,15 @@ def write_columns(path: Path, table: Mapping[str, Any]) -> Path:
         OSError: it cannot be written; what was there before stays.
     """
     with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(table)
-        writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
+        write_csv(file, table, "\r\n")
     return path
+
+
+def write_csv(file: TextIO, table: Mapping[str, Any], line_end: str) -> None:
+    """Write named columns of equal length to an open file, with all digits."""
+    writer = csv.writer(file, lineterminator=line_end)
+    writer.writerow(table)
+    writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> Path:

@@ -87,11 +87,9 @@ def _short(text: str) -> str:
 
 def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
     """Draw error over time per step; see `Tradeoff.plot`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from spatial_pin.figures import ShownFigure
 
-    figure = Figure(figsize=(8.0, 5.5), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = ShownFigure(figsize=(8.0, 5.5))
     axes = figure.subplots()
     groups: dict[str, list[Measured]] = {}
     for row in tradeoff.rows:

@@ -19,6 +19,8 @@ from spatial_pin.units import UNITS, Quantity, quantity
 
 TIME = "time"
 POINT, TURNED = ("x", "y", "z"), ("rx", "ry", "rz")  # columns of a frame: NAME.x, NAME.rx
+NOT_READ = (" rate", " acceleration", " effort", " power", "closure error")  # what names end with
+ENERGY = "J"  # unit of other columns that `--csv` writes
 KINDS = {  # of targets: what units their numbers have, " " for none
     "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
     "direction": (" ", " ", " "),
@@ -31,7 +33,8 @@ def read_table(
     """Return columns (N,) by their names [rad, m], and times (N,) [s] where it has some.
 
     The first line of the file has names, each with or without its unit: `boom`, `boom [deg]`,
-    `time [s]`. Columns of rates and accelerations, as `--csv` writes them, are left out.
+    `time [s]`. Columns of rates, accelerations, efforts and energies,
+    as `--csv` writes them, are left out.
 
     Args:
         path: of the file.
@@ -49,7 +52,7 @@ def read_table(
     found: dict[str, Array] = {}
     for k, head in enumerate(lines[0]):
         name, unit = _head(path, head)
-        if name.endswith((" rate", " acceleration")) or name == "closure error":
+        if name.endswith(NOT_READ) or unit == ENERGY:
             continue
         if name in found:
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
@@ -128,8 +131,8 @@ def _head(path: str | Path, text: str) -> tuple[str, str]:
         raise SpatialPinError(f"{path}: {text!r} is no name of a column, as 'boom' or 'boom [deg]'")
     name, unit = match[1], match[2] or ""
     if unit not in UNITS:
-        if name.endswith((" rate", " acceleration", "closure error")):
-            return name, ""
+        if name.endswith(NOT_READ) or unit == ENERGY:
+            return name, unit
         known = ", ".join(u for u in UNITS if u)
         raise SpatialPinError(f"{path}: column {name!r} has the unit {unit!r}; known are {known}")
     return name, unit

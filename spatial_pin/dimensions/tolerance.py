@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of
+from spatial_pin.columns import Quantity, Tabular, chosen
 from spatial_pin.dimensions.drive import Drive
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread
@@ -33,8 +34,10 @@ MOST_DRAWN = 10_000_000  # which fit into a memory: spreads to 0.02 %
 
 
 @dataclass(frozen=True, eq=False)
-class Tolerance:
+class Tolerance(Tabular):
     """Spread of outputs when dimensions scatter independently and normally.
+
+    As a table (`columns`, `to_csv`, `to_dataframe`, ...) it has a row for each sample.
 
     Attributes:
         nominal: the outputs at the nominal dimensions.
@@ -58,6 +61,31 @@ class Tolerance:
     dimensions: dict[str, Array]
     is_closed: NDArray[np.bool_]
     units: dict[str, str] = field(default_factory=dict)
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name: drawn dimensions, `is closed`, and outputs of the samples.
+
+        Outputs are NaN in samples that could not be closed. Dimensions have the units of the file,
+        m or rad, which their headings do not tell.
+
+        Args:
+            outputs: names of what is wanted; default all.
+
+        Raises:
+            UnknownNameError: there is none of a name.
+            SpatialPinError: there are no samples.
+        """
+        if not len(self.is_closed):
+            raise SpatialPinError("there are no samples to make a table of: "
+                                  "tolerance(..., samples=1000) draws some")
+        table = {name: Quantity(x) for name, x in self.dimensions.items()}
+        table["is closed"] = Quantity(self.is_closed.astype(int))
+        for name, x in self.samples.items():
+            every = np.full((len(self.is_closed), *x.shape[1:]), np.nan)
+            every[self.is_closed] = x
+            unit = self.units.get(name, "")
+            table[name] = Quantity(every, "-" if unit == "1" else unit)
+        return chosen(table, outputs, "tolerance")
 
     def __str__(self) -> str:
         lines = []

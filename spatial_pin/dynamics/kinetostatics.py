@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import checked, mapping
+from spatial_pin.columns import Quantity, Tabular
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
@@ -19,7 +20,8 @@ from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.motion import Motion, motion_needed
+from spatial_pin.methods import method
+from spatial_pin.motion.motion import Motion, Output, motion_needed
 from spatial_pin.motion.rated_limits import (
     BeyondLimit,
     beyond,
@@ -32,8 +34,26 @@ from spatial_pin.numerics.linalg import Array
 External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
 
-class Kinetostatics(NamedTuple):
+class _Loads(NamedTuple):
+    """What a Kinetostatics holds; a tuple can have no other base than this."""
+
+    motion: Motion
+    a: Array
+    efforts: dict[str, Array]
+    power: dict[str, Array]
+    reactions: dict[str, Array]
+    on_ground: Array
+    multipliers: Array
+    determined: dict[str, NDArray[np.bool_]]
+    unique: dict[str, NDArray[np.bool_]]
+    beyond_limits: tuple[BeyondLimit, ...] = ()
+
+
+class Kinetostatics(_Loads, Tabular):
     """Forces over a motion of N samples; at rest where that is no motion in time.
+
+    As a table (`columns`, `to_csv`, `to_dataframe`, ...) it has all efforts, powers and reactions,
+    or outputs by their names.
 
     Attributes:
         motion: the motion.
@@ -49,16 +69,34 @@ class Kinetostatics(NamedTuple):
             with the samples, the worst of them, and how much it is.
     """
 
-    motion: Motion
-    a: Array
-    efforts: dict[str, Array]
-    power: dict[str, Array]
-    reactions: dict[str, Array]
-    on_ground: Array
-    multipliers: Array
-    determined: dict[str, NDArray[np.bool_]]
-    unique: dict[str, NDArray[np.bool_]]
-    beyond_limits: tuple[BeyondLimit, ...] = ()
+    __slots__ = ()
+
+    @checked
+    def output(self, spec: str) -> Output:
+        """Return a quantity by its name, all that `Motion.output` returns, and forces.
+
+        `NAME` or `NAME.effort` and `NAME.power` of what has an effort: a driver, its joint, or an
+        actuated coordinate; `PAIR.reaction` (N, 6), force then moment, or `PAIR.reaction.force`
+        and `PAIR.reaction.moment` of a pair; `on_ground`, `on_ground.force` and
+        `on_ground.moment`.
+
+        Raises:
+            UnknownNameError: there is no such force, nor such a quantity of the motion.
+        """
+        found: Output = method("Kinetostatics.output")(self, spec)
+        return found
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name: time, driver, all efforts, powers and reactions.
+
+        Args:
+            outputs: names as `output` takes them; these are returned beside time and driver.
+
+        Raises:
+            UnknownNameError: there is no such output.
+        """
+        found: dict[str, Quantity] = method("Kinetostatics.quantities")(self, outputs)
+        return found
 
     def __repr__(self) -> str:
         return (f"Kinetostatics({self.motion!r}, efforts {list(self.efforts)}, reactions "

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import zipfile
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,12 +15,13 @@ import numpy as np
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked
+from spatial_pin.columns import Quantity, Tabular, write_npz
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import is_special, named_path, write_bytes, write_columns
+from spatial_pin.outputs import named_path
 
 
 class Event(NamedTuple):
@@ -68,14 +69,21 @@ class Output(NamedTuple):
     """A quantity of a motion, ready to plot.
 
     Attributes:
-        values: (N,) or (N, 3).
+        values: (N,) or (N, 3); of a reaction (N, 6), force then moment.
         label: what it is.
-        unit: its SI unit, "1" when it has none.
+        unit: its SI unit, "1" when it has none; of a reaction "N, N·m".
     """
 
     values: Array
     label: str
     unit: str
+
+    def parts(self) -> tuple[Output, ...]:
+        """Return it as quantities of one unit each: a reaction as its force and its moment."""
+        if self.values.ndim == 1 or self.values.shape[1] == 3:
+            return (self,)
+        return (Output(self.values[:, :3], f"{self.label} force", "N"),
+                Output(self.values[:, 3:], f"{self.label} moment", "N·m"))
 
 
 # Distance from a branch point [rad, characteristic lengths] up to which the path is continued
@@ -91,7 +99,7 @@ FRAME_UNITS = {  # unit and order of the derivative
 
 
 @dataclass(eq=False)
-class Motion:
+class Motion(Tabular):
     """A motion of a mechanism, one sample per step.
 
     Attributes:
@@ -230,10 +238,12 @@ class Motion:
         `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
         `.velocity`, `.acceleration`, `.jerk`, `.angular_velocity`, `.angular_acceleration` of a
         link, frame or joint; `NAME.com.position`, `.velocity`, `.acceleration`, `.jerk` of a
-        link's centre of mass. Jerks are those of a driver whose own jerk is zero.
+        link's centre of mass. Jerks are those of a driver whose own jerk is zero. Efforts and
+        reactions are outputs of what `kinetostatics` returns.
 
         Raises:
             UnknownNameError: it names nothing of this motion.
+            SpatialPinError: it is a force, or a ratio to a driver that stands still.
         """
         found: Output = method("Motion.output")(self, spec)
         return found
@@ -243,30 +253,17 @@ class Motion:
         unit, order = FRAME_UNITS[kind]
         return self.rate_unit(unit, order) if order else unit
 
-    def columns(self) -> dict[str, Array]:
-        """Return the motion as named columns: time, driver, all coordinates, closure error."""
-        table: dict[str, Array] = {}
-        if self.time is not None:
-            table["time [s]"] = self.time
-        if self.driver is not None:
-            table[f"{self.driver_name} [{self.driver_unit}]"] = self.driver
-        for name in self.mechanism.coordinates:
-            unit = self.mechanism.coordinate(name).unit
-            value, rate, acceleration = self.coordinate(name)
-            table[f"{name} [{unit}]"] = value
-            table[f"{name} rate [{self.rate_unit(unit)}]"] = rate
-            table[f"{name} acceleration [{self.rate_unit(unit, 2)}]"] = acceleration
-        table["closure error [-]"] = self.closure_error
-        return table
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name: time, driver, all coordinates with rates, closure error.
 
-    @checked
-    def to_csv(self, path: str | Path) -> Path:
-        """Write `columns` with all digits; returns the path.
+        Args:
+            outputs: names as `output` takes them; these are returned besides time and driver.
 
         Raises:
-            OSError: it cannot be written; what was there before stays.
+            UnknownNameError: there is no such output.
         """
-        return write_columns(named_path(path), self.columns())
+        found: dict[str, Quantity] = method("Motion.quantities")(self, outputs)
+        return found
 
     @checked
     def save(self, path: str | Path) -> Path:
@@ -277,24 +274,19 @@ class Motion:
         Raises:
             OSError: it cannot be written; what was there before stays.
         """
-        path = named_path(path)
-        if path.suffix != ".npz" and not is_special(path):
-            path = path.with_name(path.name + ".npz")
-        content = io.BytesIO()  # pipes cannot be written out of order
-        np.savez_compressed(
-            content, driver=self.driver if self.driver is not None else np.empty(0),
-            driver_name=self.driver_name,
-            time=self.time if self.time is not None else np.empty(0),
-            q=self.q, v=self.v, a=self.a, closure_error=self.closure_error,
-            driver_speed=self.driver_speed, angles=self.angles, mechanism=self.mechanism.name,
-            per=self.per,
-            coordinates=np.array(self.mechanism.coordinates),
-            event_kind=np.array([e.kind for e in self.events], dtype=str),
-            event_value=np.array([e.value for e in self.events], dtype=float),
-            event_row=np.array([e.row for e in self.events], dtype=int),
-            event_text=np.array([e.text for e in self.events], dtype=str),
-        )
-        return write_bytes(path, content.getbuffer())
+        return write_npz(path, {
+            "driver": self.driver if self.driver is not None else np.empty(0),
+            "driver_name": self.driver_name,
+            "time": self.time if self.time is not None else np.empty(0),
+            "q": self.q, "v": self.v, "a": self.a, "closure_error": self.closure_error,
+            "driver_speed": self.driver_speed, "angles": self.angles,
+            "mechanism": self.mechanism.name, "per": self.per,
+            "coordinates": np.array(self.mechanism.coordinates),
+            "event_kind": np.array([e.kind for e in self.events], dtype=str),
+            "event_value": np.array([e.value for e in self.events], dtype=float),
+            "event_row": np.array([e.row for e in self.events], dtype=int),
+            "event_text": np.array([e.text for e in self.events], dtype=str),
+        })
 
     @classmethod
     @checked

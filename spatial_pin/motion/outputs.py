@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.state import center_of_mass
+from spatial_pin.checks import names_of
+from spatial_pin.columns import Quantity
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
@@ -17,6 +19,8 @@ from spatial_pin.rates.jerks import Jerks, solve_jerks
 from spatial_pin.rates.transmission import transmission_angle
 
 COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
+FORCES = ("effort", "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
+ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
 
 
 class Bodies(NamedTuple):
@@ -60,10 +64,48 @@ def output(motion: Motion, spec: str) -> Output:
             return Output(np.array(rows).reshape(-1, 3), label, unit)
         moving = motion.com(body) if name.endswith(".com") else motion.frame(name)
         return Output(getattr(moving, kind), label, unit)
+    if is_force(spec):
+        raise SpatialPinError(
+            f"{spec}: a motion by itself has no forces; loads = sp.kinetostatics(mechanism, "
+            f"motion) solves them, and loads.output({spec!r}) or sp.plot(loads, ...) gives this")
     valid = [*mechanism.coordinate_table, *mechanism.drivers,
              *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
              *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+
+def quantities(motion: Motion, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+    """Return time, driver, and outputs or all coordinates; see `Motion.quantities`."""
+    if outputs is not None:
+        found = (motion.output(name) for name in names_of(outputs, "outputs"))
+        return {**abscissas(motion), **named(found)}
+    table = abscissas(motion)
+    for name in motion.mechanism.coordinates:
+        unit = motion.mechanism.coordinate(name).unit
+        value, rate, acceleration = motion.coordinate(name)
+        table[name] = Quantity(value, unit)
+        table[f"{name} rate"] = Quantity(rate, motion.rate_unit(unit))
+        table[f"{name} acceleration"] = Quantity(acceleration, motion.rate_unit(unit, 2))
+    return table | {"closure error": Quantity(motion.closure_error, "-")}
+
+
+def is_force(spec: str) -> bool:
+    """Whether a name is that of a force, which a motion by itself has not."""
+    return spec in ON_GROUND or any(spec.endswith(f".{kind}") for kind in FORCES)
+
+
+def abscissas(motion: Motion) -> dict[str, Quantity]:
+    """Return what samples are taken over: time, and the driver where one was swept."""
+    found = {} if motion.time is None else {"time": Quantity(motion.time, "s")}
+    if motion.driver is not None:
+        found[motion.driver_name] = Quantity(motion.driver, motion.driver_unit)
+    return found
+
+
+def named(outputs: Iterable[Output]) -> dict[str, Quantity]:
+    """Return outputs by their labels, reactions as force and moment."""
+    return {part.label: Quantity(part.values, "-" if part.unit == "1" else part.unit)
+            for output in outputs for part in output.parts()}
 
 
 def _jerks(motion: Motion) -> Iterator[Jerks]:

@@ -30,8 +30,7 @@ def plot(
     at: float | None = None, thickness: float | None = None,
 ) -> Figure:
     """Draw points in a plane, coloured by dexterity; see `Workspace.plot`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from spatial_pin.figures import ShownFigure
 
     points = found.points[found.reached]
     if plane is None:
@@ -39,8 +38,7 @@ def plot(
         plane = next(name for name, k in PLANES.items() if k == normal)
     check_choice("plane", plane, tuple(PLANES))
     sides = _Slab.of(points, PLANES[plane], at, thickness)
-    figure = Figure(figsize=(7.0, 5.8), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = ShownFigure(figsize=(7.0, 5.8))
     axes = figure.subplots()
     x, y = ("xyz".index(c) for c in plane)
     seen = sides.holds(points)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked
+from spatial_pin.columns import Quantity, Tabular, chosen, quantities_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import named_path, write_columns
 from spatial_pin.workspace_map.dexterity import SINGULAR
 from spatial_pin.workspace_map.poses import PARTS, SLIDES
 
@@ -80,7 +80,7 @@ class Borders:
 
 
 @dataclass(frozen=True, eq=False)
-class Workspace:
+class Workspace(Tabular):
     """Where a frame gets to over a grid of drivers or of its own poses, on one branch.
 
     The N points of the grid are in rows, the last coordinate fastest.
@@ -155,8 +155,26 @@ class Workspace:
         return State(self.mechanism, self._rows["q"][row], angles=self._rows["angles"][row],
                      closure_error=float(self._rows["errors"][row]))
 
-    def columns(self) -> dict[str, Any]:
-        """Return the table that `to_csv` writes: values by heading."""
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name, a row for every point of the grid.
+
+        Rows of `sheets` follow those of this one, where there are any; a column tells which.
+
+        Args:
+            outputs: names without units; default all.
+
+        Raises:
+            UnknownNameError: there is none of a name.
+        """
+        tables = [x._own_columns() for x in (self, *self.sheets)]
+        table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
+        if self.sheets:
+            n = len(self.reached)
+            table = {"sheet": np.repeat(np.arange(len(tables)), n), **table}
+        return chosen(quantities_of(table), outputs, f"workspace of {self.frame}")
+
+    def _own_columns(self) -> dict[str, Any]:
+        """Return columns of this sheet by their headings."""
         units = [unit_of(self.mechanism, name) for name in self.names]
         turns = np.array([pin.log3(r) if known else np.full(3, np.nan)
                           for r, known in zip(self.rotations, self.reached, strict=True)])
@@ -196,17 +214,6 @@ class Workspace:
         """
         found: tuple[Curve, ...] = method("Workspace.curves")(self, at, tolerance)
         return found
-
-    @checked
-    def to_csv(self, path: str | Path) -> Path:
-        """Write a row for every point of the grid; returns the path.
-
-        Rows of `sheets` follow those of this one, where there are any; a column tells which.
-
-        Raises:
-            OSError: it cannot be written; what was there before stays.
-        """
-        return write_columns(named_path(path), all_columns(self))
 
     @checked
     def plot(
@@ -266,12 +273,3 @@ class Workspace:
     def _named(self, row: int) -> str:
         return ", ".join(f"{name} = {x:.6g}" for name, x in zip(
             self.names, self.drivers[row].tolist(), strict=True))
-
-
-def all_columns(workspace: Workspace) -> dict[str, Any]:
-    """Return `columns` with the rows of its sheets below, where there are any, and their number."""
-    tables = [x.columns() for x in (workspace, *workspace.sheets)]
-    table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
-    if not workspace.sheets:
-        return table
-    return {"sheet": np.repeat(np.arange(len(tables)), len(workspace.reached)), **table}

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import spatial_pin as sp
 from spatial_pin.cli.asked import fitting, guess_of, loaded, unique, workers
 from spatial_pin.cli.goal_files import check_bounds, read_goals
@@ -30,7 +28,7 @@ from spatial_pin.cli.results import finite, tell
 from spatial_pin.outputs import write_columns
 from spatial_pin.workspace_map.curves import curve_columns
 from spatial_pin.workspace_map.poses import PARTS
-from spatial_pin.workspace_map.result import all_columns, unit_of
+from spatial_pin.workspace_map.result import unit_of
 
 
 def _workspace_options(sub: argparse.ArgumentParser) -> None:
@@ -79,9 +77,10 @@ def _workspace(options: argparse.Namespace) -> None:
                              guess=guess_of(options), task=options.task, limits=options.limits,
                              on_crossing=options.on_crossing, clearance=options.clearance,
                              sheets=options.sheets, executor=executor, progress=True)
-    columns = {name: np.asarray(column).tolist() for name, column in found.columns().items()}
+    table = found.columns()
+    columns = {name: column.tolist() for name, column in table.items()}
     tell(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
-                                 "columns": columns}), all_columns(found), _mapped(options, found))
+                                 "columns": columns}), table, _mapped(options, found))
     if not found.is_whole:
         raise KeyboardInterrupt
 

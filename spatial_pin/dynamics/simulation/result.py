@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin.checks import checked
+from spatial_pin.columns import Quantity
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.methods import method
 from spatial_pin.motion.joint_limits import Passing
-from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
@@ -104,6 +107,22 @@ class Simulation(Motion):
     joint_limits: list[Passing] = field(default_factory=list)
     projection: Projection | None = None
     integrators: list[str] = field(default_factory=list)
+
+    @checked
+    def output(self, spec: str) -> Output:
+        """Return a quantity by its name, as any Motion, or `energy`, `work` or `NAME.effort`.
+
+        Raises:
+            UnknownNameError: it names nothing of this motion.
+            SpatialPinError: it is a force that only `kinetostatics` knows.
+        """
+        found: Output = method("Simulation.output")(self, spec)
+        return found
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name, as any Motion, with energies and efforts."""
+        found: dict[str, Quantity] = method("Simulation.quantities")(self, outputs)
+        return found
 
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""

@@ -1,9 +1,10 @@
-"""Outputs of a motion drawn over its driver."""
+"""Outputs of a motion, or of its loads, drawn over its driver."""
 
 from __future__ import annotations
 
 import html
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
     from spatial_pin.mechanism.mechanism import Mechanism
     from spatial_pin.motion.motion import Motion
 
@@ -34,6 +36,7 @@ DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 
 # events of a simulation that have a time
 OF_TIME = ("joint limit", "velocity limit", "effort limit", "stopped")
 DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
+MOST_PANELS = (4, 10)  # in one column, and in two: more columns keep a figure on a screen
 MOST_OUTPUTS = 3  # drawn when none are named: more panels do not fit on a page
 
 
@@ -185,59 +188,111 @@ def svg(figure: Figure, name: str) -> str:
     return attributes + drawing[drawing.index("<svg") + 4 :]
 
 
+def _parts(motion: Motion, output: Output) -> Sequence[Output]:
+    """Return what is drawn of an output: a reaction's force and moment, anything else itself.
+
+    One of the two that is round-off of the other, as a ball's moment, is drawn as zero.
+    """
+    if output.values.ndim == 1 or output.values.shape[1] == 3:
+        return (output,)
+    force, moment = output.parts()
+    size = motion.mechanism.characteristic_length
+    largest = [np.abs(x.values).max(initial=0.0) for x in (force, moment)]
+    least = TOLERANCES.round_off * max(largest[0] * size, largest[1])
+    return (force._replace(values=force.values * (largest[0] * size > least)),
+            moment._replace(values=moment.values * (largest[1] > least)))
+
+
+def _panels(figure: Figure, count: int, columns: int) -> list[Axes]:
+    """Return panels with one abscissa, row by row; the last of each column has its labels."""
+    rows = math.ceil(count / columns)
+    grid = figure.add_gridspec(rows, columns)
+    panels: list[Axes] = []
+    for k in range(count):
+        panels.append(figure.add_subplot(grid[divmod(k, columns)],
+                                         sharex=panels[0] if panels else None))
+        panels[k].tick_params(labelbottom=k + columns >= count)
+    return panels
+
+
+def _label_abscissa(axes: Axes, x: Array, name: str, unit: str) -> None:
+    """Label the abscissa of the last panel of a column."""
+    from matplotlib.ticker import MaxNLocator
+
+    if len(x) and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0):
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
+    elif unit == "°":
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
+    axes.set_xlabel(literal(_label(name, unit)))
+
+
+def _columns(count: int, asked: int | None) -> int:
+    """Return in how many columns so many panels stand.
+
+    Raises:
+        ValueError: fewer than one was asked for.
+    """
+    if asked is not None and asked < 1:
+        raise ValueError(f"columns is {asked}; it is a whole number from 1 up")
+    return min(count, asked or 1 + sum(count > most for most in MOST_PANELS))
+
+
 @checked
 def plot(
-    motion: Motion,
+    motion: Motion | Kinetostatics,
     outputs: str | Output | Sequence[str | Output],
     path: str | Path | None = None,
     *,
     title: str | None = None,
+    columns: int | None = None,
 ) -> Figure:
-    """Draw outputs of a motion over its driver, one panel each.
+    """Draw outputs of a motion, or of its loads, over its driver, one panel each.
 
     They are drawn over the time, if the motion has one, where the driver turns back or stands
-    still. Angles are drawn in degrees. The figure belongs to no window and leaves pyplot alone.
+    still. Angles are drawn in degrees. A reaction has two panels, its force and its moment. The
+    figure belongs to no window and leaves pyplot alone; in a notebook it shows itself.
 
     Args:
-        motion: the motion.
-        outputs: names of outputs, as `motion.output` takes them, or quantities of one's own with
-            a row for each sample of the motion.
+        motion: the motion, or what `kinetostatics` found of it.
+        outputs: names of outputs, as its `output` takes them, or quantities of one's own with a
+            row for each sample of the motion.
         path: file to write as well; its suffix says how: .png, .svg, .pdf.
         title: heading, "" for none; the mechanism's title if not given.
+        columns: of panels, which stand row by row; one up to four panels, two up to ten, else
+            three if not given.
 
     Returns:
-        The figure.
+        The figure, a matplotlib one.
 
     Raises:
         TypeError: it is no Motion.
         UnknownNameError: there is no such output.
-        ValueError: no outputs, or a suffix that no figure has.
+        SpatialPinError: an output is a force, and `motion` is not what `kinetostatics` found.
+        ValueError: no outputs, no columns, or a suffix that no figure has.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
+    from spatial_pin.figures import ShownFigure
 
     if not hasattr(motion, "output"):  # as a Mechanism or a State
         motion_needed(motion)
     asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
     if not asked:
         raise ValueError("no outputs to plot: give at least one name")
-    found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
-    x, driver, unit = abscissa(motion)
-    title = motion.mechanism.title or motion.mechanism.name if title is None else plain_text(
+    found = [motion.output(x) if isinstance(x, str) else x for x in asked]
+    moved = motion.motion if isinstance(motion, Kinetostatics) else motion
+    found = [part for output in found for part in _parts(moved, output)]
+    x, driver, unit = abscissa(moved)
+    title = moved.mechanism.title or moved.mechanism.name if title is None else plain_text(
         title, "title")
-    height = (1.0 if title else 0.6) + 2.1 * len(found)
-    figure = Figure(figsize=(7.5, height), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(found), sharex=True, squeeze=False)[:, 0]
+    columns = _columns(len(found), columns)
+    height = (1.0 if title else 0.6) + 2.1 * math.ceil(len(found) / columns)
+    figure = ShownFigure(figsize=(7.5 if columns == 1 else 5.0 * columns, height))
+    panels = _panels(figure, len(found), columns)
     for axes, output in zip(panels, found, strict=True):
         _draw(axes, x, output)
-    _mark_events(figure, motion, driver, unit)
-    if len(x) and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0):
-        panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
-    elif unit == "°":
-        panels[-1].xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
-    panels[-1].set_xlabel(literal(_label(driver, unit)))
+    _mark_events(figure, moved, driver, unit)
+    for axes in panels[-columns:]:
+        _label_abscissa(axes, x, driver, unit)
     if title:
         figure.suptitle(literal(title), fontsize=12)
     if path is not None:

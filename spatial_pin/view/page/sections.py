@@ -96,7 +96,7 @@ def _drawn(
     """Return a section with a figure of outputs; None without any."""
     if subject.motion is None or not outputs:
         return None
-    figure = plot(subject.motion, outputs, title="")
+    figure = plot(subject.motion, outputs, title="", columns=1)
     figure.set_size_inches(WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
     found = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
     names = ", ".join(x if isinstance(x, str) else x.label for x in outputs)

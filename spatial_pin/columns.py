@@ -1,0 +1,235 @@
+"""Results as tables: named columns for .csv, NumPy's .npz, pandas and xarray.
+
+A heading is the name of a quantity and its unit: `crank rate [rad/s]`, of a vector one column a
+component: `tip velocity x [m/s]`. What has no unit is in [-]; texts and counts have no bracket.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.checks import names_of
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.outputs import (
+    is_special,
+    named_path,
+    write_bytes,
+    write_columns,
+    write_csv,
+)
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+XYZ = ("x", "y", "z")
+
+
+class Quantity(NamedTuple):
+    """Values of a result, a row for each sample.
+
+    Attributes:
+        values: (N,) or (N, 3).
+        unit: their SI unit, "-" where they have none, "" of texts and counts.
+    """
+
+    values: NDArray[Any]
+    unit: str = ""
+
+
+def heading(name: str, unit: str) -> str:
+    """Return the heading of a column."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def flat(quantities: Mapping[str, Quantity]) -> dict[str, NDArray[Any]]:
+    """Return columns (N,) by their headings, one for each component of a vector."""
+    table: dict[str, NDArray[Any]] = {}
+    for name, (values, unit) in quantities.items():
+        if values.ndim == 1:
+            table[heading(name, unit)] = values
+        else:
+            for x, component in zip(XYZ, values.T, strict=True):
+                table[heading(f"{name} {x}", unit)] = component
+    return table
+
+
+def quantities_of(table: Mapping[str, NDArray[Any]]) -> dict[str, Quantity]:
+    """Return columns with headings as quantities."""
+    found = {}
+    for head, values in table.items():
+        match = re.fullmatch(r"(.*) \[([^\[\]]*)\]", head)
+        name, unit = (match[1], match[2]) if match else (head, "")
+        found[name] = Quantity(values, unit)
+    return found
+
+
+def chosen(
+    quantities: dict[str, Quantity], names: str | Iterable[str] | None, what: str
+) -> dict[str, Quantity]:
+    """Return those of the names, in their order; all for None.
+
+    Raises:
+        UnknownNameError: there is none of a name.
+    """
+    if names is None:
+        return quantities
+    for name in (asked := names_of(names, "outputs")):
+        if name not in quantities:
+            raise UnknownNameError("column", name, quantities, f"{what}: ")
+    return {name: quantities[name] for name in asked}
+
+
+class Tabular:
+    """What every result that is a table offers; it gives `quantities`."""
+
+    __slots__ = ()
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return the quantities of the table by their names; see `columns`."""
+        raise NotImplementedError
+
+    def columns(self, outputs: str | Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
+        """Return the table as arrays (N,) by their headings, such as `crank rate [rad/s]`.
+
+        Args:
+            outputs: names of what is wanted, in this order; of a motion time and driver come
+                before them. Default all that the table has.
+
+        Raises:
+            UnknownNameError: there is no such output.
+        """
+        return flat(self.quantities(outputs))
+
+    @overload
+    def to_csv(self, path: None = None, outputs: str | Iterable[str] | None = None) -> str: ...
+
+    @overload
+    def to_csv(
+        self, path: str | Path, outputs: str | Iterable[str] | None = None
+    ) -> Path: ...
+
+    @overload
+    def to_csv(self, path: TextIO, outputs: str | Iterable[str] | None = None) -> None: ...
+
+    def to_csv(
+        self, path: str | Path | TextIO | None = None,
+        outputs: str | Iterable[str] | None = None,
+    ) -> str | Path | None:
+        """Write `columns` as comma-separated values, with all digits.
+
+        Args:
+            path: a file's name, or an open text file, or None for the text itself.
+            outputs: names of what is wanted; default all that the table has.
+
+        Returns:
+            The path of the file; the text where there is no path.
+
+        Raises:
+            UnknownNameError: there is no such output.
+            OSError: it cannot be written; what was there before stays.
+        """
+        table = self.columns(outputs)
+        if path is None:
+            text = io.StringIO()
+            write_csv(text, table, "\n")
+            return text.getvalue()
+        if isinstance(path, str | os.PathLike) or not hasattr(path, "write"):
+            return write_columns(named_path(path), table)
+        write_csv(path, table, "\n")
+        return None
+
+    def to_npz(self, path: str | Path, outputs: str | Iterable[str] | None = None) -> Path:
+        """Write `columns` as NumPy's .npz; `numpy.load(path)["crank [rad]"]` is a column again.
+
+        Args:
+            path: of the file; `.npz` is added where it is missing.
+            outputs: names of what is wanted; default all that the table has.
+
+        Returns:
+            The path.
+
+        Raises:
+            UnknownNameError: there is no such output.
+            OSError: it cannot be written; what was there before stays.
+        """
+        return write_npz(path, self.columns(outputs))
+
+    def to_dataframe(
+        self, outputs: str | Iterable[str] | None = None
+    ) -> pandas.DataFrame:
+        """Return `columns` as a pandas DataFrame, a row for each sample.
+
+        Its `attrs["units"]` are the units by heading.
+
+        Args:
+            outputs: names of what is wanted; default all that the table has.
+
+        Raises:
+            UnknownNameError: there is no such output.
+            SpatialPinError: there is no pandas.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise SpatialPinError("to_dataframe needs pandas: pip install 'spatial_pin[pandas]'; "
+                                  "to_csv and to_npz need nothing") from error
+        quantities = self.quantities(outputs)
+        frame = pandas.DataFrame(flat(quantities))
+        frame.attrs["units"] = {head: unit for name, x in quantities.items()
+                                for head in flat({name: x}) for unit in (x.unit,)}
+        return frame
+
+    def to_xarray(self, outputs: str | Iterable[str] | None = None) -> xarray.Dataset:
+        """Return the quantities as an xarray Dataset; vectors have a dimension "component".
+
+        Variables have names without units, which are in `attrs["units"]` of each.
+
+        Args:
+            outputs: names of what is wanted; default all that the table has.
+
+        Raises:
+            UnknownNameError: there is no such output.
+            SpatialPinError: there is no xarray.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise SpatialPinError("to_xarray needs xarray: pip install xarray; to_csv and to_npz "
+                                  "need nothing") from error
+        quantities = self.quantities(outputs)
+        dimensions = ("sample", "component")
+        found = xarray.Dataset({name: (dimensions[: x.ndim], np.array(x), {"units": unit})
+                                for name, (x, unit) in quantities.items()})
+        return found.assign_coords(component=list(XYZ)) if "component" in found.dims else found
+
+
+def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """Write named arrays as .npz; returns the path.
+
+    The suffix is added where it is missing, but not to the name of a pipe or device.
+
+    Raises:
+        OSError: it cannot be written; what was there before stays.
+    """
+    path = named_path(path)
+    if path.suffix != ".npz" and not is_special(path):
+        path = path.with_name(path.name + ".npz")
+    content = io.BytesIO()  # pipes cannot be written out of order
+    np.savez_compressed(content, **arrays)
+    return write_bytes(path, content.getbuffer())
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view of an array that cannot be written to."""
+    view = array.view()
+    view.setflags(write=False)
+    return view

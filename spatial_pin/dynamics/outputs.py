@@ -1,0 +1,106 @@
+"""Forces over a motion by their names: efforts, powers, reactions, the wrench on the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from spatial_pin.checks import names_of
+from spatial_pin.columns import Quantity
+from spatial_pin.dynamics.kinetostatics import Kinetostatics
+from spatial_pin.dynamics.simulation.result import Simulation, driver_names
+from spatial_pin.errors import UnknownNameError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Motion, Output
+from spatial_pin.motion.outputs import abscissas, is_force, named
+from spatial_pin.motion.outputs import output as output_of_motion
+from spatial_pin.motion.outputs import quantities as quantities_of_motion
+from spatial_pin.motion.summary import EFFORTS
+from spatial_pin.numerics.linalg import Array
+
+ENERGIES = ("energy", "work")  # of a simulation
+
+
+def output(loads: Kinetostatics, spec: str) -> Output:
+    """Return a force by its name, or a quantity of the motion; see `Kinetostatics.output`."""
+    found = (_effort(loads.motion, spec, loads.efforts) or _power(loads, spec)
+             or _wrench(loads, spec))
+    if found is not None:
+        return found
+    if is_force(spec):
+        raise UnknownNameError("force", spec, names(loads),
+                               f"loads of mechanism {loads.motion.mechanism.name!r}: ")
+    return loads.motion.output(spec)
+
+
+def names(loads: Kinetostatics) -> list[str]:
+    """Return the names of all forces."""
+    return [*(f"{name}.{kind}" for kind in ("effort", "power") for name in loads.efforts),
+            *(f"{name}.reaction" for name in loads.reactions), "on_ground"]
+
+
+def quantities(
+    loads: Kinetostatics, outputs: str | Iterable[str] | None = None
+) -> dict[str, Quantity]:
+    """Return time, driver, and outputs or all forces; see `Kinetostatics.quantities`."""
+    asked = names(loads) if outputs is None else names_of(outputs, "outputs")
+    return {**abscissas(loads.motion), **named(output(loads, name) for name in asked)}
+
+
+def _own_name(mechanism: Mechanism, name: str, efforts: Mapping[str, Array]) -> str | None:
+    """Return the name in `efforts` of a driver, or of the joint or coordinate it drives."""
+    if name in efforts:
+        return name
+    if name not in mechanism.drivers and name not in mechanism.coordinate_table:
+        return None
+    coordinate = mechanism.coordinate(name).name
+    either = (coordinate, driver_names(mechanism).get(coordinate))
+    return next((x for x in either if x in efforts), None)
+
+
+def _effort(motion: Motion, spec: str, efforts: Mapping[str, Array]) -> Output | None:
+    mechanism = motion.mechanism
+    name = _own_name(mechanism, spec.removesuffix(".effort"), efforts)
+    if name is None:
+        return None
+    return Output(efforts[name], f"{name} effort", EFFORTS[mechanism.coordinate(name).unit])
+
+
+def _power(loads: Kinetostatics, spec: str) -> Output | None:
+    whole, _, kind = spec.rpartition(".")
+    name = _own_name(loads.motion.mechanism, whole, loads.power) if kind == "power" else None
+    return None if name is None else Output(loads.power[name], f"{name} power", "W")
+
+
+def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
+    """Return a reaction (N, 6), or its force or moment (N, 3), or what is on the ground."""
+    whole, _, kind = spec.rpartition(".")
+    if kind in ("force", "moment"):
+        both = _wrench(loads, whole)
+        return both and both.parts()[kind == "moment"]
+    if spec == "on_ground":
+        return Output(loads.on_ground, "on ground", "N, N·m")
+    if kind == "reaction" and whole in loads.reactions:
+        return Output(loads.reactions[whole], f"{whole} reaction", "N, N·m")
+    return None
+
+
+def output_of_simulation(motion: Simulation, spec: str) -> Output:
+    """Return an energy, a prescribed driver's effort, or what any motion has; see `Motion`."""
+    if spec in ENERGIES and spec not in motion.mechanism.coordinate_table:
+        return Output(getattr(motion, spec), spec, "J")
+    if spec.endswith(".effort"):
+        found = _effort(motion, spec, motion.efforts)
+        if found is not None:
+            return found
+    return output_of_motion(motion, spec)
+
+
+def quantities_of_simulation(
+    motion: Simulation, outputs: str | Iterable[str] | None = None
+) -> dict[str, Quantity]:
+    """Return those of a motion, and with all of them energies and efforts."""
+    found = quantities_of_motion(motion, outputs)
+    if outputs is not None:
+        return found
+    forces = [*ENERGIES, *(f"{name}.effort" for name in motion.efforts)]
+    return {**found, **named(output_of_simulation(motion, name) for name in forces)}
