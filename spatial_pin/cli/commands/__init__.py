@@ -6,9 +6,12 @@ subject.
 
 from spatial_pin.cli.commands import (
     accuracy,
+    dimensions,
+    forces,
     library,
     motions,
     positions,
+    rates,
     searching,
     showing,
 )
@@ -18,7 +21,9 @@ GROUPS: dict[str, dict[str, Command]] = {
     "mechanisms and their files": library.COMMANDS,
     "configurations": positions.COMMANDS,
     "motions": motions.COMMANDS,
+    "rates and forces": {**rates.COMMANDS, **forces.COMMANDS},
     "for the eye": showing.COMMANDS,
+    "dimensions": dimensions.COMMANDS,
     "searches": searching.COMMANDS,
     "accuracy": accuracy.COMMANDS,
 }

@@ -1,0 +1,151 @@
+"""Commands of what dimensions change: sensitivity, tolerance."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.cli.asked import in_units, loaded, motion_over, state_at, unique, workers
+from spatial_pin.cli.options import (
+    Command,
+    configuration_options,
+    data_options,
+    from_zero,
+    over_options,
+    rate_options,
+    setting,
+    workers_option,
+)
+from spatial_pin.cli.results import finite, tell
+from spatial_pin.errors import UnknownNameError
+
+OUTPUT_HELP = "as rocker_pin, rocker_pin.rate, coupler.position, crank.lower_limit"
+XYZ = ("x", "y", "z")
+
+
+def _check_dimensions(mechanism: sp.Mechanism, names: list[str]) -> None:
+    for name in names:
+        if name not in mechanism.dimensions:
+            raise UnknownNameError("dimension", name, mechanism.dimensions,
+                                   f"mechanism {mechanism.name!r}: ")
+
+
+def _numbers(name: str, value: Any) -> dict[str, float]:
+    """Return the numbers of an output by name, those of a vector as `NAME.x`."""
+    value = np.asarray(value)
+    if value.ndim == 0:
+        return {name: float(value)}
+    return {f"{name}.{axis}": float(x) for axis, x in zip(XYZ, value, strict=True)}
+
+
+# ---------------------------------------------------------------- sensitivity
+
+
+def _sensitivity_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("output", metavar="OUTPUT", help=OUTPUT_HELP)
+    configuration_options(sub)
+    rate_options(sub)
+    sub.add_argument("--to", action="append", default=[], metavar="NAME",
+                     help="a dimension that changes (all)")
+    over_options(sub)
+    data_options(sub, "the derivatives", "derivatives, along --over one a column,")
+
+
+def _sensitivity(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    _check_dimensions(mechanism, options.to)
+    subject = motion_over(options, mechanism) or state_at(options, mechanism)
+    found = sp.sensitivity(mechanism, subject, options.output, options.to or None)
+    content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
+               "value": np.asarray(found.value).tolist(),
+               "derivatives": {k: np.asarray(x).tolist() for k, x in found.derivatives.items()},
+               "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()}}
+    if isinstance(subject, sp.Motion):
+        content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
+                             "values": np.asarray(subject.driver).tolist()}
+        tell(options, _along(subject, found), finite(content), _columns(subject, found))
+        return
+    rows = [(name, *row) for name, x in found.derivatives.items() for row in zip(
+        _numbers(found.output, x), _numbers("", x).values(),
+        np.broadcast_to(found.errors[name], np.shape(x) or (1,)), strict=True)]
+    tell(options, f"{mechanism.name}: {found}", finite(content),
+         {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
+          "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows]})
+
+
+def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
+    """Return an output and its derivatives along a sweep, by name."""
+    table: dict[str, Any] = {f"{motion.driver_name} [{motion.driver_unit}]": motion.driver}
+    unit = f" [{found.unit}]" if found.unit not in ("", "1") else ""
+    for name, x in {f"{found.output}{unit}": found.value,
+                    **{f"d/d {k}": x for k, x in found.derivatives.items()}}.items():
+        x = np.asarray(x)
+        table |= {name: x} if x.ndim == 1 else {
+            f"{name} {axis}": x[:, k] for k, axis in enumerate(XYZ)}
+    return table
+
+
+def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
+    """Return how large derivatives get along a sweep, and where."""
+    values = np.asarray(motion.driver)
+    lines = [f"{motion.mechanism.name}: {found.output} over {motion.driver_name}, "
+             f"{len(values)} values"]
+    for name, x in found.derivatives.items():
+        size = np.abs(x) if np.ndim(x) == 1 else np.linalg.norm(x, axis=1)
+        k = int(size.argmax())
+        lines.append(f"  d/d {name}: at most {size[k]:.9g}, at {motion.driver_name} = "
+                     f"{values[k]:.6g} {motion.driver_unit} (± {np.max(found.errors[name]):.0e})")
+    return "\n".join(lines)
+
+
+# ---------------------------------------------------------------- tolerance
+
+
+def _tolerance_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("output", metavar="OUTPUT", help=OUTPUT_HELP)
+    configuration_options(sub)
+    rate_options(sub)
+    sub.add_argument("--also", action="append", default=[], metavar="OUTPUT",
+                     help="another output, of the same samples")
+    sub.add_argument("--deviation", action="append", default=[], required=True, type=setting,
+                     metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm")
+    sub.add_argument("--samples", type=from_zero, default=0,
+                     help="draw so many mechanisms, besides the linear estimate (0)")
+    sub.add_argument("--seed", type=from_zero, default=0, help="of random numbers (0)")
+    workers_option(sub)
+    data_options(sub, "means and spreads", "means and spreads")
+
+
+def _tolerance(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    spread = unique(options, options.deviation)
+    _check_dimensions(mechanism, list(spread))
+    in_units(spread, "m", "cm", "mm", "um", "in", "rad", "deg", "°")
+    state = state_at(options, mechanism)
+    with workers(options.workers) as executor:
+        found = sp.tolerance(mechanism, [options.output, *options.also], spread, state,
+                             samples=options.samples, executor=executor, seed=options.seed,
+                             progress=True)
+    kinds = {"nominal": found.nominal, "linear": found.linear,
+             **({"mean": found.mean, "sampled": found.sampled} if found.sampled else {})}
+    content = {"mechanism": mechanism.name, "units": found.units, "deviations": spread,
+               "samples": options.samples, "failed": found.failed,
+               **{kind: {k: np.asarray(x).tolist() for k, x in (of or {}).items()}
+                  for kind, of in kinds.items()}}
+    columns = {kind: [x for name, value in (of or {}).items()
+                      for x in _numbers(name, value).values()] for kind, of in kinds.items()}
+    names = [(one, found.units[name]) for name, value in found.nominal.items()
+             for one in _numbers(name, value)]
+    tell(options, f"{mechanism.name}: {found}", finite(content),
+         {"output": [name for name, _ in names], "unit": [unit for _, unit in names], **columns})
+
+
+COMMANDS = {
+    "sensitivity": Command("how an output changes with the dimensions", _sensitivity_options,
+                           _sensitivity),
+    "tolerance": Command("how an output scatters when the dimensions do", _tolerance_options,
+                         _tolerance),
+}

@@ -1,0 +1,131 @@
+"""Commands of how motion is passed on: jacobian, transmission."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.cli.asked import loaded, motion_over, state_at
+from spatial_pin.cli.names import check_names
+from spatial_pin.cli.options import (
+    Command,
+    configuration_options,
+    data_options,
+    hold_option,
+    over_options,
+)
+from spatial_pin.cli.results import finite, grid, tell
+from spatial_pin.motion.summary import tidy
+
+ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
+
+
+def _jacobian_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("frame", metavar="FRAME", help="link, frame or joint whose twist is wanted")
+    configuration_options(sub)
+    sub.add_argument("--by", action="append", default=[], metavar="NAME",
+                     help="a driver or coordinate that moves it (all drivers)")
+    hold_option(sub, "; springs for all joints that springs act about")
+    data_options(sub, "the matrix", "the matrix")
+
+
+def _jacobian(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    mechanism.frame_id(options.frame)
+    names = options.by or list(mechanism.drivers)
+    by = [mechanism.driven_coordinate(name) for name in names]
+    check_names(options, mechanism)
+    state = state_at(options, mechanism)
+    found = sp.jacobian(mechanism, state, options.frame, options.by or None,
+                        hold=["base", *options.hold])
+    units = [[_per(base, c.unit) for c in by] for base in ("m", "m", "m", "rad", "rad", "rad")]
+    heads = [f"{name} [{c.unit}]" for name, c in zip(names, by, strict=True)]
+    lines = [f"{mechanism.name}: twist of {options.frame} at its origin, world axes, per unit "
+             "speed of the drivers, loops closed",
+             grid([[row, "m" if k < 3 else "rad", *(tidy(x, found) for x in found[k])]
+                   for k, row in enumerate(ROWS)], ("", "of", *heads))]
+    table = {"component": list(ROWS), **{name: found[:, k].tolist()
+                                         for k, name in enumerate(names)}}
+    tell(options, "\n".join(lines), finite({
+        "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
+        "drivers": names, "units": units, "matrix": found.tolist(),
+        "closure_error": state.closure_error}), table)
+
+
+def _per(unit: str, by: str) -> str:
+    return "1" if unit == by else f"{unit}/{by}"
+
+
+# ---------------------------------------------------------------- transmission
+
+
+def _transmission_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("output", metavar="OUTPUT", help="coordinate of a joint of one freedom")
+    configuration_options(sub)
+    sub.add_argument("--driver", metavar="NAME", help="what moves it (the only driver)")
+    sub.add_argument("--pair", metavar="NAME",
+                     help="closure or joint at which its link is moved, where there are several")
+    over_options(sub)
+    data_options(sub, "it", "it, along --over one row a value,")
+
+
+def _transmission(options: argparse.Namespace) -> None:
+    mechanism = loaded(options)
+    output = mechanism.driven_coordinate(options.output)
+    for name in filter(None, [options.driver]):
+        mechanism.driven_coordinate(name)
+    motion = motion_over(options, mechanism)
+    if motion is not None:
+        _tell_along(options, motion)
+        return
+    state = state_at(options, mechanism)
+    found = sp.transmission(mechanism, state, output.name, options.driver, options.pair)
+    driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
+    units = {"ratio": _per(output.unit, driver.unit), "angle": "rad",
+             "mechanical_advantage": _per(driver.unit, output.unit)}
+    shown = {"speed ratio": (found.ratio, units["ratio"]),
+             "mechanical advantage": (found.mechanical_advantage, units["mechanical_advantage"]),
+             "transmission angle": (found.angle, f"rad ({np.degrees(found.angle):.6g}°)")}
+    rows = [[name, f"{x:.9g}", unit.removeprefix("1")] for name, (x, unit) in shown.items()]
+    head = f"{mechanism.name}: {driver.name} moves {output.name} at {found.at}"
+    content = {"mechanism": mechanism.name, "output": output.name, "driver": driver.name,
+               **found._asdict(), "units": units, "closure_error": state.closure_error}
+    tell(options, f"{head}\n{grid(rows)}", finite(content),
+         {"quantity": list(units), "value": [float(getattr(found, name)) for name in units],
+          "unit": list(units.values())})
+
+
+def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
+    """Answer with the transmission along a sweep."""
+    mechanism, driver = motion.mechanism, options.driver or motion.driver_name
+    found = [sp.transmission(mechanism, motion.state(k), options.output, driver, options.pair)
+             for k in range(len(motion))]
+    values = np.asarray(motion.driver)
+    table: dict[str, Any] = {
+        f"{motion.driver_name} [{motion.driver_unit}]": values,
+        "ratio": np.array([x.ratio for x in found]),
+        "mechanical advantage": np.array([x.mechanical_advantage for x in found]),
+        "transmission angle [rad]": np.array([x.angle for x in found])}
+    angles = np.degrees(table["transmission angle [rad]"])
+    unit, rows = motion.driver_unit, []
+    for name, column, mark in (("speed ratio", table["ratio"], ""),
+                               ("transmission angle", angles, "°")):
+        for word, k in (("least", int(column.argmin())), ("most", int(column.argmax()))):
+            rows.append([word, name, f"{column[k]:.6g}{mark}",
+                         f"at {motion.driver_name} = {values[k]:.6g} {unit}"])
+    head = (f"{mechanism.name}: {driver} moves {options.output} at {found[0].at}, "
+            f"{len(found)} values")
+    content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
+               "at": found[0].at, "columns": {name: x.tolist() for name, x in table.items()}}
+    tell(options, f"{head}\n{grid(rows)}", finite(content), table)
+
+
+COMMANDS = {
+    "jacobian": Command("twist of a frame per unit speed of every driver, loops closed",
+                        _jacobian_options, _jacobian),
+    "transmission": Command("speed ratio, mechanical advantage and transmission angle of an "
+                            "output", _transmission_options, _transmission),
+}
