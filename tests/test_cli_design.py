@@ -81,6 +81,15 @@ def test_json_on_the_screen_is_all_there_is_and_free_is_no_bound(run, goals):
     assert json.loads(out)["designs"][0]["bounds"]["r4"] == [None, None]
 
 
+def test_an_end_without_a_bound_is_free_in_a_file_and_left_out_on_the_line(run, goals):
+    goals.write_text(FREUDENSTEIN.format(r4='["1cm", "free"]'))
+    code, out, _ = run("design", "four_bar", "r3=..40cm", "r1=0.1..", "--goals", goals,
+                       "--starts", 1, "--json", "-")
+    assert code == 0
+    bounds = json.loads(out)["designs"][0]["bounds"]
+    assert [bounds[name] for name in ("r4", "r3", "r1")] == [[0.01, None], [None, 0.4], [0.1, None]]
+
+
 def test_bounds_on_the_line_replace_those_of_the_file(run, goals):
     code, out, _ = run("design", "four_bar", "r4=50mm..220mm", "--goals", goals, "--starts", 1)
     assert code == 0 and "r4 = 0.22 (its most)" in out

@@ -47,6 +47,8 @@ def exactly(shift=0.0):
     (FUNCTION, {"r2": (0.6, 0.05)}, {}, ValueError, "bounds of 'r2' are 0.6 to 0.05: the first"),
     (FUNCTION, {"r2": (0.6, 0.6)}, {}, ValueError, "the first must be the smaller one"),
     (FUNCTION, {"r2": 0.6}, {}, ValueError, "bounds of 'r2' are (least, most), not 0.6"),
+    (FUNCTION, {"r2": (np.inf, None)}, {}, ValueError, "a bound of 'r2' has a value that is NaN"),
+    (FUNCTION, {"r2": (None,)}, {}, ValueError, "bounds of 'r2' are (least, most), not (None,)"),
     (FUNCTION, {"r2": (0.1, np.nan)}, {}, ValueError, "a bound of 'r2' has a value that is NaN"),
     (FUNCTION, {}, {}, ValueError, "nothing may change"),
     (FUNCTION, ["r2", "r2"], {}, ValueError, "dimensions names one twice"),
@@ -108,6 +110,37 @@ def test_goals_that_are_none_are_refused_when_they_are_made(make, says):
     with pytest.raises(ValueError) as told:
         make()
     assert says in str(told.value)
+
+
+# ---------------------------------------------------------------- bounds
+
+SIZE = 0.54  # of the library's four-bar: ground and rocker in a line
+
+@pytest.mark.parametrize("bounds", [(0.02, None), (None, 0.5), (0.02, np.inf), None])
+@pytest.mark.parametrize("method", ["multistart", "evolution"])
+def test_a_dimension_may_have_one_bound_or_none(four_bar, alone, bounds, method):
+    found = sp.design(four_bar, FUNCTION, {**BOUNDS, "r4": bounds}, starts=2, method=method)
+    assert found[0].dimensions["r4"] == pytest.approx(alone[0].dimensions["r4"], rel=1e-8)
+    low, high = found[0].bounds["r4"]
+    assert (low, high) == (0.02 if bounds and bounds[0] else -np.inf,
+                           0.5 if bounds and bounds[1] == 0.5 else np.inf)
+
+
+@pytest.mark.parametrize(("bounds", "least", "most"), [
+    ((0.04, None), 0.14, 0.44), ((None, 0.34), 0.14, 0.29), (None, 0.12, 0.48),
+    ((0.24, None), 0.24, 0.24 + SIZE), ((None, 0.24), 0.24 - SIZE, 0.24), ((0.1, 0.3), 0.1, 0.3)])
+def test_starts_are_drawn_from_half_to_twice_a_dimension_or_its_distance_to_a_bound(
+    four_bar, bounds, least, most
+):
+    """The rocker is 0.24 long; where that is a bound, the length of the mechanism counts."""
+    assert four_bar.characteristic_length == pytest.approx(SIZE)
+    ends = {"r4": tuple(x if x is not None else s * np.inf
+                        for x, s in zip(bounds or (None, None), (-1, 1), strict=True))}
+    problem, rng = Problem(four_bar, [FUNCTION], ends), np.random.default_rng(0)
+    drawn = np.array([problem.draw(rng)[0] for _ in range(300)])
+    assert drawn.min() == pytest.approx(least, abs=0.02)
+    assert drawn.max() == pytest.approx(most, abs=0.02)
+    assert (least <= drawn).all() and (drawn <= most).all()
 
 
 def test_a_single_point_is_a_path_of_one():

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.cli.tables import read_table, targets_of
+from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.errors import SpatialPinError, suggestion
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -42,11 +43,11 @@ class Asked(NamedTuple):
 
     Attributes:
         goals: of `sp.goals`.
-        bounds: by dimension (least, most), None for none.
+        bounds: by dimension (least, most), None for none, or for an end without one.
     """
 
     goals: list[Goal]
-    bounds: dict[str, tuple[float, float] | None]
+    bounds: dict[str, Bounds]
 
 
 def read_goals(path: str | Path, mechanism: Mechanism) -> Asked:
@@ -78,18 +79,24 @@ def read_goals(path: str | Path, mechanism: Mechanism) -> Asked:
     return Asked(found, {name: _bounds(path, name, given) for name, given in bounds.items()})
 
 
-def _bounds(path: Path, name: str, given: Any) -> tuple[float, float] | None:
+def _bounds(path: Path, name: str, given: Any) -> Bounds:
     if given == "free":
         return None
     try:
-        low, high = (x if isinstance(x, Quantity) else float(x) for x in map(_plain, given))
+        low, high = map(_end, map(_plain, given))
     except (TypeError, ValueError):
-        raise SpatialPinError(f"{path}: dimension {name} is [least, most] or \"free\", not "
-                              f"{given!r}") from None
+        raise SpatialPinError(f"{path}: dimension {name} is [least, most] or \"free\", as either "
+                              f"of both may be, not {given!r}") from None
     return low, high
 
 
-def check_bounds(bounds: Mapping[str, tuple[float, float] | None]) -> None:
+def _end(given: Any) -> float | None:
+    if given == "free":
+        return None
+    return given if isinstance(given, Quantity) else float(given)
+
+
+def check_bounds(bounds: Mapping[str, Bounds]) -> None:
     """Refuse bounds with units of something else than a length or an angle, or of one of each.
 
     Raises:

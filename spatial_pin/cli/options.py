@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from spatial_pin.cli.tables import read_target
+from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.units import Quantity, quantity
 
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
@@ -198,10 +199,15 @@ def span(text: str) -> tuple[str, tuple[Quantity, Quantity]]:
     return name, (value(low), value(high))
 
 
-def bounded(text: str) -> tuple[str, tuple[Quantity, Quantity] | None]:
-    """Return name and ends of `NAME=LO..HI`; None for the ends of `NAME`."""
-    name, equals, _ = text.partition("=")
-    return span(text) if equals else (name, None)
+def bounded(text: str) -> tuple[str, Bounds]:
+    """Return name and ends of `NAME=LO..HI`; None for an end left out, and for those of `NAME`."""
+    name, equals, given = text.partition("=")
+    low, dots, high = given.partition("..")
+    if not equals:
+        return name, None
+    if not (name and dots):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LO..HI")
+    return name, (value(low) if low else None, value(high) if high else None)
 
 
 def numbers(text: str) -> tuple[str, tuple[Quantity, ...]]:

@@ -11,6 +11,8 @@ from spatial_pin.checks import finite_number, names_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 
+Bounds = tuple[float | None, float | None] | None  # least and most; None where there is none
+
 
 def bounds_of(
     mechanism: Mechanism, dimensions: Iterable[str] | Mapping[str, Any], *, around: bool = False
@@ -19,7 +21,7 @@ def bounds_of(
 
     Args:
         mechanism: whose dimensions they are.
-        dimensions: their names, or {name: (least, most) or None}.
+        dimensions: their names, or {name: (least, most) or None}; None for an end without bound.
         around: whether bounds must hold the dimension that the mechanism has.
 
     Raises:
@@ -60,5 +62,11 @@ def _pair(name: str, given: Any) -> tuple[float, float]:
         low, high = given
     except (TypeError, ValueError):
         raise ValueError(words) from None
-    what = f"a bound of {name!r}"
-    return finite_number(low, what), finite_number(high, what)
+    return _end(name, low, -np.inf), _end(name, high, np.inf)
+
+
+def _end(name: str, given: Any, none: float) -> float:
+    """Return one bound; infinite if there is none, which is said by None or by infinity itself."""
+    if given is None or (isinstance(given, float) and given == none):
+        return none
+    return finite_number(given, f"a bound of {name!r}")

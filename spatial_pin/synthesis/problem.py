@@ -152,19 +152,26 @@ class Problem:
     def draw(self, rng: np.random.Generator) -> Array:
         """Return a start (n,): dimensions anywhere between their bounds, goals placed anywhere.
 
-        Dimensions without bounds are within half and twice their own values.
+        Dimensions without bounds are within half and twice their own values, those with one are
+        half to twice as far from it as they are; where that is nothing, up to their size away.
         """
         x = self.start.copy()
-        part = rng.uniform(size=self.n)
-        low, high = self.lower[: self.n], self.upper[: self.n]
-        bounded = np.isfinite(high - low)
-        with np.errstate(invalid="ignore"):
-            x[: self.n] = np.where(bounded, low + part * (high - low),
-                                   x[: self.n] * 2.0 ** (2.0 * part - 1.0))
-        x[: self.n] = np.clip(x[: self.n], low, high)
+        x[: self.n] = self._between(rng.uniform(size=self.n))
         for settling, own in zip(self.settlings, self._own, strict=True):
             x[own] += [_drawn(name, rng) for name in settling.names]
         return x
+
+    def _between(self, part: Array) -> Array:
+        """Return dimensions (n,) at parts (n,) from 0 to 1 of where they are drawn."""
+        low, high, size = self.lower[: self.n], self.upper[: self.n], self.sizes[: self.n]
+        bound = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0))
+        away = self.start[: self.n] - bound
+        inward = np.where(np.isfinite(low), part, np.where(np.isfinite(high), -part,
+                                                           2.0 * part - 1.0))
+        free = bound + np.where(away != 0.0, away * 2.0 ** (2.0 * part - 1.0), size * inward)
+        with np.errstate(invalid="ignore"):
+            inside = low + part * (high - low)
+        return np.clip(np.where(np.isfinite(high - low), inside, free), low, high)
 
     def nominal(self) -> State:
         """Return the closed state at the mechanism's own dimensions.

@@ -103,7 +103,7 @@ def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path |
 def _design_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("dimensions", nargs="*", default=[], type=bounded,
                      metavar="NAME=LO..HI", help="a dimension that may change, and its bounds; "
-                     "NAME alone has none; besides those of the file")
+                     "NAME alone has none, NAME=LO.. one; besides those of the file")
     sub.add_argument("--goals", metavar="F", required=True,
                      help="what is asked for: a .toml file with [[goal]] tables and [dimensions], "
                           "or a .csv file with columns as tip.x [mm], tip.y, tip.z (a path), with "
