@@ -270,3 +270,40 @@ def test_a_door_shuts_when_an_equation_of_one_freedom_says(run):
         assert found.time[-1] == pytest.approx(wanted.t[-1], rel=1e-5)
         assert found.coordinate("door").rate[-1] == pytest.approx(wanted.y[1, -1], rel=1e-5)
     assert made["moments"][0] > 18.0 and 3.0 < made["runs"]["one valve"].time[-1] < 7.0
+
+
+# ---------------------------------------------------------------- Cassie
+
+def test_cassies_foot_is_where_mujoco_has_it(run):
+    mujoco = pytest.importorskip("mujoco")
+    from beside_mujoco import beside, put, without_meshes
+    from test_mjcf import CASSIE, closed_by_mujoco
+
+    made, h = run("cassie"), 1e-3
+    pair = beside(made["robot"], without_meshes(CASSIE))
+    model, data = pair.model, pair.data
+    moved = [*made["robot"].drivers, *made["springs"]]
+    known = set(range(6)) | {int(model.joint(name).dofadr[0]) for name in moved}
+    unknown = np.array(sorted(set(range(model.nv)) - known))
+    foot, hip = model.body("left-foot").id, model.body("left-hip-pitch").id
+
+    for row in (0, 40, 80):
+        put(pair, made["motion"].q[row])
+        closed_by_mujoco(pair, data.qpos.copy(), unknown)
+        there = np.linalg.norm(data.xpos[foot] - data.xpos[hip])
+        assert made["length"][row] == pytest.approx(there, abs=1e-12)
+
+    put(pair, made["home"].q)
+    home = data.qpos.copy()
+    for name, slope in zip(made["names"], made["slopes"], strict=True):
+        heights = []
+        for step in (-2, -1, 1, 2):
+            q = home.copy()
+            q[model.joint(name).qposadr[0]] += step * h
+            closed_by_mujoco(pair, q, unknown)
+            heights.append(data.xpos[foot][2])
+        assert slope == pytest.approx(np.dot([1, -8, 8, -1], heights) / (12 * h), abs=1e-8)
+    softness = made["slopes"]**2 @ [1 / 1500, 1 / 1250]
+    assert made["sink"] == pytest.approx(33.312 * 9.81 * softness, rel=2e-5)
+    assert mujoco.mj_getTotalmass(model) == pytest.approx(made["weight"] / 9.81, rel=1e-9)
+    assert abs(made["bend"][:60] - 13.0).max() < 0.9  # 13 degrees in the papers about it
