@@ -15,6 +15,8 @@ EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.py"))
 def test_an_example_runs_and_writes_its_files(example, tmp_path):
     done = subprocess.run([sys.executable, example, tmp_path / "made"], cwd=tmp_path,
                           capture_output=True, text=True, timeout=300)
+    if done.returncode and "pip install 'spatial_pin[" in done.stderr:
+        pytest.skip(done.stderr.strip().splitlines()[-1])
     assert done.returncode == 0, done.stderr
     told = example.read_text(encoding="utf-8").split('"""')[1]
     made = {path.name for path in (tmp_path / "made").iterdir()}

@@ -307,3 +307,36 @@ def test_cassies_foot_is_where_mujoco_has_it(run):
     assert made["sink"] == pytest.approx(33.312 * 9.81 * softness, rel=2e-5)
     assert mujoco.mj_getTotalmass(model) == pytest.approx(made["weight"] / 9.81, rel=1e-9)
     assert abs(made["bend"][:60] - 13.0).max() < 0.9  # 13 degrees in the papers about it
+
+
+# ---------------------------------------------------------------- UR5
+
+def test_a_ur5_turns_its_crank_as_pinocchio_and_virtual_work_say(run):
+    try:
+        made = run("ur5_crank")
+    except SystemExit as missing:
+        pytest.skip(str(missing))
+    arm, motion, joints, turn = (made[name] for name in ("arm", "motion", "joints", "turn"))
+    model, data = arm.model, arm.model.createData()
+    tool = model.getFrameId("tool0")
+    places = [motion.mechanism.coordinate(name) for name in joints]
+    for row in range(0, 181, 12):
+        q = np.array([motion.q[row, place.q] for place in places])
+        v, a = (np.array([x[row, place.v] for place in places]) for x in (motion.v, motion.a))
+        angle = motion.driver[row]
+        pin.forwardKinematics(model, data, q, v)
+        at = pin.updateFramePlacement(model, data, tool)
+        there = [0.45 + 0.15 * np.cos(angle), 0.11 + 0.15 * np.sin(angle), 0.26]
+        assert at.translation == pytest.approx(there, abs=1e-12)
+        assert at.rotation[:, 2] == pytest.approx([0, 0, -1], abs=1e-12)
+        # the arm alone, and what a turn of the crank and a turn about the handle make of it
+        jacobian = pin.computeFrameJacobian(model, data, q, tool, pin.LOCAL_WORLD_ALIGNED)
+        twists = np.zeros((6, 2))
+        twists[:2, 0] = -0.15 * np.sin(angle), 0.15 * np.cos(angle)
+        twists[5, 1] = 1.0
+        ways = np.linalg.solve(jacobian, twists)
+        free = pin.rnea(model, data, q, v, a)
+        wanted = np.linalg.pinv(ways.T) @ (ways.T @ free + np.array([6.0, 0.0]))
+        found = np.array([made["loads"].efforts[name][row] for name in joints])
+        assert found == pytest.approx(wanted, abs=1e-9)
+        assert found @ v == pytest.approx(6.0 * turn + free @ v, abs=1e-9)
