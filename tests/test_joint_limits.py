@@ -320,6 +320,17 @@ def test_a_sweep_tells_the_joint_limits_that_it_passes(tmp_path):
     assert motion.events[0].value == pytest.approx(1.3, abs=1e-13)
 
 
+def test_a_motion_without_time_passes_limits_at_samples():
+    gough = sp.load("stewart")
+    upper = float(gough.model.upperPositionLimit[gough.coordinate("slide_1").q])
+    home = sp.assemble(gough).coordinate("leg_1").value
+    rising = home + (upper - home) * np.linspace(0.0, 1.25, 101)
+    motion = sp.follow(gough, {"leg_1": rising, "leg_2": home})
+    (event,) = motion.events
+    assert event.value == pytest.approx(80.0, abs=1e-9)
+    assert event.text.endswith(" of slide_1 passed at sample 80")
+
+
 def test_rows_at_one_place_pass_no_limit_however_their_speeds_differ(tmp_path):
     mech = hanging(tmp_path, -0.7, 1.3)
     values = np.repeat(np.linspace(0.0, 2.0, 9), 3)

@@ -36,7 +36,7 @@ class Passing(NamedTuple):
 
     Attributes:
         limit: which one.
-        value: where [s], or the driver's value there [rad or m].
+        value: where [s], or the driver's value there [rad or m], or the number of the sample.
         row: number of samples of the motion before it.
         where: the same in words; empty where the motion begins beyond the limit.
     """
@@ -206,7 +206,9 @@ def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
     if x is None:
         return None
     if motion.driver is None:
-        time = float(motion.time[k] + x * h) if motion.time is not None else float(k + x)
+        if motion.time is None:
+            return Passing(limit, float(k + x), k + 1, f"at sample {k + x:.6g}")
+        time = float(motion.time[k] + x * h)
         return Passing(limit, time, k + 1, f"at {time:.6g} s")
     c = motion.mechanism.coordinate(motion.driver_name)
     if c.q < 0:
