@@ -340,3 +340,31 @@ def test_a_ur5_turns_its_crank_as_pinocchio_and_virtual_work_say(run):
         found = np.array([made["loads"].efforts[name][row] for name in joints])
         assert found == pytest.approx(wanted, abs=1e-9)
         assert found @ v == pytest.approx(6.0 * turn + free @ v, abs=1e-9)
+
+
+# ---------------------------------------------------------------- hexapod
+
+def hexapod_legs(rotation, place):
+    """Return lengths of the six legs [m], by Pythagoras."""
+    way, side = np.radians([0, 0, 120, 120, 240, 240]), np.array([-1, 1] * 3)
+    foot, top = way + side * np.radians(20), way + side * np.radians(45)
+    feet = np.array([0.30 * np.cos(foot), 0.30 * np.sin(foot), 0 * foot])
+    tops = np.array([0.18 * np.cos(top), 0.18 * np.sin(top), 0 * top])
+    return np.linalg.norm(rotation @ tops + np.reshape(place, (3, 1)) - feet, axis=0)
+
+
+def test_the_legs_of_a_hexapod_are_as_long_as_pythagoras_says(run):
+    made = run("hexapod")
+    pose = made["pose"]
+    assert made["lengths"] == pytest.approx(hexapod_legs(pose.rotation, pose.translation),
+                                            abs=1e-13)
+    home = hexapod_legs(np.eye(3), [0, 0, 0.36])[0]
+    x = np.linspace(-0.15, 0.15, 61)
+    inside = [[np.all(hexapod_legs(np.eye(3), [a, b, 0.40]) < 1.2 * home) for b in x] for a in x]
+    assert np.array_equal(np.reshape(made["found"].reached, (61, 61)), inside)
+
+
+def test_a_hexapod_gives_way_at_ninety_degrees(run):
+    """Fichter 1986: legs in three pairs, turned by a right angle about the axis."""
+    made = run("hexapod")
+    assert made["lost"].value == pytest.approx(90.0, abs=1e-6)
