@@ -5,7 +5,7 @@ A signature names a class as its module does (`State`, `motion.motion.Motion`). 
 here: they stay plain text in signatures. A name that a page of prose refers to must exist.
 
 Docstrings have names and code in single backticks. Those of public names become links, the others
-code. Attributes stand in the docstring of their class: fields of tuples are listed there only.
+code; so do they on the other pages (`sp.sweep`). Attributes stand in the docstring of their class: fields of tuples are listed there only.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.domains.python import PyObject
 from sphinx.environment import BuildEnvironment
+from sphinx.transforms import SphinxTransform
 
 import spatial_pin
 
 REFERENCE = "reference/"
+CODE = re.compile(r"sp\.(\w+)(\(.*\))?$")
 ARRAY = re.compile(r"~?(numpy\.)?ndarray\[tuple\[.*?\], ~?(numpy\.)?dtype\[~?(numpy\.)?floating"
                    r"(\[.*?\])?\]\]")
 QUOTED = re.compile(r"(?<!`)`([^`]+)`(?!`)(\w?)")
@@ -74,12 +76,33 @@ def left_out(
     return True if (getattr(obj, "__doc__", "") or "").startswith("Alias for field") else None
 
 
+class LinkedCode(SphinxTransform):
+    """Code such as `sp.sweep` or `sp.sweep(...)` on a page of prose is a link."""
+
+    default_priority = 500
+
+    def apply(self, **options: Any) -> None:
+        """Put every such piece of code into a reference."""
+        if self.env.docname.startswith(REFERENCE):
+            return
+        for code in list(self.document.findall(nodes.literal)):
+            match = CODE.match(code.astext())
+            inside = isinstance(code.parent, nodes.reference | nodes.title | pending_xref)
+            if match is None or inside or match[1] not in spatial_pin.__all__:
+                continue
+            link = pending_xref(refdomain="py", reftype="obj", reftarget=f"spatial_pin.{match[1]}",
+                                refdoc=self.env.docname, refexplicit=True, refwarn=False)
+            code.replace_self(link)
+            link += code
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register it with Sphinx."""
     for field in PyObject.doc_field_types:
         if field.name == "variable":  # attributes: no links to attributes of that name elsewhere
             field.label, field.rolename = "Attributes", ""
     app.connect("autodoc-skip-member", left_out)
+    app.add_transform(LinkedCode)
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", link)
     app.connect("autodoc-process-signature", shorten)
