@@ -299,9 +299,9 @@ def test_cylinder_axis_is_z():
 def test_capsule_surface_is_at_its_radius():
     text = page(shown_as(coal.Capsule(0.1, 0.4)))
     (command,) = [c for c in commands(text, "set_object") if "part" in c["path"]]
-    attribute = command["object"]["geometries"][0]["data"]["attributes"]["position"]
-    points = np.frombuffer(attribute["array"].data, "<f4").reshape(-1, 3).astype(float)
-    from_core = points - np.clip(points @ [0, 0, 1], -0.2, 0.2)[:, None] * [0, 0, 1]
+    profile = command["object"]["geometries"][0]["points"]
+    points = np.array([[p["x"], p["y"]] for p in profile])
+    from_core = points - np.clip(points[:, 1], -0.2, 0.2)[:, None] * [0, 1]
     np.testing.assert_allclose(np.linalg.norm(from_core, axis=1), 0.1, rtol=1e-6)
 
 

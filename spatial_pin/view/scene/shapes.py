@@ -35,6 +35,25 @@ class Solid(NamedTuple):
     faceted: bool = False
 
 
+class Lathe(mg.Geometry):
+    """The surface that a profile sweeps about y; three.js makes it, so that it takes no room.
+
+    Attributes:
+        profile: (radius, y) of its points, from the lowest to the highest, shape (K, 2) [m].
+        segments: number of facets round the axis.
+    """
+
+    def __init__(self, profile: Array, segments: int = 48) -> None:
+        super().__init__()
+        self.profile, self.segments = profile, segments
+
+    def lower(self, object_data: Any) -> dict[str, Any]:
+        """Return it as three.js reads it."""
+        points = [{"x": float(r), "y": float(y)} for r, y in self.profile]
+        return {"uuid": self.uuid, "type": "LatheGeometry", "points": points,
+                "segments": self.segments}
+
+
 def _box(shape: Any, size: float) -> Solid:
     return Solid(mg.Box([float(x) for x in 2 * shape.halfSide]))
 
@@ -60,7 +79,7 @@ def _capsule(shape: Any, size: float) -> Solid:
     angle = np.linspace(0.0, np.pi / 2, 9)
     half = np.stack([shape.radius * np.cos(angle), shape.halfLength + shape.radius * np.sin(angle)])
     profile = np.concatenate([(half * [[1], [-1]])[:, ::-1], half], axis=1).T
-    return Solid(revolve(profile))
+    return Solid(Lathe(profile), Y_TO_Z)
 
 
 def _plane(shape: Any, size: float) -> Solid:
@@ -143,22 +162,7 @@ def turned(*corners: tuple[float, float], segments: int = 48) -> Solid:
         segments: number of facets round the axis; few make a prism.
     """
     sides = [corner for k in range(len(corners) - 1) for corner in corners[k : k + 2]]
-    return Solid(revolve(np.array(sides), segments), faceted=segments < 12)
-
-
-def revolve(profile: Array, segments: int = 48) -> Any:
-    """Return the surface that a profile sweeps about z.
-
-    Args:
-        profile: (radius, z) of its points, from the lowest to the highest, shape (K, 2) [m].
-        segments: number of facets round the axis.
-    """
-    angle = np.arange(segments) * 2 * np.pi / segments
-    r, z = profile.T
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    xy = r[:, None, None] * ring
-    points = np.concatenate([xy, np.broadcast_to(z[:, None, None], (*xy.shape[:2], 1))], axis=2)
-    return mg.TriangularMeshGeometry(points.reshape(-1, 3), _quads(len(profile), segments))
+    return Solid(Lathe(np.array(sides), segments), Y_TO_Z, faceted=segments < 12)
 
 
 def tube(path: Array, radius: float, segments: int = 8) -> Any:
