@@ -443,6 +443,51 @@ def test_skeleton_reaches_every_fixed_frame(tmp_path):
 # ---------------------------------------------------------------- the rest
 
 
+def without_picture_of(mechanism: Mechanism, joint: str) -> Mechanism:
+    kept = pin.GeometryModel()
+    for visual in mechanism.visual_model.geometryObjects:
+        if mechanism.model.names[visual.parentJoint] != joint:
+            kept.addGeometryObject(visual)
+    return replace(mechanism, visual_model=kept)
+
+
+@pytest.mark.parametrize(("asked", "sticks"), [
+    (None, {"crank_pin"}),
+    (False, set()),
+    (True, {"universe", "crank_pin", "ball_a", "rocker_pin"}),
+])
+def test_links_without_a_picture_of_their_own_are_sticks(asked, sticks):
+    motion = rssr(5)
+    partly = without_picture_of(motion.mechanism, "crank_pin")
+    found = [p for p in paths(page(replace(motion, mechanism=partly), look=Look(skeleton=asked)))]
+    assert {p.partition("/")[0] for p in found if " stick " in p} == sticks
+    assert any("rocker_pin" in p and " stick " not in p for p in found)
+    whole = paths(page(motion, look=Look(skeleton=asked)))
+    assert any(" stick " in p for p in whole) is (asked is True)
+
+
+def test_sticks_belong_to_their_links():
+    motion = rssr(5)
+    partly = without_picture_of(motion.mechanism, "crank_pin")
+    parts = scene(film(replace(motion, mechanism=partly))).parts
+    assert {p.name for p in parts if " stick " in p.path} == {"crank"}
+    assert {p.name for p in parts if p.group == "links"} == {"ground", "crank", "coupler", "rocker"}
+
+
+def test_signs_are_small_where_pairs_stand_close_together(tmp_path):
+    far, close = (load(tmp_path, f"chain{k}",
+                       turning("a", "ground", "one", (0, 0, 0))
+                       + turning("b", "one", "two", (reach, 0, 0))
+                       + turning("c", "two", "three", (1.0, 0, 0)), "")
+                  for k, reach in enumerate((1.0, 0.04)))
+    largest = [{item.name: np.ptp(item.solid.geometry.profile[:, 1]) for item in
+                glyphs(stage_of(sp.assemble(m)), through=False).items if item.name.endswith(" 0")}
+               for m in (far, close)]
+    assert largest[0]["revolute a 0"] == largest[0]["revolute c 0"] == largest[1]["revolute c 0"]
+    assert largest[1]["revolute a 0"] == largest[1]["revolute b 0"] < 0.04
+    assert largest[1]["revolute b 0"] < 0.4 * largest[0]["revolute b 0"]
+
+
 def test_centres_of_mass_move_with_their_links():
     motion = rssr(9)
     mechanism = motion.mechanism

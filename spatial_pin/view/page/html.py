@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ import numpy as np
 
 from spatial_pin.checks import checked, plain_text
 from spatial_pin.outputs import named_path, write_text
+from spatial_pin.view.page.curves import curves_of
 from spatial_pin.view.scene.film import Film, Reading, film, length_words
 from spatial_pin.view.scene.framing import ASPECT, Framing
 from spatial_pin.view.scene.overlay import overlaid
@@ -25,6 +27,11 @@ if TYPE_CHECKING:
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import Scene
     from spatial_pin.view.scene.stage import Entry, Label
+
+# What the page runs, in this order: each may use what stands before it, and functions of all.
+SCRIPTS = (
+    "software", "film", "play", "views", "parts", "point", "curves", "tools", "keys", "start",
+)
 
 
 def _notes(shown: Film, framing: Framing) -> str:
@@ -54,10 +61,21 @@ def _labels(labels: tuple[Label, ...], framing: Framing) -> list[dict[str, Any]]
     return [{"text": label.text, "at": p} for label, p in zip(labels, places, strict=True)]
 
 
-def _data(shown: Film, drawn: Scene) -> str:
+def _data(shown: Film, drawn: Scene, curves: Sequence[str]) -> str:
     """Return what the page's script reads, as JSON that is safe inside a script element."""
+    from spatial_pin.view.scene.meshcat_commands import GRID, upright
+
+    framing = drawn.framing
     data = {
         "commands": [base64.b64encode(c).decode() for c in drawn.commands],
+        "extras": [base64.b64encode(c).decode() for c in drawn.extras],
+        "parts": [part._asdict() for part in drawn.parts],
+        "hidden": drawn.hidden,
+        "grid": GRID,
+        "radius": framing.radius,
+        "world": upright(shown.mechanism.model).T.tolist(),
+        "extent": np.round((drawn.extent - framing.centre) / framing.radius, 4).tolist(),
+        "curves": curves_of(shown, curves),
         "seconds": np.round(shown.seconds, 6).tolist(),
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
@@ -68,18 +86,29 @@ def _data(shown: Film, drawn: Scene) -> str:
     return json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
 
 
-def parts_of(shown: Film, drawn: Scene, title: str | None) -> dict[str, str]:
+def parts_of(
+    shown: Film, drawn: Scene, title: str | None, look: Look | None
+) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
+    folder = files("spatial_pin.view.page")
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
     return {
         "TITLE": html.escape(title),
         "NOTES": _notes(shown, drawn.framing),
         "LEGEND": _legend(drawn.layer.legend),
         "MESHCAT": files("meshcat").joinpath("viewer/dist/main.min.js").read_text("utf-8"),
-        "FILM": _data(shown, drawn),
+        "STYLE": folder.joinpath("page.css").read_text("utf-8"),
+        "SCRIPT": script_of(SCRIPTS),
+        "FILM": _data(shown, drawn, () if look is None else look.curves),
         "CONNECT": "'none'",
         "EXTRA": "",
     }
+
+
+def script_of(names: Sequence[str]) -> str:
+    """Return scripts of the page as one."""
+    folder = files("spatial_pin.view.page").joinpath("script")
+    return "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in names)
 
 
 def filled(parts: dict[str, str]) -> str:
@@ -98,7 +127,7 @@ def page(
 
     motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
-    return filled(parts_of(shown, scene(shown, look), title))
+    return filled(parts_of(shown, scene(shown, look), title, look))
 
 
 @checked
@@ -111,17 +140,19 @@ def export_html(
 ) -> Path:
     """Write one self-contained page that shows a motion in the browser, or a state as a still.
 
-    The page needs no network and no server. It plays for ever, with play, pause and a slider, and
-    says the driver's value, the time, the largest closure error and the pace it is shown at. A
-    closure that is open by more than 1e-6 is marked where and while it is. Limits and singular
-    configurations are ticks on the slider. `#controls` at the end of the address opens meshcat's.
+    The page needs no network and no server. It plays for ever, faster, slower, to and fro or frame
+    by frame, and says the driver's value, the time, the largest closure error and the pace it is
+    shown at. It has views, a list of what is shown, names under the pointer, distances between
+    points, and curves of outputs. A closure that is open by more than 1e-6 is marked where and
+    while it is. Limits and singular configurations are ticks on the slider. `#controls` at the end
+    of the address opens meshcat's own.
 
     Args:
         motion_or_state: what to show; of what `spatial_pin.design` found, the best, with what was
             asked of it (`Look.design`).
         path: file to write.
         title: heading; the mechanism's title if not given.
-        look: what is shown besides the bodies: signs of the pairs, paths, arrows, ...
+        look: what is shown besides the bodies: signs of the pairs, paths, arrows, curves, ...
 
     Returns:
         The path written.

@@ -288,7 +288,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     from spatial_pin.view.scene.meshcat_commands import scene
 
     drawn = scene(desk.film, look)
-    parts = parts_of(desk.film, drawn, title)
+    parts = parts_of(desk.film, drawn, title, look)
     told = {
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],

@@ -20,6 +20,10 @@ class Look:
     """What a picture shows besides the bodies; open closures and springs are always shown.
 
     Attributes:
+        skeleton: whether links are drawn as sticks from pair to pair; None: those that bring no
+            picture of their own.
+        curves: outputs drawn under the picture, as `spatial_pin.plot` takes them; without any, a
+            page has the usual ones behind a button.
         pairs: whether a sign stands at every joint and closure that tells its kind; None: where
             the model brings no picture of its own.
         axes: whether the axes of joints and closures are drawn.
@@ -52,15 +56,20 @@ class Look:
     beside: bool = False
     workspace: Workspace | None = None
     design: Design | None = None
+    skeleton: bool | None = None
+    curves: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("axes", "centres", "beside"):
             check_kind(f"Look: {name}", "bool", getattr(self, name))
-        check_kind("Look: pairs", "bool | None", self.pairs)
+        for name in ("pairs", "skeleton"):
+            check_kind(f"Look: {name}", "bool | None", getattr(self, name))
         check_kind("Look: clearance", "Clearance | None", self.clearance)
         check_kind("Look: workspace", "Workspace | None", self.workspace)
         check_kind("Look: design", "Design | None", self.design)
-        object.__setattr__(self, "traces", tuple(names_of(self.traces, "Look: traces")))
+        for name in ("traces", "curves"):
+            names = tuple(names_of(getattr(self, name), f"Look: {name}"))
+            object.__setattr__(self, name, names)
         for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
             object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))
 

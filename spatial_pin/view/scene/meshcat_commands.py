@@ -29,8 +29,8 @@ from spatial_pin.view.scene.layers.traces import traces
 from spatial_pin.view.scene.layers.workspaces import workspaces
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
-from spatial_pin.view.scene.skeleton import skeleton
-from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, joined
+from spatial_pin.view.scene.skeleton import with_skeleton
+from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, grouped, joined
 
 __all__ = [
     "Scene",
@@ -45,6 +45,7 @@ __all__ = [
 
 
 GROUP = "/mechanism"
+GRID = f"{GROUP}/ground grid"
 GRID_COLOUR = 0xDFE3E8  # a light grey, on white
 AMBIENT_LIGHT = 0.55  # leaves colours as bright as they were chosen, with the other lights
 FLOAT32 = 0x17  # meshcat's MessagePack extension for a Float32Array
@@ -58,11 +59,42 @@ class Scene(NamedTuple):
         commands: meshcat's, packed.
         framing: where the camera stands.
         layer: what else the page says; `labels` are in the scaled scene.
+        extras: commands of what the page can show besides, hidden at first.
+        parts: what can be pointed at, shown and hidden.
+        extent: points that the picture holds, those farthest out, shape (K, 3) [m].
+        hidden: groups of what is hidden at first.
     """
 
     commands: list[bytes]
     framing: Framing
     layer: Layer
+    extras: list[bytes]
+    parts: list[Part]
+    extent: Array
+    hidden: list[str]
+
+
+class Part(NamedTuple):
+    """Something in a picture that has a name.
+
+    Attributes:
+        path: meshcat's.
+        group: what it is shown and hidden with: "links", "pairs", "axes", ...
+        name: of the link or pair, or what it is.
+        at: middle of the sign of a pair in its joint's frame [m].
+    """
+
+    path: str
+    group: str
+    name: str
+    at: list[float] | None = None
+
+
+def _part(item: Item, model: pin.Model) -> Part:
+    at = None
+    if item.group == "pairs" and item.joint is not None:
+        at = item.placement[:3, 3].tolist()
+    return Part(item_path(item, model), item.group, item.called or item.name, at)
 
 
 @dataclass(frozen=True)
@@ -209,7 +241,7 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
     viewer["/Lights/AmbientLight/<object>"].set_property("intensity", AMBIENT_LIGHT)
     lines = mg.PointsGeometry(grid_lines(framing).T)
     grid = mg.LineSegments(lines, mg.LineBasicMaterial(color=GRID_COLOUR))
-    viewer[f"{GROUP}/ground grid"].set_object(grid)
+    viewer[GRID].set_object(grid)
     scale = np.diag([*[1 / framing.radius] * 3, 1.0])
     scale[:3, 3] = -framing.centre / framing.radius
     viewer[GROUP].set_transform(scale)
@@ -229,51 +261,75 @@ def _joint_tracks(viewer: Any, film: Film, poses: Array) -> dict[str, Track]:
     return tracks
 
 
-def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> Layer:
-    """Return all that is shown; `bare` where the model brings no picture of its own."""
-    layers = [bodies(stage), springs(stage), gaps(stage)]
+def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, list[Layer]]:
+    """Return all that is shown, by groups; `bare` where the model brings no picture of its own."""
+    layers = {"links": [bodies(stage)], "springs": [springs(stage)], "gaps": [gaps(stage)]}
     if bare if look.pairs is None else look.pairs:
-        layers.append(glyphs(stage, through=not bare))
+        layers["pairs"] = [glyphs(stage, through=not bare)]
     if look.axes:
-        layers.append(axes(stage))
+        layers["axes"] = [axes(stage)]
     if look.centres:
-        layers.append(centres(stage))
+        layers["centres"] = [centres(stage)]
     if look.clearance is not None:
-        layers.append(clearances(stage, look.clearance))
+        layers["clearance"] = [clearances(stage, look.clearance)]
     if look.workspace is not None:
-        layers.append(workspaces(stage, look.workspace))
+        layers["workspace"] = [workspaces(stage, look.workspace)]
     if look.design is not None:
-        layers.append(designs(stage, look.design, look.traces))
-    layers += [traces(stage, look.traces), *arrows(stage, look.arrows)]
+        layers["design"] = [designs(stage, look.design, look.traces)]
+    layers |= {"traces": [traces(stage, look.traces)], "arrows": arrows(stage, look.arrows)}
     if look.ghosts:
         one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)
-        layers.append(one)
-    return joined(layers)
+        layers["ghosts"] = [one]
+    return layers
+
+
+def _in_groups(layers: dict[str, list[Layer]]) -> Layer:
+    return joined([grouped(group, layer) for group, found in layers.items() for layer in found])
+
+
+def _hidden(stage: Stage, shown: dict[str, list[Layer]]) -> Layer:
+    """Return what the page can show besides, if its reader wants it."""
+    layers = {"pairs": [glyphs(stage, through=True)], "axes": [axes(stage)]}
+    return _in_groups({group: found for group, found in layers.items() if group not in shown})
+
+
+def _extent(points: Array) -> Array:
+    """Return those points (K, 3) that are the farthest in any of many directions."""
+    steps = [-1.0, -0.5, 0.0, 0.5, 1.0]
+    directions = np.array([(x, y, z) for x in steps for y in steps for z in steps])
+    return points[np.unique((points @ directions.T).argmax(axis=0))]
 
 
 def scene(film: Film, look: Look | None = None) -> Scene:
     """Return what shows a film.
 
     The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
-    planes fit a watch and a crane alike. A mechanism without visuals is shown as a skeleton.
+    planes fit a watch and a crane alike. Links without visuals are shown as a skeleton.
 
     Raises:
         UnknownNameError: `look` names something that does not exist.
     """
     model, geometry = film.mechanism.model, film.mechanism.visual_model
     bare = geometry is None or geometry.ngeoms == 0
-    visuals = list((skeleton(model) if bare else geometry).geometryObjects)
+    look = look or Look()
+    visuals = with_skeleton(model, geometry, look.skeleton)
     poses = joint_poses(model, film.q)
     held = occupied(visuals, poses)
     towards = direction(np.ptp(held, axis=0)) if len(held) else np.array([0.5, -0.7, 0.5])
     size = frame(held, towards).radius
     stage = Stage(film, tuple(visuals), poses, upright(model), size)
-    layer = _layers(stage, look or Look(), bare, towards)
-    framing = frame(np.concatenate([held, layer.points]), towards)
-    recorder = Recorder()
+    shown = _layers(stage, look, bare, towards)
+    layer, hidden = _in_groups(shown), _hidden(stage, shown)
+    points = np.concatenate([held, layer.points])
+    framing = frame(points, towards)
+    recorder, extras = Recorder(), Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     _add_surroundings(viewer, framing)
     tracks = _joint_tracks(viewer, film, poses) | _add_items(viewer, film, layer.items)
+    tracks |= _add_items(meshcat.Visualizer(window=extras), film, hidden.items)
     if film.seconds[-1] > 0:
         viewer.window.send(Tracks(film.seconds, tracks))
-    return Scene(recorder.commands, framing, layer)
+    parts = [_part(item, model) for item in (*layer.items, *hidden.items)]
+    extent = _extent(points) if len(points) else points
+    groups = list(dict.fromkeys(item.group for item in hidden.items))
+    return Scene(recorder.commands, framing, layer, extras.commands, parts, extent, groups)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -40,10 +42,36 @@ def _stick(name: str, joint: int, p: Array, thickness: float) -> pin.GeometryObj
 
 def skeleton(model: pin.Model) -> pin.GeometryModel:
     """Return a geometry model of sticks; a ball stands for a body without extent."""
+    return _sticks(model, range(model.njoints))
+
+
+def with_skeleton(
+    model: pin.Model, geometry: pin.GeometryModel | None, wanted: bool | None
+) -> list[pin.GeometryObject]:
+    """Return what a model brings to be drawn, and the sticks of its skeleton.
+
+    Args:
+        model: the model.
+        geometry: what it brings.
+        wanted: whether bodies are drawn as sticks; None: those that bring nothing of their own. Of
+            these a body without extent and mass is nothing to be seen.
+    """
+    own = [] if geometry is None else list(geometry.geometryObjects)
+    if wanted or (wanted is None and not own):
+        return [*own, *skeleton(model).geometryObjects]
+    drawn = {int(visual.parentJoint) for visual in own}
+    missing = [j for j in range(model.njoints) if j not in drawn]
+    sticks = list(_sticks(model, missing).geometryObjects) if wanted is None else []
+    return own + [s for s in sticks
+                  if isinstance(s.geometry, coal.Capsule) or model.inertias[s.parentJoint].mass > 0]
+
+
+def _sticks(model: pin.Model, joints: Iterable[int]) -> pin.GeometryModel:
+    """Return the sticks of some joints' bodies."""
     ends = _ends(model)
     longest = max((float(np.linalg.norm(p)) for _, p in ends), default=0.0) or 1.0
     geometry = pin.GeometryModel()
-    for j in range(model.njoints):
+    for j in joints:
         thickness = THICKNESS * longest * (1.0 + SPREAD * (GOLDEN * j % 1.0))
         points = _distinct([p for joint, p in ends if joint == j],
                            TOLERANCES.half_precision * longest)

@@ -7,7 +7,7 @@ arrows and markers are fractions of `Stage.size`, so that a watch and a crane lo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,8 @@ class Item:
         placement: in the joint's frame or the view, shape (4, 4).
         track: of what moves on its own.
         through: whether it is seen through what stands before it.
+        called: what it is called when it is pointed at; its name if empty.
+        group: what it is shown and hidden with.
     """
 
     name: str
@@ -57,6 +59,8 @@ class Item:
     placement: Array = field(default_factory=lambda: IDENTITY)
     track: Track | None = None
     through: bool = False
+    called: str = ""
+    group: str = ""
 
 
 class Entry(NamedTuple):
@@ -149,6 +153,11 @@ def ball_at(points: Array, scale: Array | None = None) -> Track:
     still = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(points), 4))
     scales = None if scale is None else np.repeat(scale[:, None], 3, axis=1)
     return Track(np.concatenate([points, still], axis=1), scales)
+
+
+def grouped(group: str, layer: Layer) -> Layer:
+    """Return a layer whose solids are shown and hidden together."""
+    return replace(layer, items=tuple(replace(item, group=group) for item in layer.items))
 
 
 def joined(layers: list[Layer]) -> Layer:

@@ -46,7 +46,8 @@ def axes(stage: Stage) -> Layer:
         for side in sides if place.kind in AXIAL else ():
             joint, frame = place.joints[side], place.frames[side]
             items.append(
-                Item(f"axis {place.name} {side}", line, COLOUR, joint, frame, through=True)
+                Item(f"axis {place.name} {side}", line, COLOUR, joint, frame, through=True,
+                     called=f"axis of {place.name}")
             )
             points += [
                 stage.points(joint, frame[:3, 3] + z * length * frame[:3, 2]) for z in (-1, 1)

@@ -32,18 +32,31 @@ def colour(visual: pin.GeometryObject) -> tuple[float, ...]:
     return BODY_COLOURS[(visual.parentJoint - 1) % len(BODY_COLOURS)]
 
 
-def body_items(visuals: Sequence[pin.GeometryObject], size: float) -> tuple[Item, ...]:
+def link_of(visual: pin.GeometryObject, model: pin.Model) -> str:
+    """Return the link that a geometry object belongs to; the first of its joint if it tells none.
+
+    The sticks of a skeleton tell none.
+    """
+    own = model.frames[visual.parentFrame]
+    if own.type == pin.FrameType.BODY and own.parentJoint == visual.parentJoint:
+        return str(own.name)
+    return next((str(f.name) for f in model.frames
+                 if f.type == pin.FrameType.BODY and f.parentJoint == visual.parentJoint),
+                str(model.names[visual.parentJoint]))
+
+
+def body_items(visuals: Sequence[pin.GeometryObject], stage: Stage) -> tuple[Item, ...]:
     """Return every geometry object that can be drawn, fixed to its joint; warn of the others."""
-    items = []
+    items, model = [], stage.film.mechanism.model
     for k, visual in enumerate(visuals):
         joint, place = int(visual.parentJoint), visual.placement.homogeneous
-        name, own = f"{k} {visual.name}", colour(visual)
+        name, own, link = f"{k} {visual.name}", colour(visual), link_of(visual, model)
         parts = coloured(visual)
-        items += [Item(f"{name} part {i}", part, painted or own, joint, place)
+        items += [Item(f"{name} part {i}", part, painted or own, joint, place, called=link)
                   for i, (part, painted) in enumerate(parts)]
-        drawn = None if parts else solid(visual, size)
+        drawn = None if parts else solid(visual, stage.size)
         if drawn is not None:
-            items.append(Item(name, drawn, own, joint, place))
+            items.append(Item(name, drawn, own, joint, place, called=link))
         elif not parts:
             empty = type(visual.geometry).__name__
             warn(f"{visual.name!r} is not shown: it is an empty {empty}")
@@ -52,4 +65,4 @@ def body_items(visuals: Sequence[pin.GeometryObject], size: float) -> tuple[Item
 
 def bodies(stage: Stage) -> Layer:
     """Return the bodies of a film."""
-    return Layer(body_items(stage.visuals, stage.size))
+    return Layer(body_items(stage.visuals, stage))

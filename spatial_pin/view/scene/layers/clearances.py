@@ -67,7 +67,7 @@ def _red_links(stage: Stage, found: Clearance, pairs: list[PairClearance]) -> li
     items = []
     for link, when in is_red.items():
         own = [v for v in stage.visuals if frames[v.parentFrame].name == link]
-        for item in body_items(own, stage.size):
+        for item in body_items(own, stage):
             items.append(Item(f"touching {link} {item.name}", item.solid, TOUCHING,
                               track=_moving(stage, item, when)))
     return items

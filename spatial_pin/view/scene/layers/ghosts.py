@@ -81,7 +81,7 @@ def ghosts(stage: Stage, states: tuple[State, ...]) -> Layer:
     Raises:
         SpatialPinError: one is a state of another mechanism.
     """
-    everything = body_items(stage.visuals, stage.size)
+    everything = body_items(stage.visuals, stage)
     parts = tuple(part for part in everything if part.joint != 0)  # the ground is there already
     items: list[Item] = []
     legend: list[Entry] = []
@@ -114,7 +114,7 @@ def beside(stage: Stage, states: tuple[State, ...], direction: Array) -> Layer:
     Raises:
         SpatialPinError: one is a state of another mechanism.
     """
-    parts = body_items(stage.visuals, stage.size)
+    parts = body_items(stage.visuals, stage)
     placed = [in_view(state, stage) for state in states]
     corners = [occupied(list(stage.visuals), stage.poses), *(_held(stage, M) for M in placed)]
     steps = _steps(np.concatenate(corners), direction, len(corners))

@@ -8,7 +8,7 @@ to origin 2. A universal joint has its pin 1 along z of frame 1, its pin 2 along
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,9 @@ from spatial_pin.view.scene.layers.places import Place, places
 from spatial_pin.view.scene.shapes import Solid, ball, bar, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
-UNIT = 0.05  # size of a sign relative to the size of the scene
+UNIT, LEAST = 0.05, 0.012  # largest and least size of a sign relative to the size of the scene
+NEIGHBOUR = 0.35  # largest relative to the distance from the next pair of the same body
+APART = 1e-3  # by the size of the scene: pairs that are nearer stand at the same place
 CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
 MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
 THROUGH = 0.72  # opacity of signs that are seen through bodies
@@ -173,26 +175,41 @@ def _origins(stage: Stage, place: Place) -> tuple[Array, Array]:
     return first, second
 
 
-def _site(stage: Stage, place: Place) -> Site:
+def _units(stage: Stage, found: Sequence[Place]) -> list[float]:
+    """Return the sizes of signs [m]: smaller where pairs of a body are close to each other."""
+    sides = [(joint, frame[:3, 3]) for place in found
+             for joint, frame in zip(place.joints, place.frames, strict=True)]
+    bodies = np.array([joint for joint, _ in sides])
+    points = np.array([point for _, point in sides])
+    units = []
+    for joint, point in sides:
+        away = np.linalg.norm(points[bodies == joint] - point, axis=1)
+        nearest = away[away > APART * stage.size].min(initial=np.inf)
+        units.append(np.clip(NEIGHBOUR * nearest, LEAST * stage.size, UNIT * stage.size))
+    return [float(min(pair)) for pair in zip(units[::2], units[1::2], strict=True)]
+
+
+def _site(stage: Stage, place: Place, unit: float) -> Site:
     """Return how far the second frame goes, as seen from the first."""
     o1, o2 = _origins(stage, place)
     z = stage.rotations(place.joints[0], place.frames[0][:3, :3])[:, :, 2]
     height = np.vecdot(o2 - o1, z)
     across = np.linalg.norm(o2 - o1 - height[:, None] * z, axis=1)
     travel = float(height.min()), float(height.max())
-    return Site(UNIT * stage.size, travel, (float(across.min()), float(across.max())))
+    return Site(unit, travel, (float(across.min()), float(across.max())))
 
 
 def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> Item:
-    name = f"{place.kind} {place.name} {k}"
+    name, said = f"{place.kind} {place.name} {k}", f"{place.name}: {place.kind}"
     *rgb, opacity = MOVES if piece.on == "second" else CARRIES
     colour = (*rgb, THROUGH if through else opacity)
     if piece.on == "between":
         o1, o2 = _origins(stage, place)
-        return Item(name, piece.solid, colour, track=rod_between(o1, o2), through=through)
+        return Item(name, piece.solid, colour, track=rod_between(o1, o2), through=through,
+                    called=said)
     side = 0 if piece.on == "first" else 1
     joint, frame = place.joints[side], place.frames[side]
-    return Item(name, piece.solid, colour, joint, frame, through=through)
+    return Item(name, piece.solid, colour, joint, frame, through=through, called=said)
 
 
 def _held(stage: Stage, place: Place, piece: Piece) -> Array:
@@ -211,9 +228,10 @@ def glyphs(stage: Stage, through: bool) -> Layer:
     """Return a sign for every joint and closure, seen through the bodies or not."""
     items: list[Item] = []
     points: list[Array] = [np.zeros((0, 3))]
-    for place in places(stage.film.mechanism):
+    found = places(stage.film.mechanism)
+    for place, unit in zip(found, _units(stage, found), strict=True):
         make = GLYPHS.get(place.kind)
-        for k, piece in enumerate(make(_site(stage, place)) if make else ()):
+        for k, piece in enumerate(make(_site(stage, place, unit)) if make else ()):
             items.append(_item(stage, place, k, piece, through))
             points.append(_held(stage, place, piece))
     return Layer(tuple(items), np.concatenate(points))

@@ -1,0 +1,114 @@
+// Curves under the picture, with a cursor that follows the film and that the film follows.
+const COLOURS = ["#0072b2", "#d55e00", "#009e73"];
+const MARGIN = {left: 46, right: 8, top: 6, bottom: 18};
+const HEIGHT = 120;
+const drawer = document.getElementById("curves");
+const panels = (film.curves ? film.curves.panels : []).map(panelOf);
+
+function panelOf(data) {
+  const figure = element(drawer, "figure", {});
+  const caption = element(figure, "figcaption", {});
+  element(caption, "b", {textContent: data.label});
+  const values = data.lines.map((line, k) => {
+    const value = element(caption, "span", {});
+    value.style.color = COLOURS[k % COLOURS.length];
+    return value;
+  });
+  const svg = drawing(figure, "svg", {role: "img", "aria-label": data.label});
+  return {data, svg, values, scale: null};
+}
+
+function ticks(low, high, most) {  // round numbers between two values
+  const rough = (high - low) / most || 1;
+  const decade = 10 ** Math.floor(Math.log10(rough));
+  const step = decade * [1, 2, 5, 10].find(f => f * decade >= rough);
+  const first = Math.ceil(low / step);
+  return Array.from({length: Math.floor(high / step + 1e-9) - first + 1}, (_, k) => (first + k) * step);
+}
+
+const range = values => {
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  const room = high - low > 1e-9 * Math.max(Math.abs(low), Math.abs(high)) ? 0 : 0.1 * Math.abs(low) || 1;
+  return [low - room, high + room];
+};
+
+const briefly = x => String(Number(x.toPrecision(5))).replace("-", "−");
+
+function scaleOf(panel, width) {
+  const x = range(film.curves.x), y = range(panel.data.lines.flatMap(line => line.values).filter(v => v !== null));
+  const [w, h] = [width - MARGIN.left - MARGIN.right, HEIGHT - MARGIN.top - MARGIN.bottom];
+  return {
+    x, y,
+    across: v => MARGIN.left + (v - x[0]) / (x[1] - x[0]) * w,
+    up: v => MARGIN.top + (y[1] - v) / (y[1] - y[0]) * h,
+    back: p => Math.min(Math.max(x[0] + (p - MARGIN.left) / w * (x[1] - x[0]), x[0]), x[1]),
+  };
+}
+
+function drawAxes({svg, scale}, width) {
+  const end = HEIGHT - MARGIN.bottom;
+  for (const v of ticks(...scale.x, width / 90)) {
+    drawing(svg, "line", {class: "grid", x1: scale.across(v), x2: scale.across(v), y1: MARGIN.top, y2: end});
+    drawing(svg, "text", {x: scale.across(v), y: HEIGHT - 5, "text-anchor": "middle"}).textContent = briefly(v);
+  }
+  for (const v of ticks(...scale.y, 4)) {
+    drawing(svg, "line", {class: "grid", x1: MARGIN.left, x2: width - MARGIN.right, y1: scale.up(v), y2: scale.up(v)});
+    drawing(svg, "text", {x: MARGIN.left - 5, y: scale.up(v) + 4, "text-anchor": "end"}).textContent = briefly(v);
+  }
+  for (const mark of film.marks || []) {
+    const x = scale.across(valueAt(mark.seconds, film.curves.x));
+    const line = drawing(svg, "line", {class: "event", x1: x, x2: x, y1: MARGIN.top, y2: end});
+    drawing(line, "title", {}).textContent = `${mark.kind}: ${mark.text}`;
+  }
+}
+
+function nameAbscissa({svg}, width) {  // in the corner, on a ground that keeps it apart from numbers
+  const at = {x: width - MARGIN.right, y: HEIGHT - MARGIN.bottom - 5, "text-anchor": "end", class: "name"};
+  drawing(svg, "text", at).textContent = film.curves.name;
+}
+
+function drawPanel(panel) {
+  const width = panel.svg.clientWidth;
+  panel.svg.replaceChildren();
+  panel.scale = scaleOf(panel, width);
+  drawAxes(panel, width);
+  nameAbscissa(panel, width);
+  panel.data.lines.forEach((line, k) => {
+    const points = line.values.map((v, row) => v === null ? "" : `${panel.scale.across(film.curves.x[row]).toFixed(1)},${panel.scale.up(v).toFixed(1)}`);
+    drawing(panel.svg, "path", {d: `M${points.filter(p => p).join("L")}`, stroke: COLOURS[k % COLOURS.length]});
+  });
+  panel.cursor = drawing(panel.svg, "line", {class: "cursor", y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom});
+}
+
+function drawCursors() {
+  if (drawer.hidden) return;
+  const x = valueAt(animator.time, film.curves.x);
+  for (const panel of panels) {
+    const at = panel.scale.across(x);
+    panel.cursor.setAttribute("x1", at);
+    panel.cursor.setAttribute("x2", at);
+    panel.data.lines.forEach((line, k) => {
+      const name = line.name ? `${line.name} ` : "";
+      panel.values[k].textContent = `${name}${briefly(valueAt(animator.time, line.values))} ${panel.data.unit}`;
+    });
+  }
+}
+
+function follow(panel, event) {  // the film goes where the pointer is
+  const x = panel.scale.back(event.clientX - panel.svg.getBoundingClientRect().left);
+  go(between(x, film.curves.x, film.seconds));
+}
+
+function drawCurves() {
+  if (!drawer.hidden) panels.forEach(drawPanel);
+}
+
+for (const panel of panels) {
+  panel.svg.onpointerdown = event => {
+    panel.svg.setPointerCapture(event.pointerId);
+    follow(panel, event);
+  };
+  panel.svg.onpointermove = event => { if (event.buttons & 1) follow(panel, event); };
+}
+document.body.classList.toggle("uncurved", !panels.length);
+new ResizeObserver(drawCurves).observe(drawer);

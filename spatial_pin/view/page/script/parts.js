@@ -1,0 +1,70 @@
+// What is shown: groups of solids, and the links one by one.
+const GROUPS = {
+  links: "Links", springs: "Springs", gaps: "Open closures", pairs: "Pairs", axes: "Axes", centres: "Centres of mass",
+  clearance: "Clearance", workspace: "Workspace", design: "What was asked", traces: "Paths", arrows: "Arrows",
+  ghosts: "Other configurations", grid: "Ground grid",
+};
+const nodeAt = path => viewer.scene_tree.find(path.split("/").slice(1)).object;
+const hidden = {group: new Set(film.hidden), link: new Set()};  // names of what is not shown
+const solids = [...film.parts, {path: film.grid, group: "grid", name: "ground grid"}].map(solidOf);
+
+function solidOf(part) {
+  const made = {...part, node: nodeAt(part.path), meshes: []};
+  made.node.traverse(object => {
+    if (!object.isMesh) return;
+    object.userData.solid = made;
+    made.meshes.push(object);
+  });
+  return made;
+}
+
+function isShown(solid) {
+  return !hidden.group.has(solid.group) && !(solid.group === "links" && hidden.link.has(solid.name));
+}
+
+function showParts() {
+  for (const solid of solids) solid.node.visible = isShown(solid);
+  viewer.set_dirty();
+}
+
+function setShown(kind, name, shown) {
+  if (shown) hidden[kind].delete(name); else hidden[kind].add(name);
+  showParts();
+}
+
+function highlight(name, on) {
+  for (const solid of solids.filter(s => s.group === "links" && s.name === name))
+    for (const mesh of solid.meshes) mesh.material.emissive.setHex(on ? 0x444444 : 0);
+  viewer.set_dirty();
+}
+
+function swatch(solid) {
+  const mesh = solid.meshes[0];
+  return mesh ? `#${mesh.material.color.getHexString()}` : "transparent";
+}
+
+function partRow(kind, name, text, colour) {
+  const row = element(document.getElementById("parts"), "label", {});
+  const box = element(row, "input", {type: "checkbox", checked: !hidden[kind].has(name)});
+  box.onchange = () => setShown(kind, name, box.checked);
+  if (colour) element(row, "i", {}).style.background = colour;
+  element(row, "span", {textContent: text});
+  return row;
+}
+
+function listParts() {
+  const panel = document.getElementById("parts");
+  element(panel, "h2", {textContent: "Shown"});
+  const groups = Object.keys(GROUPS).filter(group => solids.some(s => s.group === group));
+  for (const group of groups) partRow("group", group, GROUPS[group]);
+  const links = new Map(solids.filter(s => s.group === "links").map(s => [s.name, s]).reverse());
+  element(panel, "h2", {textContent: "Links"});
+  for (const [name, solid] of [...links].reverse()) {
+    const row = partRow("link", name, name, swatch(solid));
+    row.onmouseenter = () => highlight(name, true);
+    row.onmouseleave = () => highlight(name, false);
+  }
+}
+
+listParts();
+showParts();

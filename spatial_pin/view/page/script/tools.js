@@ -1,0 +1,18 @@
+// The buttons that open something: the list of links, the ruler, the curves.
+const OPENED = {
+  parts: open => { document.getElementById("parts").hidden = !open; },
+  ruler: setRuler,
+  curves: open => { drawer.hidden = !open; drawCurves(); },
+};
+
+function open_(name, wish) {  // or shut; as it is not, unless it is said how
+  const tool = document.querySelector(`[data-opens=${name}]`);
+  if (name === "curves" && !panels.length) return;
+  const on = wish === undefined ? !tool.classList.contains("on") : wish;
+  tool.classList.toggle("on", on);
+  tool.setAttribute("aria-pressed", on);
+  OPENED[name](on);
+}
+
+for (const one of document.querySelectorAll("[data-opens]")) one.onclick = () => open_(one.dataset.opens);
+if (film.curves && film.curves.open) open_("curves", true);

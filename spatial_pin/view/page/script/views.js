@@ -1,0 +1,74 @@
+// The camera. Its own axes have y up, those of the scene z: (x, y, z) of the scene is its (x, z, -y).
+const VIEWS = {front: [0, -1, 0], top: [0, 0, 1], side: [1, 0, 0], iso: [1, -1, 1]};
+const ROOM = 1.15;  // round what is seen, for what is written over it
+let moved = false;  // by the user
+let seenFrom = null;  // unit vector to the camera; null: as at first
+viewer.controls.addEventListener("start", () => { moved = true; });
+
+const ofCamera = ([x, y, z]) => new THREE.Vector3(x, z, -y);
+let extent = () => film.extent.map(ofCamera);  // the points that the picture holds
+
+function lookFrom(direction) {
+  seenFrom = direction && direction.clone().normalize();
+  moved = false;
+  fit();
+}
+
+function view(name) {
+  if (name === "fit") {
+    const asAtFirst = seenFrom === null && !moved && film.seconds.length;
+    lookFrom(asAtFirst && !film.refits ? null : viewer.camera.position.clone().sub(viewer.controls.target));
+  } else lookFrom(name === "first" ? null : ofCamera(VIEWS[name]));
+}
+
+function fit() {  // after the window has changed; never against the user
+  if (moved) return;
+  if (seenFrom === null) asAtFirst(); else frameAll(extent(), seenFrom);
+  viewer.controls.update();
+  viewer.set_dirty();
+}
+
+function asAtFirst() {  // a picture that is narrower than it was made for is seen from further off
+  const away = Math.max(1, film.aspect * pane.clientHeight / pane.clientWidth);
+  viewer.controls.target.set(0, 0, 0);
+  viewer.camera.position.copy(home).multiplyScalar(away);
+}
+
+function frameAll(points, towards) {  // all points in the middle of the picture
+  const up = Math.abs(towards.y) > 0.999 ? new THREE.Vector3(0, 0, -1) : new THREE.Vector3(0, 1, 0);
+  const right = up.clone().cross(towards).normalize();
+  up.copy(towards).cross(right);
+  const half = Math.tan(viewer.camera.fov * Math.PI / 360) / ROOM;
+  const halves = [half * pane.clientWidth / pane.clientHeight, half];
+  const target = new THREE.Vector3();
+  let away = 1;
+  for (let k = 0; k < 5; k++) {
+    const seen = points.map(p => p.clone().sub(target)).map(p => [p.dot(right), p.dot(up), p.dot(towards)]);
+    away = Math.max(...seen.map(([x, y, z]) => z + Math.max(Math.abs(x) / halves[0], Math.abs(y) / halves[1])));
+    target.addScaledVector(right, away * middle(seen.map(([x, , z]) => x / (away - z))));
+    target.addScaledVector(up, away * middle(seen.map(([, y, z]) => y / (away - z))));
+  }
+  viewer.controls.target.copy(target);
+  viewer.camera.position.copy(target).addScaledVector(towards, away);
+}
+
+const middle = values => (Math.min(...values) + Math.max(...values)) / 2;
+
+// ---------------------------------------------------------------- the room the picture has
+
+const below = document.getElementById("below");
+const fill = viewer.set_3d_pane_size.bind(viewer);  // meshcat's own takes the whole height
+viewer.set_3d_pane_size = (width, height) => fill(width, height === undefined ? pane.clientHeight : height);
+
+function share() {  // the window between the picture and what stands below it
+  const taken = below.offsetHeight;
+  pane.style.height = `${innerHeight - taken}px`;
+  document.body.style.setProperty("--below", `${taken}px`);
+  viewer.set_3d_pane_size();
+  fit();
+}
+
+for (const one of document.querySelectorAll("[data-view]")) one.onclick = () => view(one.dataset.view);
+new ResizeObserver(share).observe(below);
+addEventListener("resize", share);
+share();

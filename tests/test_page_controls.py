@@ -1,0 +1,330 @@
+"""What one can do with a page: play it, turn it, point at it, hide parts, measure, read curves."""
+
+import numpy as np
+import pytest
+from pictures import colour_mask, middle, pixels
+
+import spatial_pin as sp
+from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser.movie import READY
+from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.scene.film import film
+from spatial_pin.view.scene.look import Look
+
+SIZE = (900, 640)
+CODES = {" ": ("Space", 32), "ArrowLeft": ("ArrowLeft", 37), "ArrowRight": ("ArrowRight", 39),
+         "Home": ("Home", 36), "End": ("End", 35)}
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine"),
+]
+
+
+@pytest.fixture(scope="module")
+def one_browser():
+    with Browser(SIZE) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return sp.sweep(sp.load("rssr"), "crank", np.linspace(0.3, 0.3 + 2 * np.pi, 61))
+
+
+@pytest.fixture(scope="module")
+def address(motion, tmp_path_factory):
+    return sp.export_html(motion, tmp_path_factory.mktemp("page") / "rssr.html")
+
+
+@pytest.fixture
+def page(one_browser, address):
+    """The open page, stopped at its first sample; nothing may be complained of afterwards."""
+    one_browser.resize(SIZE)
+    one_browser.open(address, READY)
+    one_browser.evaluate("go(0); 1")
+    yield one_browser
+    one_browser.evaluate("1")
+    kinds = ("Runtime.exceptionThrown", "Log.entryAdded")
+    assert [e for e in one_browser.events if e["method"] in kinds] == []
+
+
+def key(browser: Browser, name: str, shift: bool = False) -> None:
+    """Press a key, wherever the focus is."""
+    code, number = CODES.get(name) or (f"Key{name.upper()}", ord(name.upper()))
+    for kind in ("keyDown", "keyUp"):
+        browser.call("Input.dispatchKeyEvent", type=kind, key=name, code=code,
+                     windowsVirtualKeyCode=number, modifiers=8 * shift)
+
+
+def box(browser: Browser, selector: str) -> dict[str, float]:
+    script = f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()"
+    return browser.evaluate(script)
+
+
+def click(browser: Browser, selector: str, across: float = 0.5) -> None:
+    b = box(browser, selector)
+    browser.click(b["x"] + across * b["width"], b["y"] + b["height"] / 2)
+
+
+def point_at(browser: Browser, x: float, y: float) -> None:
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="none")
+
+
+def where(browser: Browser, link: str) -> tuple[float, float]:
+    """A place of the picture at which a link is seen and nothing stands before it."""
+    script = f"""(() => {{
+      viewer.render();
+      const cross = [[0, 0], [5, 0], [-5, 0], [0, 5], [0, -5]];
+      const named = hit => hit && hit.object.userData.solid.name === {link!r};
+      for (let y = 60; y < innerHeight - 80; y += 6)
+        for (let x = 30; x < innerWidth - 200; x += 6)
+          if (cross.every(([a, b]) => named(hitAt(x + a, y + b)))) return [x, y];
+    }})()"""
+    return tuple(browser.evaluate(script))
+
+
+# ---------------------------------------------------------------- playing
+
+
+def test_keys_play_and_step_without_focus(page, motion):
+    seconds = film(motion).seconds
+    key(page, "ArrowRight")
+    assert page.evaluate("animator.time") == pytest.approx(seconds[1], abs=1e-6)
+    key(page, "ArrowRight", shift=True)
+    assert page.evaluate("animator.time") == pytest.approx(seconds[11], abs=1e-6)
+    key(page, "ArrowLeft")
+    assert page.evaluate("animator.time") == pytest.approx(seconds[10], abs=1e-6)
+    assert page.evaluate("Number(slider.value)") == pytest.approx(seconds[10], abs=1e-6)
+    key(page, "End")
+    assert page.evaluate("animator.time") == pytest.approx(seconds[-1], abs=1e-6)
+    key(page, "Home")
+    assert page.evaluate("animator.time") == 0
+    key(page, " ")
+    assert page.evaluate("animator.playing")
+    page.wait_until("animator.time > 0.05")
+    key(page, " ")
+    assert not page.evaluate("animator.playing")
+
+
+def test_step_from_between_two_samples_goes_to_the_next_of_them(page, motion):
+    seconds = film(motion).seconds
+    page.evaluate(f"go({(seconds[4] + seconds[5]) / 2}); step(1); 1")
+    assert page.evaluate("animator.time") == pytest.approx(seconds[5], abs=1e-6)
+    page.evaluate(f"go({(seconds[4] + seconds[5]) / 2}); step(-1); 1")
+    assert page.evaluate("animator.time") == pytest.approx(seconds[4], abs=1e-6)
+
+
+def test_buttons_step(page, motion):
+    click(page, "[data-step='1']")
+    assert page.evaluate("animator.time") == pytest.approx(film(motion).seconds[1], abs=1e-6)
+    click(page, "[data-step='-1']")
+    assert page.evaluate("animator.time") == 0
+
+
+def test_speed_is_that_of_the_film(page):
+    page.evaluate("speeds.value = '4'; speeds.onchange(); 1")
+    assert page.evaluate("later(1, 0.5)") == pytest.approx(1.5)
+    page.evaluate("animator.clock.getDelta = () => 0.01; go(1); animator.play(); 1")
+    page.evaluate("animator.update(); animator.pause(); 1")
+    assert (page.evaluate("animator.time") - 1.0) % 0.04 == pytest.approx(0, abs=1e-9)
+    assert page.evaluate("animator.time") >= 1.04 - 1e-9
+    key(page, "-")
+    assert page.evaluate("[playing.speed, speeds.value]") == [2, "2"]
+
+
+def test_end_of_the_film_begins_again_turns_back_or_stops(page):
+    end = page.evaluate("animator.duration")
+    assert page.evaluate(f"later({end - 0.1}, 0.3)") == pytest.approx(0.2)
+    click(page, "#ending")
+    turned = page.evaluate(f"[later({end - 0.1}, 0.3), playing.way]")
+    assert turned == [pytest.approx(end - 0.2), -1]
+    assert page.evaluate("[later(0.1, 0.3), playing.way]") == [pytest.approx(0.2), 1]
+    key(page, "r")
+    page.evaluate("animator.play(); 1")
+    assert page.evaluate(f"later({end - 0.1}, 0.3)") == pytest.approx(end)
+    assert not page.evaluate("animator.playing")
+    page.evaluate(f"go({end}); toggle(); 1")
+    assert page.evaluate("animator.playing && animator.time < 1")
+
+
+# ---------------------------------------------------------------- views
+
+
+@pytest.mark.parametrize(("pressed", "towards"), [
+    ("1", [0, -1, 0]), ("2", [0, 0, 1]), ("3", [1, 0, 0]), ("4", np.array([1, -1, 1]) / 3**0.5),
+])
+def test_views_look_along_axes_and_hold_everything(page, pressed, towards):
+    key(page, pressed)
+    direction = page.evaluate(
+        "[viewer.camera.position.clone().sub(viewer.controls.target).normalize()]"
+        ".flatMap(d => [d.x, -d.z, d.y])")
+    np.testing.assert_allclose(direction, towards, atol=1e-5)
+    page.wait_until("!viewer.needs_render")
+    inside = page.evaluate(
+        "extent().map(p => viewer.camera.parent.localToWorld(p.clone()).project(viewer.camera))"
+        ".map(p => Math.max(Math.abs(p.x), Math.abs(p.y)))")
+    assert 0.7 < max(inside) < 0.95
+
+
+def test_start_and_fit_undo_what_the_user_has_moved(page):
+    first = page.evaluate("viewer.camera.position.toArray()")
+    page.evaluate("viewer.controls.dispatchEvent({type: 'start'});"
+                  "viewer.camera.position.multiplyScalar(3); 1")
+    click(page, "[data-view=fit]")
+    near = page.evaluate("viewer.camera.position.clone().sub(viewer.controls.target).length()")
+    assert near < 1.1 * np.linalg.norm(first)
+    click(page, "[data-view=first]")
+    np.testing.assert_allclose(page.evaluate("viewer.camera.position.toArray()"), first, atol=1e-6)
+
+
+# ---------------------------------------------------------------- parts and names
+
+
+def test_list_hides_links_and_groups_and_shows_pairs(page):
+    orange = (0.835, 0.369, 0.0)
+    assert not page.evaluate("document.getElementById('parts').checkVisibility()")
+    click(page, "[data-opens=parts]")
+    rows = page.evaluate(
+        "[...document.querySelectorAll('#parts label')].map(l => l.innerText.trim())")
+    assert rows == ["Links", "Pairs", "Axes", "Ground grid", "ground", "crank", "coupler", "rocker"]
+    before = pixels(page.screenshot())
+    click(page, "#parts label:nth-of-type(6)", 0.9)
+    after = pixels(page.screenshot())
+    part = np.s_[:, :600]  # beside the list
+    assert colour_mask(after[part], orange).sum() < 0.05 * colour_mask(before[part], orange).sum()
+    click(page, "#parts label:nth-of-type(6)", 0.9)
+    assert page.evaluate("solids.filter(s => s.group === 'pairs').every(s => !s.node.visible)")
+    click(page, "#parts label:nth-of-type(2)", 0.9)
+    assert page.evaluate("solids.filter(s => s.group === 'pairs').every(s => s.node.visible)")
+    shown = pixels(page.screenshot())
+    assert np.mean(np.any(np.abs(shown[part] - before[part]) > 0.1, axis=2)) > 0.002
+
+
+def test_row_of_the_list_lights_its_link_up(page):
+    click(page, "[data-opens=parts]")
+    b = box(page, "#parts label:nth-of-type(7)")
+    point_at(page, b["x"] + 30, b["y"] + 8)
+    lit = "solids.filter(s => s.meshes.some(m => m.material.emissive.getHex())).map(s => s.name)"
+    assert set(page.evaluate(lit)) == {"coupler"}
+    point_at(page, 20, 300)
+    assert page.evaluate(lit) == []
+
+
+@pytest.mark.parametrize("link", ["crank", "coupler", "rocker", "ground"])
+def test_pointer_tells_the_name_of_what_it_is_on(page, link):
+    point_at(page, *where(page, link))
+    assert page.evaluate("pointed.hidden ? '' : pointed.textContent") == link
+    point_at(page, 5, 300)
+    assert page.evaluate("pointed.hidden") or page.evaluate("pointed.textContent") == "ground grid"
+
+
+# ---------------------------------------------------------------- distances
+
+
+def test_distance_between_two_points_moves_with_the_bodies(page, motion):
+    key(page, "m")
+    ends = [where(page, "crank"), where(page, "rocker")]
+    for x, y in ends:
+        page.click(x, y)
+    page.wait_until("document.querySelectorAll('#ruler text').length === 2")
+    distance = "Math.hypot(...inMetres(...ruler.picks.map(inWorld)))"
+    first = page.evaluate(distance)
+    assert 0 < first < 2 * motion.mechanism.characteristic_length
+    assert "mm" in page.evaluate("document.querySelector('#ruler text').textContent")
+    page.evaluate("go(2); viewer.render(); 1")
+    assert abs(page.evaluate(distance) - first) > 1e-3 * first
+    key(page, "m")
+    page.wait_until("document.querySelector('#ruler').childElementCount === 0")
+
+
+def test_distance_of_pairs_is_that_of_their_middles(page, motion):
+    click(page, "[data-opens=parts]")
+    click(page, "#parts label:nth-of-type(2)", 0.9)
+    script = """(row => {
+      go(film.seconds[row]); viewer.render();
+      const sign = name => solids.find(s => s.name.startsWith(name + ":")).meshes[0];
+      const of = name => pickOf({object: sign(name), point: new THREE.Vector3()});
+      return inMetres(inWorld(of("crank_pin")), inWorld(of("ball_b")));
+    })(17)"""
+    closure = next(c for c in motion.mechanism.closures if c.name == "ball_b")
+    from_, to = (motion.frame(n).position[17] for n in ("crank_pin", closure.frames[0]))
+    np.testing.assert_allclose(page.evaluate(script), to - from_, atol=1e-6)
+
+
+def test_dragging_the_picture_is_no_click_of_the_ruler(page):
+    key(page, "m")
+    x, y = where(page, "coupler")
+    for kind, dx in (("mousePressed", 0), ("mouseMoved", 40), ("mouseReleased", 40)):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x + dx, y=y, button="left", clickCount=1)
+    assert page.evaluate("ruler.picks.length") == 0
+
+
+# ---------------------------------------------------------------- curves
+
+
+def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion):
+    assert not page.evaluate("document.getElementById('curves').checkVisibility()")
+    height = page.evaluate("pane.clientHeight")
+    click(page, "[data-opens=curves]")
+    page.wait_until(f"pane.clientHeight < {height} - 100")
+    assert page.evaluate("film.curves.name") == "crank [°]"
+    values = page.evaluate("film.curves.panels[0].lines[0].values")
+    np.testing.assert_allclose(values, np.rad2deg(motion.coordinate("rocker_pin").value), rtol=1e-5)
+    page.evaluate(f"go({film(motion).seconds[20]}); 1")
+    page.screenshot()
+    assert page.evaluate("panels[0].values[0].textContent") == f"{values[20]:.5g} °"
+    cursor = page.evaluate("Number(panels[0].cursor.getAttribute('x1'))")
+    b = box(page, "#curves svg")
+    page.click(b["x"] + cursor + 0.2 * b["width"], b["y"] + 40)
+    turned = np.rad2deg(2 * np.pi) * 0.2 * b["width"] / (b["width"] - 54)
+    page.screenshot()
+    crank = float(page.evaluate("outputs[0].textContent").removeprefix("crank = ")[:-1])
+    assert crank == pytest.approx(np.rad2deg(motion.driver[20]) + turned, abs=0.5)
+    moved = page.evaluate("Number(panels[0].cursor.getAttribute('x1'))")
+    assert moved == pytest.approx(cursor + 0.2 * b["width"], abs=1.5)
+
+
+def test_curves_that_are_asked_for_are_open(one_browser, motion, tmp_path):
+    look = Look(curves=("coupler.com.position", "rocker_pin.ratio"))
+    one_browser.resize(SIZE)
+    one_browser.open(sp.export_html(motion, tmp_path / "a.html", look=look), READY)
+    assert one_browser.evaluate("panels.length") == 2
+    captions = one_browser.evaluate("document.getElementById('curves').innerText")
+    assert "[m]" in captions and "ratio" in captions
+    assert one_browser.evaluate("panels[0].svg.querySelectorAll('path').length") == 3
+    colours = pixels(one_browser.screenshot())[int(box(one_browser, "#curves")["y"]) :]
+    for colour in ((0.0, 0.447, 0.698), (0.835, 0.369, 0.0), (0.0, 0.62, 0.451)):
+        assert colour_mask(colours, colour).sum() > 100
+    with pytest.raises(sp.UnknownNameError, match="rocker_pni"):
+        sp.export_html(motion, tmp_path / "b.html", look=Look(curves="rocker_pni"))
+
+
+def test_page_of_a_state_has_views_and_names_but_no_curves(one_browser, tmp_path):
+    state = sp.assemble(sp.load("stewart"))
+    one_browser.open(sp.export_html(state, tmp_path / "a.html"), READY)
+    button = "document.querySelector('[data-opens=curves]')"
+    assert not one_browser.evaluate(f"{button}.checkVisibility()")
+    key(one_browser, "2")
+    key(one_browser, " ")
+    key(one_browser, "c")
+    assert one_browser.evaluate("document.getElementById('curves').hidden")
+
+
+# ---------------------------------------------------------------- narrow windows
+
+
+def test_everything_fits_a_telephone(one_browser, address):
+    one_browser.resize((390, 760))
+    one_browser.open(address, READY)
+    one_browser.evaluate("open_('parts'); open_('curves'); 1")
+    assert one_browser.evaluate("document.documentElement.scrollWidth") <= 390
+    for selector in ("#tools", "#parts", "#player", "#curves", "#says"):
+        b = box(one_browser, selector)
+        assert b["x"] >= 0 and b["right"] <= 390 and b["bottom"] <= 760.5, selector
+    tools, says = box(one_browser, "#tools"), box(one_browser, "#says")
+    assert says["right"] <= tools["x"]
+    assert box(one_browser, "#player div")["width"] > 250
+    one_browser.evaluate("open_('parts', false); open_('curves', false); 1")
+    seen = pixels(one_browser.screenshot())
+    column, row = middle(colour_mask(seen[:, :300], (0.0, 0.447, 0.698)))
+    assert 50 < column < 300 and 150 < row < 600
