@@ -97,10 +97,14 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _offer({  # imported when they are first asked for
+    "Kinetostatics._repr_html_": "view.page.cards:kinetostatics",
     "Kinetostatics.output": "dynamics.outputs:output",
     "Kinetostatics.quantities": "dynamics.outputs:quantities",
+    "Mechanism._repr_html_": "view.page.cards:mechanism",
     "Mechanism.from_model": "formats.pinocchio_model.from_model:mechanism_of",
     "Mechanism.save": "formats.export:save",
+    "Mobility._repr_html_": "view.page.cards:mobility",
+    "Motion._repr_html_": "view.page.cards:motion",
     "Motion.bodies": "motion.outputs:bodies",
     "Motion.com": "motion.outputs:com",
     "Motion.frame": "motion.outputs:frame",
@@ -109,8 +113,10 @@ _offer({  # imported when they are first asked for
     "Motion.rate_error": "rates.rates:rate_error",
     "Motion.summary": "motion.summary:summary",
     "Reduced.verify": "reduction.verification:verification",
+    "State._repr_html_": "view.page.cards:state",
     "Simulation.output": "dynamics.outputs:output_of_simulation",
     "Simulation.quantities": "dynamics.outputs:quantities_of_simulation",
+    "Tradeoff._repr_html_": "view.page.cards:tradeoff",
     "Tradeoff.plot": "accuracy.tradeoff_view:plot",
     "Tradeoff.table": "accuracy.tradeoff_view:table",
     "Workspace.curves": "workspace_map.curves:curves",

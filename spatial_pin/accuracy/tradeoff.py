@@ -145,6 +145,11 @@ class Tradeoff:
             + (f", as far as the reference tells (itself to {self.reference_error:.1e})"
                if best <= self.reference_error else ""))
 
+    def _repr_html_(self) -> str:
+        """Return a small table, for a notebook."""
+        text: str = method("Tradeoff._repr_html_")(self)
+        return text
+
     def __str__(self) -> str:
         text: str = method("Tradeoff.table")(self)
         return text

@@ -28,8 +28,7 @@ MARKERS = "osD^vPX<>"  # more than colours, so that pairs repeat late
 def table(tradeoff: Tradeoff) -> str:
     """Return the rows in columns, the Pareto front marked with *."""
     good = [row for row in tradeoff.rows if row.errors is not None]
-    lines = [list(_columns(tradeoff, None))]
-    lines += [list(_columns(tradeoff, row).values()) for row in good]
+    lines = cells(tradeoff)
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     text = [f"{tradeoff.mechanism}: {tradeoff.task}", f"reference: {tradeoff.reference}"]
     text += ["  ".join([line[0].ljust(widths[0]),
@@ -46,6 +45,12 @@ def table(tradeoff: Tradeoff) -> str:
     text += [f"{describe(row.accuracy, tradeoff.kind)}: {'failed: ' * (row.errors is None)}"
              f"{_short(row.said)}" for row in said]
     return "\n".join(text)
+
+
+def cells(tradeoff: Tradeoff) -> list[list[str]]:
+    """Return the words of the table: a line of headings, and one of each setting that worked."""
+    return [list(_columns(tradeoff, None)), *(
+        list(_columns(tradeoff, row).values()) for row in tradeoff.rows if row.errors is not None)]
 
 
 def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:

@@ -17,6 +17,7 @@ from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -266,6 +267,11 @@ class State:
         seen = own_rate - base_rate.linear - tangential - normal - coriolis
         return RelativeMotion(r, base.linear.copy(), transport, relative, base_rate.linear.copy(),
                               tangential, normal, seen, coriolis)
+
+    def _repr_html_(self) -> str:
+        """Return a small table, for a notebook."""
+        text: str = method("State._repr_html_")(self)
+        return text
 
     def __repr__(self) -> str:
         drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)

@@ -98,6 +98,11 @@ class Kinetostatics(_Loads, Tabular):
         found: dict[str, Quantity] = method("Kinetostatics.quantities")(self, outputs)
         return found
 
+    def _repr_html_(self) -> str:
+        """Return a small table, for a notebook."""
+        text: str = method("Kinetostatics._repr_html_")(self)
+        return text
+
     def __repr__(self) -> str:
         return (f"Kinetostatics({self.motion!r}, efforts {list(self.efforts)}, reactions "
                 f"{list(self.reactions)})")

@@ -407,6 +407,11 @@ class Mechanism:
         written: Path = method("Mechanism.save")(self, folder)
         return written
 
+    def _repr_html_(self) -> str:
+        """Return a small table, for a notebook."""
+        text: str = method("Mechanism._repr_html_")(self)
+        return text
+
     def __repr__(self) -> str:
         return (
             f"Mechanism({self.name!r}: {self.model.njoints - 1} joints, "

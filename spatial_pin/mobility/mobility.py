@@ -17,6 +17,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.methods import method
 from spatial_pin.mobility.finite_motions import finite_dimension, finite_freedom
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
@@ -62,6 +63,11 @@ class Mobility:
     def overconstrained(self) -> bool:
         """Whether closure equations are redundant."""
         return bool(self.redundant)
+
+    def _repr_html_(self) -> str:
+        """Return a small table, for a notebook."""
+        text: str = method("Mobility._repr_html_")(self)
+        return text
 
     def __str__(self) -> str:
         mechanism = self.mechanism

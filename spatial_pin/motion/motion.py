@@ -323,6 +323,11 @@ class Motion(Tabular):
             str(content.get("per", "s")),
         )
 
+    def _repr_html_(self) -> str:
+        """Return a small table, for a notebook."""
+        text: str = method("Motion._repr_html_")(self)
+        return text
+
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
         over = self.driver_name or "time"

@@ -26,7 +26,7 @@ from spatial_pin.mobility.modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
-from spatial_pin.view.page.html import filled, parts_of
+from spatial_pin.view.page.html import filled, page, parts_of
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, length_words, reading, unit_of_length
 
@@ -351,7 +351,8 @@ def live(
     _check_look(look, drive)
     desk = Desk(drive, tuple(names_of(outputs, "outputs")))
     service = Service(desk.answer)
-    viewer = Viewer(_page(desk, service.token, title, look), port, service)
+    viewer = Viewer(_page(desk, service.token, title, look), port, service,
+                    still=lambda: page(state, title, look))
     if open_browser:
         open_in_browser(viewer, "live")
     return viewer

@@ -20,6 +20,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.synthesis.results import Design, Designs
 from spatial_pin.view.page.markup import paragraph
+from spatial_pin.view.page.notebook import PagePath
 from spatial_pin.view.page.plots import default_outputs
 from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
@@ -91,7 +92,7 @@ def report(
         look: what is drawn besides the links, as in `export_html`.
 
     Returns:
-        The path written.
+        The path written; in a notebook it shows the page.
 
     Raises:
         UnknownNameError: an output names nothing of the motion.
@@ -107,4 +108,4 @@ def report(
         "FOOT": _foot(),
     }
     template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")
-    return write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template))
+    return PagePath(write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)))

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view.page.html import page
+from spatial_pin.view.page.notebook import framed, watched
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
@@ -147,19 +148,24 @@ class Viewer:
 
     The page plays in the browser without the server, which is only asked for it again when it is
     reloaded, or when it has a service. The server is gone when the interpreter exits. In a notebook
-    the viewer, as the last value of a cell, is the page itself.
+    the viewer, as the last value of a cell, is the page itself, stored and exported with it; one
+    with a service is shown while it is served, and where it is not, a still page takes its place.
 
     Attributes:
         url: where the page is.
     """
 
-    def __init__(self, text: str, port: int = 0, service: Service | None = None) -> None:
+    def __init__(
+        self, text: str, port: int = 0, service: Service | None = None,
+        still: Callable[[], str] | None = None,
+    ) -> None:
         """Serve a page.
 
         Args:
             text: the page.
             port: port on the loopback interface, 0 for any that is free.
             service: what the page may ask.
+            still: makes a page that a notebook shows where that of a service is not served.
 
         Raises:
             SpatialPinError: the port cannot be had.
@@ -174,7 +180,7 @@ class Viewer:
                 f"cannot serve a page on {HOST}, port {port}: {error}; "
                 f"`export_html` writes the same page to a file"
             ) from error
-        self.url = self._server.url
+        self.url, self._still = self._server.url, still
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(0.05,), name="spatial_pin viewer", daemon=True
         )
@@ -228,10 +234,11 @@ class Viewer:
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, for a notebook."""
+        if self._server.service is None:
+            return framed(self._server.body.decode())
         if not self.running:
             return html.escape(repr(self))
-        style = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
-        return f'<iframe src="{self.url}" style="{style}"></iframe>'
+        return watched(self.url, self._still() if self._still else html.escape(repr(self)))
 
 
 def _open(viewer: Viewer) -> bool:

@@ -1,0 +1,48 @@
+"""Pages as a notebook shows them: inside of the notebook itself, which stores and exports them.
+
+An exported notebook, or one on another machine, has no server to ask: a frame holds the whole page.
+"""
+
+from __future__ import annotations
+
+import html
+import os
+from pathlib import PosixPath, WindowsPath
+
+SUFFIXES = (".html", ".htm", ".xhtml")
+STYLE = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
+# the frame of a page with a server: one that cannot be asked is replaced by what needs none
+WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}"></iframe>
+<script>
+(() => {{
+  const frame = document.getElementById("{name}");
+  fetch("{url}", {{mode: "no-cors", cache: "no-store"}}).catch(() => {{
+    frame.srcdoc = frame.dataset.still;
+  }});
+}})();
+</script>"""
+
+
+def framed(page: str) -> str:
+    """Return a frame that holds a page."""
+    return f'<iframe srcdoc="{_quoted(page)}" style="{STYLE}"></iframe>'
+
+
+def watched(url: str, still: str) -> str:
+    """Return a frame of a served page, and of a still one where the server does not answer."""
+    name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
+    return WATCHED.format(url=html.escape(url), name=name, still=_quoted(still), style=STYLE)
+
+
+def _quoted(page: str) -> str:
+    """Return a page as an attribute has it; only two characters end or change what is quoted."""
+    return page.replace("&", "&amp;").replace('"', "&quot;")
+
+
+class PagePath(PosixPath if os.name == "posix" else WindowsPath):  # type: ignore[misc]
+    """The path of a page that was written; as the last value of a cell it is the page."""
+
+    def _repr_html_(self) -> str | None:
+        """Return the page in a frame, for a notebook; None where there is none any more."""
+        is_page = self.suffix.lower() in SUFFIXES and self.is_file()  # not so of its folder
+        return framed(self.read_text(encoding="utf-8")) if is_page else None
