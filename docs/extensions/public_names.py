@@ -5,7 +5,8 @@ A signature names a class as its module does (`State`, `motion.motion.Motion`). 
 here: they stay plain text in signatures. A name that a page of prose refers to must exist.
 
 Docstrings have names and code in single backticks. Those of public names become links, the others
-code; so do they on the other pages (`sp.sweep`). Attributes stand in the docstring of their class: fields of tuples are listed there only.
+code; so do they on the other pages (`sp.sweep`). Attributes stand in the docstring of their class:
+fields of tuples are listed there only.
 """
 
 from __future__ import annotations
