@@ -368,3 +368,54 @@ def test_a_hexapod_gives_way_at_ninety_degrees(run):
     """Fichter 1986: legs in three pairs, turned by a right angle about the axis."""
     made = run("hexapod")
     assert made["lost"].value == pytest.approx(90.0, abs=1e-6)
+
+
+# ---------------------------------------------------------------- wheel loader
+
+def plane_turned(point, angle):
+    """Return a point of the plane turned about the origin."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * point[0] - s * point[1], s * point[0] + c * point[1]])
+
+
+def z_bar(boom, tilt=1.491):
+    """Return the places of pins and the bucket's pitch at an angle of the boom [rad]."""
+    base = np.array([0.230, -0.325])
+    pivot, pin_ = plane_turned([1.405, 0.257], boom), plane_turned([2.45, 0.0], boom)
+    top = meet(base, tilt, pivot, 0.683, 1)
+    along = np.arctan2(*(top - pivot)[::-1]) - 3.313
+    low = pivot + 0.614 * np.array([np.cos(along), np.sin(along)])
+    lug = meet(low, 1.011, pin_, 0.369, 1)
+    return base, pivot, pin_, top, low, lug, np.arctan2(*(lug - pin_)[::-1]) - 1.939
+
+
+def moment(force, at, about):
+    """Return the moment of a plane force about a point."""
+    r = at - about
+    return r[0] * force[1] - r[1] * force[0]
+
+
+def test_the_bucket_of_a_loader_is_level_and_breaks_out_as_its_pins_say(run):
+    made = run("wheel_loader")
+    lift = made["lift"]
+    for boom, pitch in zip(lift.coordinate("boom_pin").value, made["pitch"], strict=True):
+        assert pitch == pytest.approx(np.degrees(z_bar(boom)[-1]), abs=1e-11)
+    # crank, link and bucket without their weight: moments about the crank's pin and the bucket's
+    base, pivot, pin_, top, low, lug, pitch = z_bar(lift.coordinate("boom_pin").value[0])
+    push = (top - base) / np.linalg.norm(top - base)
+    pull = (lug - low) / np.linalg.norm(lug - low)
+    link = -moment(push, top, pivot) / moment(-pull, low, pivot)  # per newton of the cylinder
+    edge = pin_ + plane_turned([0.95, -0.32], pitch)
+    per_newton = link * moment(pull, lug, pin_) / moment(np.array([0, 1.0]), edge, pin_)
+    slope = made["held"] - made["alone"]
+    assert 1e3 / slope == pytest.approx(abs(per_newton), rel=1e-11)
+    assert made["most"] == pytest.approx(25e6 * np.pi * 0.07**2, rel=1e-12)
+    assert 100e3 < made["breakout"] < 150e3  # loaders of 12 t: about 110 to 130 kN
+
+
+def test_a_loader_lifts_as_much_work_as_its_load_gains(run):
+    made = run("wheel_loader")
+    lift, loader = made["lift"], made["loader"]
+    bare = sp.kinetostatics(loader, lift).efforts["lift"]
+    rises = lift.frame("load").velocity[:, 2]  # per metre of the cylinder
+    assert made["push"] - bare == pytest.approx(3500 * 9.81 * rises, rel=1e-10)
