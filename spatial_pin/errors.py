@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 State = Any  # a `spatial_pin.State`, and
@@ -41,7 +42,62 @@ def warn(text: str) -> None:
 
 
 class MechanismFileError(SpatialPinError):
-    """A mechanism file cannot be used; the message names file, key and remedy."""
+    """A mechanism file cannot be used; the message names file, key and remedy.
+
+    Attributes:
+        mistakes: a sentence for every mistake that was found in it, the first one first.
+    """
+
+    @property
+    def mistakes(self) -> tuple[str, ...]:
+        """A sentence for every mistake."""
+        return tuple(self.__dict__.get("_mistakes", (str(self),)))
+
+
+class Mistakes:
+    """Mistakes of one file, found one after the other and told together.
+
+    Args:
+        where: the file, as its mistakes name it.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._found: list[MechanismFileError] = []
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    @contextmanager
+    def each(self) -> Iterator[None]:
+        """Keep a mistake that the block comes upon, and go on behind the block."""
+        try:
+            yield
+        except MechanismFileError as error:
+            if "_mistakes" in error.__dict__:  # they are being told
+                raise
+            self.note(error)
+
+    def note(self, error: MechanismFileError) -> None:
+        """Keep a mistake, once."""
+        if str(error) not in map(str, self._found):
+            self._found.append(error)
+
+    def tell(self) -> None:
+        """Raise what was found, if anything was.
+
+        Raises:
+            MechanismFileError: a single mistake as it was found; several, one a line.
+        """
+        if len(self) == 1:
+            raise self._found[0]
+        if self._found:
+            told = tuple(str(error) for error in self._found)
+            lines = (f"  ({k}) {text.removeprefix(f'{self._where}: ')}"
+                     for k, text in enumerate(told, start=1))
+            error = MechanismFileError("\n".join([f"{self._where}: {len(told)} mistakes:", *lines]))
+            error.__dict__["_mistakes"] = told
+            raise error
 
 
 class UnknownNameError(SpatialPinError, LookupError):

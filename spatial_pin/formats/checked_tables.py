@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES
 from spatial_pin.mechanism.pairs import unit
 from spatial_pin.numerics.linalg import Array
@@ -57,6 +57,7 @@ class Table:
             raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
         self.content, self.where, self.place = content, where, place
         self.known: list[str] = []
+        self._told: list[str] = []  # keys that were complained of
 
     def __contains__(self, key: str) -> bool:
         self.known.append(key)
@@ -64,6 +65,7 @@ class Table:
 
     def fail(self, key: str, complaint: str) -> NoReturn:
         """Raise the error for one key."""
+        self._told.append(key)
         raise MechanismFileError(f"{self.where}: {key} {complaint}")
 
     def get(self, key: str, default: Any = _REQUIRED) -> Any:
@@ -72,6 +74,7 @@ class Table:
         if key not in self.content and default is _REQUIRED:
             unknown = [k for k in self.content if k not in self.known]
             near = [k for k in unknown if suggestion(k, [key]).startswith("did you mean")]
+            self._told += near[:1]
             hint = f" (there is an unknown key {near[0]!r})" if near else ""
             self.fail(key, f"is missing{hint}")
         return self.content.get(key, default)
@@ -176,28 +179,38 @@ class Table:
         """Return the table under a key; an empty one where there is none."""
         return Table(self.get(key, {}), f"{self.where}: {key}")
 
-    def tables(self, key: str) -> dict[str, Table]:
-        """Return the tables `[KEY.NAME]`, by name."""
+    def one_of(self, key: str, name: str) -> Table:
+        """Return the table `[KEY.NAME]`."""
         inner = self.table(key)
-        place = f"in [{key}.NAME]"
-        return {k: Table(v, f"{inner.where}.{k}", place) for k, v in inner.content.items()}
+        return Table(inner.content[name], f"{inner.where}.{name}", f"in [{key}.NAME]")
 
-    def array(self, key: str) -> list[Table]:
-        """Return the tables `[[KEY]]`."""
+    def count(self, key: str) -> int:
+        """Return how many tables `[[KEY]]` there are."""
         value = self.get(key, [])
         if not isinstance(value, list):
             self.fail(key, f"must be written as [[{key}]]")
-        place = f"in [[{key}]]"
-        return [Table(v, f"{self.where}: {key}[{i}]", place) for i, v in enumerate(value)]
+        return len(value)
+
+    def item_of(self, key: str, i: int) -> Table:
+        """Return a table `[[KEY]]` by its number."""
+        return Table(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
 
     def values(self) -> dict[str, Any]:
         """Return everything in it, unchecked."""
         return dict(self.content)
 
+    def note_strangers(self, mistakes: Mistakes) -> None:
+        """Note keys that no table in this place has, whatever else is wrong with it."""
+        for key in self.content:
+            if key not in (*BELONGS.get(self.place, self.content), *self._told):
+                self.known += BELONGS[self.place]
+                with mistakes.each():
+                    self.fail(_said(key)[1:-1], self.misplaced(key))
+
     def close(self) -> None:
         """Refuse keys that nothing has asked for."""
         for key in self.content:
-            if key not in self.known:
+            if key not in (*self.known, *self._told):
                 self.fail(_said(key)[1:-1], self.misplaced(key))
 
     def misplaced(self, key: str) -> str:

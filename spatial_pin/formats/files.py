@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import MechanismFileError, suggestion, warn
+from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats import urdf_importer
 from spatial_pin.formats.checked_tables import Table
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.imported import Imported, Request
-from spatial_pin.formats.mechanism_file import mechanism_of
+from spatial_pin.formats.mechanism_file import Said, mechanism_of
 from spatial_pin.formats.merging import merged
 from spatial_pin.formats.sources import (
     check_file,
@@ -150,18 +150,33 @@ def _imported(imported: Imported, request: Request) -> Mechanism:
 def _load_toml(request: Request) -> Mechanism:
     path, faults = request.path, Faults()
     top = Table(parse_toml(read_text(path), path), str(path))
-    top.text("name")
-    file = path.parent / top.text("tree")
-    try:
-        check_file(file)
-    except MechanismFileError as error:
-        top.fail("tree", f"is {shown(top.text('tree'))!r}: {error}")
-    read = (importer_of(file) or urdf_importer.IMPORTER).read
-    tree = read(replace(request, path=file, alone="closures" not in top))
-    content, left_out = merged(top.content, tree.content)
+    mistakes = Mistakes(str(path))
+    with mistakes.each():
+        file = _tree_of(top)
+        read = (importer_of(file) or urdf_importer.IMPORTER).read
+        tree = read(replace(request, path=file, alone="closures" not in top))
+        content, left_out = merged(top.content, tree.content)
+    if mistakes:
+        Said(top, mistakes)
+        mistakes.tell()
     for notice in (*tree.notices, *left_out):
         faults.note(notice)
     return _told(content, file, tree.urdf, request, faults)
+
+
+def _tree_of(top: Table) -> Path:
+    """Return the file of the tree.
+
+    Raises:
+        MechanismFileError: it is not there, or none is named.
+    """
+    name = top.text("tree")
+    file = Path(top.where).parent / name
+    try:
+        check_file(file)
+    except MechanismFileError as error:
+        top.fail("tree", f"is {shown(name)!r}: {error}")
+    return file
 
 
 def _told(

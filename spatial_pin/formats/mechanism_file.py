@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import MechanismFileError
+from spatial_pin.errors import MechanismFileError, Mistakes
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.urdf import without_loops
@@ -33,60 +34,141 @@ from spatial_pin.mechanism.pairs import (
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
 
+class Said:
+    """What a mechanism file says, read key by key; mistakes are kept.
+
+    Attributes:
+        refinements: of the tree's joints.
+        parts: of the mechanism: closures, drivers, springs and so on that could be read.
+        is_whole: by key, whether all under it could be read.
+    """
+
+    def __init__(self, top: Table, mistakes: Mistakes) -> None:
+        self._mistakes = mistakes
+        self.is_whole: dict[str, bool] = {}
+        for key in ("name", "tree"):
+            with mistakes.each():
+                top.text(key)
+        self.refinements: dict[str, JointRefinement] = self._tables(
+            top, "joints", lambda _, table: _refinement(table))
+        self.gravity: Any = None
+        with mistakes.each():
+            self.gravity = top.vector("gravity") if "gravity" in top else None
+        self.parts: dict[str, Any] = {
+            "frames": self._frames(top), "title": "", "source": "", "guess": {},
+            "closures": self._array(top, "closures", _closure),
+            "drivers": self._tables(top, "drivers",
+                                    lambda key, table: Driver(key, table.closed_text("joint"))),
+            "springs": self._array(top, "springs", _spring),
+            "passives": tuple(self._tables(top, "passive", _passive).values()),
+        }
+        for key in ("title", "source"):
+            with mistakes.each():
+                self.parts[key] = top.text(key, "")
+        with mistakes.each():
+            self.parts["guess"] = top.table("guess").values()
+        self.order: tuple[str, ...] = ()
+        with mistakes.each():
+            self.order = top.names("order")
+        with mistakes.each():
+            top.close()
+
+    def _frames(self, top: Table) -> dict[str, Frame]:
+        with self._mistakes.each():
+            if not isinstance(top.get("frames", {}), list):
+                return self._tables(top, "frames", _frame)
+            top.fail("frames", "is not a list here; two names of frames belong in [[closures]] or "
+                               "in [[springs]], and frames of the file's own are written "
+                               "[frames.NAME]")
+        self.is_whole["frames"] = False
+        return {}
+
+    def _tables(
+        self, top: Table, key: str, read: Callable[[str, Table], Any]
+    ) -> dict[str, Any]:
+        """Return what the tables `[KEY.NAME]` that can be read say, by name."""
+        found: dict[str, Any] = {}
+        before = len(self._mistakes)
+        for name in self._names(top, key):
+            table = None
+            with self._mistakes.each():
+                table = top.one_of(key, name)
+                found[name] = read(name, table)
+            if name not in found and table is not None:
+                table.note_strangers(self._mistakes)
+        self.is_whole[key] = len(self._mistakes) == before
+        return found
+
+    def _names(self, top: Table, key: str) -> list[str]:
+        with self._mistakes.each():
+            return list(top.table(key).content)
+        return []
+
+    def _array(self, top: Table, key: str, read: Callable[[Table], Any]) -> tuple[Any, ...]:
+        """Return what the tables `[[KEY]]` that can be read say."""
+        found: list[Any] = []
+        before, tables = len(self._mistakes), 0
+        with self._mistakes.each():
+            tables = top.count(key)
+        for k in range(tables):
+            table, count = None, len(found)
+            with self._mistakes.each():
+                table = top.item_of(key, k)
+                found.append(read(table))
+            if len(found) == count and table is not None:
+                table.note_strangers(self._mistakes)
+        self.is_whole[key] = len(self._mistakes) == before
+        return tuple(found)
+
+
 def mechanism_of(
     top: Table, file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
-    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
-    name, _ = top.text("name"), top.text("tree")
-    refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
-    cut = without_loops(urdf, top.content, refinements, file, faults)
-    if cut is not None:
-        for notice in cut.notices:
-            faults.note(notice)
-        urdf, top = cut.urdf, Table(cut.content, top.where)
-        name, _ = top.text("name"), top.text("tree")
-        refinements = {joint: _refinement(table) for joint, table in top.tables("joints").items()}
-    tree = tree_of(urdf, file, refinements, faults, request.packages, top.names("order"))
-    if "gravity" in top:
-        tree.model.gravity.linear = top.vector("gravity")
-    if isinstance(top.get("frames", {}), list):
-        top.fail("frames", "is not a list here; two names of frames belong in [[closures]] or in "
-                           "[[springs]], and frames of the file's own are written [frames.NAME]")
-    frames = {key: _frame(key, table) for key, table in top.tables("frames").items()}
-    parts = {
-        "tree": file,
-        "dimensions": partial(dimensions, file, dict(request.parameters), request.trusted,
-                              request.packages),  # read when they are asked for
-        "title": top.text("title", ""),
-        "source": top.text("source", ""),
-        "closures": tuple(_closure(table) for table in top.array("closures")),
-        "drivers": {key: Driver(key, t.closed_text("joint"))
-                    for key, t in top.tables("drivers").items()},
-        "springs": tuple(_spring(table) for table in top.array("springs")),
-        "passives": tuple(_passive(key, t) for key, t in top.tables("passive").items()),
-        "frames": frames,
-        "guess": top.table("guess").values(),
-    }
-    top.close()
-    add_frames(tree.model, frames, str(request.path))
-    return _build(name, tree, parts, request, faults, "drivers" in top)
+    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for.
+
+    Raises:
+        MechanismFileError: it is none; has all mistakes that could be found at once.
+    """
+    mistakes = Mistakes(top.where)
+    said = Said(top, mistakes)
+    if not said.is_whole["joints"]:
+        mistakes.tell()  # what the tree is, is not known
+    with mistakes.each():
+        cut = without_loops(urdf, top.content, said.refinements, file, faults)
+        if cut is not None:
+            mistakes.tell()
+            for notice in cut.notices:
+                faults.note(notice)
+            urdf, top = cut.urdf, Table(cut.content, top.where)
+            said = Said(top, mistakes)
+        tree = tree_of(urdf, file, said.refinements, faults, request.packages, said.order)
+        if said.gravity is not None:
+            tree.model.gravity.linear = said.gravity
+        return _build(top, tree, said, file, request, faults, mistakes)
+    mistakes.tell()
+    raise AssertionError  # a mistake was kept
 
 
 def _build(
-    name: str, tree: Tree, parts: dict[str, Any], request: Request, faults: Faults,
-    states_drivers: bool,
+    top: Table, tree: Tree, said: Said, file: Path, request: Request, faults: Faults,
+    mistakes: Mistakes,
 ) -> Mechanism:
-    where = str(request.path)
+    where, parts = str(request.path), said.parts
+    if said.is_whole["frames"]:
+        add_frames(tree.model, parts["frames"], where)
     mimics = tuple(
         Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
         for joint, source, ratio, offset in tree.mimics
     )
-    parts["closures"] = (*parts.get("closures", ()), *mimics)
-    if not states_drivers:
+    parts["closures"] = (*parts["closures"], *mimics)
+    if "drivers" not in top:
         joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
+    parts["dimensions"] = partial(dimensions, file, dict(request.parameters), request.trusted,
+                                  request.packages)  # read when they are asked for
     mechanism = Mechanism(
-        name=name, model=tree.model, visual_model=tree.shapes.visual,
+        name=top.content.get("name", ""), tree=file, model=tree.model,
+        visual_model=tree.shapes.visual,
         collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
         slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
@@ -94,8 +176,11 @@ def _build(
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
-    check_mechanism(mechanism, where)
-    _check_guess(mechanism, where)
+    if said.is_whole["frames"]:  # else names of those are missing
+        check_mechanism(mechanism, where, mistakes)
+        if said.is_whole["drivers"]:
+            _check_guess(mechanism, where, mistakes)
+    mistakes.tell()
     _judge_inertias(mechanism, faults)
     return mechanism.with_fields(notices=faults.notices())
 
@@ -111,12 +196,13 @@ def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
             faults.note(kind, f"link {link!r}: {words}")
 
 
-def _check_guess(mechanism: Mechanism, where: str) -> None:
-    for key in mechanism.guess:
-        if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
-            raise MechanismFileError(
-                f"{where}: guess: {key} is no joint, coordinate or driver; it belongs {TOP}")
-    check_guess(mechanism, where)
+def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
+    for key, value in mechanism.guess.items():
+        with mistakes.each():
+            if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
+                raise MechanismFileError(
+                    f"{where}: guess: {key} is no joint, coordinate or driver; it belongs {TOP}")
+            check_guess(mechanism, where, {key: value})
 
 
 def _refinement(table: Table) -> JointRefinement:

@@ -8,66 +8,82 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, SpatialPinError
+from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.mechanism.parts import Closure, Passive
+from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 ROUNDED = 1e-6  # of mass times length squared: exporters write inertias with six digits or more
 
 
-def check_mechanism(mechanism: Mechanism, where: str) -> None:
+def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None = None) -> None:
     """Refuse names that do not exist and closures that cannot be.
 
+    Args:
+        mechanism: the mechanism.
+        where: the file.
+        mistakes: keeps what is found, to be told later; else it is told here.
+
     Raises:
-        MechanismFileError: with `where` (the file) and the key at fault.
+        MechanismFileError: with `where` and the keys at fault.
     """
-    _check_unique([c.name for c in mechanism.closures], f"{where}: closures")
-    _check_unique([s.name for s in mechanism.springs], f"{where}: springs")
+    found = Mistakes(where) if mistakes is None else mistakes
+    for kind in ("closures", "springs"):
+        with found.each():
+            _check_unique([x.name for x in getattr(mechanism, kind)], f"{where}: {kind}")
     for closure in mechanism.closures:
-        _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
-    _check_drivers(mechanism, where)
-    for spring in mechanism.springs:
-        bodies = [named(mechanism.frame_on_joint, name, f"{where}: spring {spring.name!r}: ")[0]
-                  for name in spring.frames]
-        if len(bodies) == 2 and bodies[0] == bodies[1]:
-            raise MechanismFileError(
-                f"{where}: spring {spring.name!r}: frames {spring.frames[0]!r} and "
-                f"{spring.frames[1]!r} are fixed to the same body"
-            )
-        if spring.joint is not None:
-            coordinate = named(mechanism.driven_coordinate, spring.joint,
-                                f"{where}: spring {spring.name!r}: ")
-            if spring.free_length and coordinate.unit == "rad":
-                raise MechanismFileError(
-                    f"{where}: spring {spring.name!r}: {spring.joint!r} turns; give free_angle, "
-                    "not free_length")
-    for passive in mechanism.passives:
-        _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
-
-
-def _check_drivers(mechanism: Mechanism, where: str) -> None:
+        with found.each():
+            _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
     driven: dict[str, str] = {}
     for driver in mechanism.drivers.values():
-        here = f"{where}: drivers.{driver.name}"
-        table = mechanism.coordinate_table
-        if driver.joint in mechanism.drivers and driver.joint not in table:
+        with found.each():
+            _check_driver(mechanism, driver, driven, f"{where}: drivers.{driver.name}")
+    for spring in mechanism.springs:
+        with found.each():
+            _check_spring(mechanism, spring, f"{where}: spring {spring.name!r}")
+    for passive in mechanism.passives:
+        with found.each():
+            _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
+    if mistakes is None:
+        found.tell()
+
+
+def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
+    bodies = [named(mechanism.frame_on_joint, name, f"{where}: ")[0] for name in spring.frames]
+    if len(bodies) == 2 and bodies[0] == bodies[1]:
+        raise MechanismFileError(
+            f"{where}: frames {spring.frames[0]!r} and {spring.frames[1]!r} are fixed to the same "
+            "body"
+        )
+    if spring.joint is not None:
+        coordinate = named(mechanism.driven_coordinate, spring.joint, f"{where}: ")
+        if spring.free_length and coordinate.unit == "rad":
             raise MechanismFileError(
-                f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
-                f"there are: {', '.join(table)}"
-            )
-        named(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
-        if driver.name in table and driver.name != driver.joint:
-            raise MechanismFileError(
-                f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
-            )
-        if driver.joint in driven:
-            raise MechanismFileError(
-                f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
-            )
-        driven[driver.joint] = driver.name
+                f"{where}: {spring.joint!r} turns; give free_angle, not free_length")
+
+
+def _check_driver(
+    mechanism: Mechanism, driver: Driver, driven: dict[str, str], here: str
+) -> None:
+    """Refuse a driver; `driven` has those of others by what they drive, and gets this one."""
+    table = mechanism.coordinate_table
+    if driver.joint in mechanism.drivers and driver.joint not in table:
+        raise MechanismFileError(
+            f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
+            f"there are: {', '.join(table)}"
+        )
+    named(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
+    if driver.name in table and driver.name != driver.joint:
+        raise MechanismFileError(
+            f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
+        )
+    if driver.joint in driven:
+        raise MechanismFileError(
+            f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
+        )
+    driven[driver.joint] = driver.name
 
 
 def _check_unique(names: Iterable[str], where: str) -> None:

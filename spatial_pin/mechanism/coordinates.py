@@ -117,14 +117,16 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
     return values
 
 
-def check_guess(mechanism: Mechanism, where: str) -> None:
-    """Refuse a guess that names what is not there, or gives no numbers.
+def check_guess(
+    mechanism: Mechanism, where: str, guess: Mapping[str, Any] | None = None
+) -> None:
+    """Refuse a guess, by default the mechanism's, with unknown names or values that are no numbers.
 
     Raises:
         MechanismFileError: with `where`, the file.
     """
     try:
-        joint_values(mechanism, mechanism.guess)
+        joint_values(mechanism, mechanism.guess if guess is None else guess)
     except (SpatialPinError, ValueError) as error:
         raise MechanismFileError(f"{where}: guess: {error}") from error
 

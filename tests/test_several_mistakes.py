@@ -1,0 +1,129 @@
+"""Several mistakes of a mechanism file are found in one run; a single one is told as ever."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from pathlib import Path
+
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.cli import main
+from spatial_pin.formats.files import library_folder
+
+GOOD = {
+    "top": 'name = "bad"\ntree = "four.urdf"\n',
+    "closure": '[[closures]]\nname = "pin"\ntype = "revolute"\nframes = ["coupler_b", "rocker_b"]\n'
+               "axis = [0, 0, 1]\n",
+    "driver": '[drivers.crank]\njoint = "crank_pin"\n',
+    "spring": '[[springs]]\nname = "s"\nframes = ["coupler_b", "ground"]\nstiffness = 1.0\n',
+    "frame": '[frames.tip]\nlink = "coupler"\nxyz = [0, 0, 0.1]\n',
+    "guess": "[guess]\ncrank_pin = 0.3\n",
+}
+BAD = {  # part: what replaces what, and what is said of it
+    "top": ("tree", 'titel = "x"\ntree', "titel is not a key of this table; did you mean 'title'?"),
+    "closure": ("coupler_b", "couplr_b",
+                "closure 'pin': frames: mechanism 'bad': no link, frame or joint 'couplr_b'; "
+                "did you mean 'coupler_b'?"),
+    "driver": ("crank_pin", "krank_pin", "drivers.crank.joint: mechanism 'bad': no coordinate or "
+                                         "driver 'krank_pin'; did you mean 'crank_pin'?"),
+    "spring": ("1.0", "-1.0", "springs[0]: stiffness is -1.0; it must be finite and at least 0"),
+    "guess": ("crank_pin", "roker_pin", "no joint, coordinate or driver 'roker_pin'; did you mean "
+                                        "'rocker_pin'?"),
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a mechanism file with some of its parts replaced, and a tree beside it."""
+    sp.load("four_bar").save(tmp_path / "tree")
+    (tmp_path / "four.urdf").write_bytes((tmp_path / "tree" / "four_bar.urdf").read_bytes())
+
+    def write(*bad: str, **texts: str) -> Path:
+        parts = {**GOOD, **texts}
+        for part in bad:
+            parts[part] = parts[part].replace(*BAD[part][:2])
+        path = tmp_path / "bad.toml"
+        path.write_text("".join(parts.values()))
+        return path
+
+    return write
+
+
+def refusal(path: Path) -> sp.MechanismFileError:
+    with pytest.raises(sp.MechanismFileError) as error:
+        sp.load(path)
+    return error.value
+
+
+def test_the_good_file_is_good(write):
+    assert [c.name for c in sp.load(write()).closures] == ["pin"]
+
+
+@pytest.mark.parametrize("part", BAD)
+def test_a_single_mistake_is_one_sentence(write, part):
+    error = refusal(write(part))
+    assert "\n" not in str(error) and BAD[part][2] in str(error)
+    assert error.mistakes == (str(error),)
+
+
+def test_all_mistakes_are_told_together(write, capfd):
+    path = write(*[part for part in BAD if part != "driver"])
+    error = refusal(path)
+    first, *rest = str(error).splitlines()
+    assert first == f"{path}: 4 mistakes:" and len(rest) == len(error.mistakes) == 4
+    for part in set(BAD) - {"driver"}:
+        assert any(BAD[part][2] in line for line in rest), part
+        assert any(BAD[part][2] in text and str(path) in text for text in error.mistakes)
+    assert main(["check", str(path)]) == 1
+    assert capfd.readouterr().err == f"spatial-pin: {error}\n"
+
+
+def test_what_follows_from_another_mistake_is_not_told(write):
+    text = GOOD["guess"].replace("crank_pin", "crank")  # by a driver that is not read
+    error = refusal(write(driver='[drivers.crank]\njoin = "crank_pin"\n', guess=text))
+    assert len(error.mistakes) == 1 and "unknown key 'join'" in str(error)
+    error = refusal(write(frame='[frames.tip]\nlink = 3\n', spring=GOOD["spring"].replace(
+        "ground", "tip")))
+    assert len(error.mistakes) == 1 and "frames.tip: link must be text" in str(error)
+
+
+def test_strange_keys_of_a_table_that_is_wrong_are_told_too(write):
+    error = refusal(write(closure=GOOD["closure"].replace("revolute", "revolut") + "colour = 3\n"))
+    assert len(error.mistakes) == 2
+    assert "type is 'revolut'" in error.mistakes[0] and "colour" in error.mistakes[1]
+
+
+def test_a_tree_that_is_not_there_hides_nothing(write):
+    top = GOOD["top"].replace("four.urdf", "gone.urdf") + 'titel = "x"\n'
+    error = refusal(write("spring", top=top))
+    assert len(error.mistakes) == 3 and "gone.urdf: no such file" in error.mistakes[0]
+
+
+def test_mistakes_of_several_closures_and_drivers(write):
+    closures = "".join(GOOD["closure"].replace('"pin"', f'"pin_{k}"').replace("rocker_b", name)
+                       for k, name in enumerate(["x", "rocker_b", "y"]))
+    drivers = '[drivers.a]\njoint = "u"\n[drivers.b]\njoint = "v"\n'
+    error = refusal(write(closure=closures, driver=drivers))
+    found = [name for name in ("pin_0", "pin_1", "pin_2", "drivers.a", "drivers.b")
+             if any(name in text for text in error.mistakes)]
+    assert found == ["pin_0", "pin_2", "drivers.a", "drivers.b"]
+
+
+def test_the_error_can_be_copied_and_sent(write):
+    error = refusal(write("top", "spring"))
+    for other in (copy.copy(error), pickle.loads(pickle.dumps(error))):
+        assert str(other) == str(error) and other.mistakes == error.mistakes
+
+
+def test_every_library_file_with_two_mistakes_tells_both(tmp_path):
+    for path in sorted(library_folder().glob("*.toml")):
+        text = path.read_text("utf-8")
+        broken = path.with_name(f"{path.stem}.toml").name
+        copied = tmp_path / broken
+        copied.write_text(f'nonsense = 1\n{text}\n[frames.here]\nlink = 3\n', encoding="utf-8")
+        for tree in library_folder().glob("*.xacro"):
+            (tmp_path / tree.name).write_bytes(tree.read_bytes())
+        error = refusal(copied)
+        assert len(error.mistakes) == 2, (broken, str(error))
