@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.assemble import assemble
     from spatial_pin.assembly.export_mjcf import export_mjcf
     from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
+    from spatial_pin.columns import Quantity
     from spatial_pin.dimensions.calibrate import Calibration, calibrate
     from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
     from spatial_pin.dimensions.tolerance import Tolerance, tolerance
@@ -131,6 +132,7 @@ _ON_USE = {
     "assembly.assemble": "assemble",
     "assembly.export_mjcf": "export_mjcf",
     "assembly.state": "Gap PointRates RelativeMotion State",
+    "columns": "Quantity",
     "dimensions.calibrate": "Calibration calibrate",
     "dimensions.sensitivity": "Sensitivity sensitivity",
     "dimensions.tolerance": "Tolerance tolerance",
@@ -234,6 +236,7 @@ __all__ = [
     "PassiveFreedom",
     "PointRates",
     "Projection",
+    "Quantity",
     "Range",
     "ReachError",
     "Reduced",

@@ -39,6 +39,12 @@ class Quantity(NamedTuple):
     Attributes:
         values: (N,) or (N, 3).
         unit: their SI unit, "-" where they have none, "" of texts and counts.
+
+    Example:
+        >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+        >>> values, unit = motion.quantities("coupler_b.velocity")["coupler_b velocity"]
+        >>> values.shape, unit  # (N, 3)
+        ((3, 3), 'm/s')
     """
 
     values: NDArray[Any]
@@ -106,6 +112,14 @@ class Tabular:
 
         Raises:
             UnknownNameError: there is no such output.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> columns = motion.columns()  # arrays (N,) by their headings
+            >>> list(columns)[:3], columns["crank [rad]"].shape
+            (['time [s]', 'crank [rad]', 'crank_pin [rad]'], (3,))
+            >>> list(motion.columns("coupler_b.velocity"))[2]
+            'coupler_b velocity x [m/s]'
         """
         return flat(self.quantities(outputs))
 
@@ -136,6 +150,16 @@ class Tabular:
         Raises:
             UnknownNameError: there is no such output.
             OSError: it cannot be written; what was there before stays.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> motion.to_csv("motion.csv").name
+            'motion.csv'
+            >>> print(motion.to_csv(outputs=["crank_pin.rate"]))
+            time [s],crank [rad],crank_pin rate [rad/s]
+            0.0,0.0,2.0
+            0.25,0.5,2.0
+            0.5,1.0,2.0
         """
         table = self.columns(outputs)
         if path is None:
@@ -160,6 +184,12 @@ class Tabular:
         Raises:
             UnknownNameError: there is no such output.
             OSError: it cannot be written; what was there before stays.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> with np.load(motion.to_npz("motion.npz")) as columns:
+            ...     columns["crank [rad]"]
+            array([0. , 0.5, 1. ])
         """
         return write_npz(path, self.columns(outputs))
 
@@ -176,6 +206,12 @@ class Tabular:
         Raises:
             UnknownNameError: there is no such output.
             SpatialPinError: there is no pandas.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> frame = motion.to_dataframe(["rocker_pin"])
+            >>> list(frame.columns), len(frame)
+            (['time [s]', 'crank [rad]', 'rocker_pin [rad]'], 3)
         """
         try:
             import pandas
@@ -199,6 +235,12 @@ class Tabular:
         Raises:
             UnknownNameError: there is no such output.
             SpatialPinError: there is no xarray.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> found = motion.to_xarray(["coupler_b.velocity"])["coupler_b velocity"]
+            >>> found.dims, found.attrs["units"]
+            (('sample', 'component'), 'm/s')
         """
         try:
             import xarray

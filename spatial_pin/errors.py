@@ -18,6 +18,13 @@ class SpatialPinError(Exception):
     """Base of every error this library raises about a mechanism.
 
     It can be copied and sent to another process, with all that it keeps.
+
+    Example:
+        >>> try:
+        ...     sp.load("four_bra")
+        ... except sp.SpatialPinError as error:
+        ...     print(str(error)[-24:])
+        did you mean 'four_bar'?
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -30,7 +37,14 @@ def _again(kind: type[SpatialPinError], args: tuple[Any, ...]) -> SpatialPinErro
 
 
 class SpatialPinWarning(UserWarning):
-    """An answer that is right, but perhaps not to the question that was meant."""
+    """An answer that is right, but perhaps not to the question that was meant.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("error", sp.SpatialPinWarning)  # makes them errors
+        ...     state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+    """
 
 
 def warn(text: str) -> None:
@@ -46,6 +60,13 @@ class MechanismFileError(SpatialPinError):
 
     Attributes:
         mistakes: a sentence for every mistake that was found in it, the first one first.
+
+    Example:
+        >>> try:
+        ...     sp.load("four_bar", r5=0.3)
+        ... except sp.MechanismFileError as error:
+        ...     print(str(error).partition(": ")[2], len(error.mistakes))
+        no parameter 'r5'; there are: r1, r2, r3, r4 1
     """
 
     @property
@@ -106,6 +127,13 @@ class UnknownNameError(SpatialPinError, LookupError):
     Attributes:
         name: the name asked for.
         valid: the names that exist.
+
+    Example:
+        >>> try:
+        ...     sp.assemble(sp.load("rssr"), {"crnk": 1.0})
+        ... except sp.UnknownNameError as error:
+        ...     print(error)
+        mechanism 'rssr': no coordinate or driver 'crnk'; did you mean 'crank'?
     """
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], where: str = "") -> None:
@@ -121,6 +149,13 @@ class AssemblyError(SpatialPinError):
         closure_error: the least closure error reached [-, see `Mechanism.characteristic_length`].
         worst_closure: name of the closure that stays open the most.
         state: the State of that best attempt; its loops are open.
+
+    Example:
+        >>> try:
+        ...     sp.assemble(sp.load("four_bar", r2=0.25), {"crank": 3.0})
+        ... except sp.AssemblyError as error:
+        ...     print(error.worst_closure, f"{error.closure_error:.3f}")
+        output_pin 0.053
     """
 
     def __init__(
@@ -138,6 +173,13 @@ class LimitError(SpatialPinError):
     Attributes:
         limit: the driver value of the limit position (dead centre) [rad or m].
         motion: what was reached before it.
+
+    Example:
+        >>> try:
+        ...     sp.sweep(sp.load("four_bar", r2=0.25), "crank", np.linspace(0.0, 3.0, 31))
+        ... except sp.LimitError as error:
+        ...     print(f"{error.limit:.4f} rad,", len(error.motion), "samples before it")
+        2.4751 rad, 25 samples before it
     """
 
     def __init__(self, message: str, *, limit: float, motion: Motion | None = None) -> None:
@@ -160,6 +202,13 @@ class ReachError(SpatialPinError):
             moves", "steps" (they ran out) or "nearest found".
         limits: names of the coordinates whose joint limits hold it back.
         motion: what was reached before it along a path of targets; else None.
+
+    Example:
+        >>> try:
+        ...     sp.reach(sp.load("delta"), {"platform": [3.0, 0.0, -0.9]})
+        ... except sp.ReachError as error:
+        ...     print(error.reasons, f"{error.distances['platform']:.2f}")
+        ('singular direction',) 1.36
     """
 
     def __init__(
@@ -180,6 +229,15 @@ class SingularError(SpatialPinError):
     Attributes:
         state: the configuration, when there is one.
         motion: what was reached before it, when a sweep came upon it.
+
+    Example:
+        >>> mech = sp.load("slider_crank")
+        >>> state = sp.assemble(mech, {"crank": 0.0})  # the slider is at its limit position
+        >>> try:
+        ...     sp.solve_rates(mech, state, {"slide": 1.0})
+        ... except sp.SingularError as error:
+        ...     print(str(error).split(",")[0].partition(": ")[2])
+        singular configuration: 'slide' is at a limit position (dead centre) there
     """
 
     def __init__(
@@ -195,6 +253,15 @@ class EnergyError(SpatialPinError):
 
     Attributes:
         motion: what was reached before it.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> try:
+        ...     motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1)  # [s]
+        ... except sp.EnergyError as error:
+        ...     motion = error.motion  # up to where it was refused
+        >>> len(motion)
+        1001
     """
 
     def __init__(self, message: str, *, motion: Motion | None = None) -> None:
@@ -207,6 +274,15 @@ class StepLimitError(SpatialPinError):
 
     Attributes:
         motion: what was reached before it.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> short = sp.Accuracy(most_steps=5)
+        >>> try:
+        ...     sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 10.0, accuracy=short)
+        ... except sp.StepLimitError as error:
+        ...     print(len(error.motion), "samples before it")
+        4 samples before it
     """
 
     def __init__(self, message: str, *, motion: Motion | None = None) -> None:
@@ -222,6 +298,13 @@ class ContinuumError(SingularError):
         freedoms: how many freedoms it has there, passive ones apart.
         coordinates: names of the coordinates that move.
         hold: drivers or coordinates that stop it if they are held too.
+
+    Example:
+        >>> try:
+        ...     sp.assembly_modes(sp.load("four_bar"), free=["crank"])
+        ... except sp.ContinuumError as error:
+        ...     print(error.freedoms, error.hold)
+        1 ('crank',)
     """
 
     def __init__(
@@ -235,7 +318,15 @@ class ContinuumError(SingularError):
 
 
 class ClosureTypeError(SpatialPinError):
-    """A closure has no form of the kind that was asked for."""
+    """A closure has no form of the kind that was asked for.
+
+    Example:
+        >>> try:
+        ...     sp.load("four_bar").constraint_models()
+        ... except sp.ClosureTypeError as error:
+        ...     print(str(error).split("; ")[0].partition(": ")[2])
+        closure 'output_pin' is revolute
+    """
 
 
 def suggestion(name: str, valid: Iterable[str]) -> str:

@@ -55,6 +55,16 @@ class Measured:
         solver_steps: of the integrator; None of a sweep.
         on_front: whether no other setting is both as fast and as exact.
         said: why it failed, or what the motion reports; empty if nothing.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+        >>> levels = [sp.Accuracy.named("draft")]
+        >>> row = sp.tradeoff(mech, task, settings=levels, repeats=2).rows[0]
+        >>> row.steps, len(row.seconds), row.time_per_step > 0.0, row.spread >= 0.0
+        (21, 2, True, True)
+        >>> print(row.error < 1e-3)
+        True
     """
 
     accuracy: Accuracy
@@ -99,6 +109,14 @@ class Tradeoff:
         rows: one for each setting, the fastest first, those that failed last.
         reference: what errors were measured against.
         reference_error: the error of that, like `Measured.error`.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+        >>> levels = [sp.Accuracy.named("draft"), sp.Accuracy.named("engineering")]
+        >>> table = sp.tradeoff(mech, task, settings=levels, repeats=1)
+        >>> len(table.rows), len(table.front) >= 1, table.kind
+        (2, True, 'sweep')
     """
 
     mechanism: str
@@ -120,6 +138,14 @@ class Tradeoff:
         """Return the error of a row as far as it is known.
 
         It is at least the reference's own, and round-off; NaN where the setting failed.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+            >>> levels = [sp.Accuracy.named("engineering")]
+            >>> table = sp.tradeoff(mech, task, settings=levels, repeats=1)
+            >>> table.known_error(table.rows[0]) < 1e-10
+            True
         """
         return float(np.maximum(row.error, max(self.reference_error, ROUND_OFF)))
 
@@ -130,6 +156,14 @@ class Tradeoff:
         Raises:
             SpatialPinError: there is none.
             ValueError: the error is not positive.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+            >>> levels = [sp.Accuracy.named("engineering")]
+            >>> table = sp.tradeoff(mech, task, settings=levels, repeats=1)
+            >>> table.cheapest(1e-6).accuracy.tolerance
+            1e-13
         """
         error = positive_number(error, "error")
         for row in self.front:
@@ -155,7 +189,15 @@ class Tradeoff:
         return text
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return everything as plain data.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+            >>> table = sp.tradeoff(mech, task, settings=[sp.Accuracy.named("draft")], repeats=1)
+            >>> sorted(table.as_dict())
+            ['kind', 'mechanism', 'reference', 'reference_error', 'rows', 'task']
+        """
         rows = [{
             "setting": describe(row.accuracy, self.kind), "accuracy": asdict(row.accuracy),
             "seconds": list(row.seconds), "steps": row.steps,
@@ -170,7 +212,15 @@ class Tradeoff:
                 "reference": self.reference, "reference_error": self.reference_error, "rows": rows}
 
     def to_json(self, path: str | Path) -> Path:
-        """Write `as_dict`; returns the path."""
+        """Write `as_dict`; returns the path.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+            >>> table = sp.tradeoff(mech, task, settings=[sp.Accuracy.named("draft")], repeats=1)
+            >>> table.to_json("table.json").name
+            'table.json'
+        """
         text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
         return write_text(named_path(path), text)
 
@@ -182,6 +232,13 @@ class Tradeoff:
 
         Returns:
             The figure.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+            >>> table = sp.tradeoff(mech, task, settings=[sp.Accuracy.named("draft")], repeats=1)
+            >>> len(table.plot("table.svg").axes)
+            1
         """
         figure: Figure = method("Tradeoff.plot")(self, path)
         return figure
@@ -222,6 +279,14 @@ def tradeoff(
         SpatialPinError: the task cannot be done at all, or the mechanism has no such task.
         TypeError, ValueError: what is given is no task, or a number is out of range.
         UnknownNameError: an argument or name does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> levels = [sp.Accuracy.named("draft"), sp.Accuracy.named("engineering")]
+        >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+        >>> table = sp.tradeoff(mech, task, settings=levels, repeats=1)
+        >>> table.cheapest(1e-6).error < 1e-6
+        True
     """
     repeats = whole_number(repeats, "repeats")
     if not 1 <= repeats <= MOST_REPEATS:

@@ -31,6 +31,10 @@ def export_mjcf(mechanism: Mechanism, path: str | Path, state: State | None = No
     Raises:
         ClosureTypeError: MuJoCo has no equality that is exactly one of its closures.
         SpatialPinError: something else has no counterpart, or the file cannot be written.
+
+    Example:
+        >>> sp.export_mjcf(sp.load("four_bar"), "four_bar.xml").name
+        'four_bar.xml'
     """
     from spatial_pin.formats.mjcf.export import write_mjcf  # when something is exported
 

@@ -34,6 +34,13 @@ class PointRates(NamedTuple):
         position: (3,) [m].
         velocity: (3,) [m/s].
         acceleration: (3,) [m/s²].
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> position, velocity, acceleration = state.com("coupler")  # (3,) each, world axes
+        >>> velocity.round(4)  # [m/s]
+        array([-0.6526,  0.    ,  0.2575])
     """
 
     position: Array
@@ -57,6 +64,13 @@ class RelativeMotion(NamedTuple):
         normal: omega x (omega x position).
         relative: acceleration of the point as seen in the frame.
         coriolis: 2 omega x relative_velocity.
+
+    Example:
+        >>> mech = sp.load("inverted_slider_crank")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"bar": 0.5}), {"bar": 2.0})
+        >>> seen = state.relative_motion("slider", "bar")  # the slider, seen from the turning bar
+        >>> seen.relative_velocity.round(4), seen.coriolis.round(4)  # [m/s], [m/s²]
+        (array([-0.2153,  0.    , -0.1176]), array([ 0.4704,  0.    , -0.861 ]))
     """
 
     position: Array
@@ -79,6 +93,11 @@ class Gap(float):
 
     Attributes:
         closures: the largest of each closure that has such equations.
+
+    Example:
+        >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+        >>> float(state.gap), state.gap.closures  # its numbers are exact
+        (0.0, {})
     """
 
     closures: Mapping[str, float]
@@ -117,6 +136,18 @@ class State:
             a simulation it is NaN.
         in_time: whether v and a are rates in time; those of a sample of a sweep without speed are
             not, and forces there are those at rest.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> state.q.shape, state.v.shape  # (nq,), (nv,)
+        ((6,), (5,))
+        >>> state.beyond_limits, float(state.gap)  # no joint limit is passed; exact numbers
+        ({}, 0.0)
+        >>> sp.solve_rates(mech, state, {"crank": 10.0}).rate_error < 1e-12
+        True
+        >>> state.data.oMf[mech.frame_id("rocker_b")].translation.round(4)  # Pinocchio's, [m]
+        array([-0.3261,  0.2537,  0.    ])
     """
 
     def __init__(
@@ -205,32 +236,72 @@ class State:
 
         Raises:
             UnknownNameError: there is none.
+
+        Example:
+            >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+            >>> print(f"{state.coordinate('rocker_pin').value:.4f} rad")
+            1.5232 rad
         """
         rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None], self.a[None])
         return CoordinateRates(*(float(x[0]) for x in rows))
 
     def placement(self, name: str) -> pin.SE3:
-        """Return the placement of a link, frame or joint in the world [m]."""
+        """Return the placement of a link, frame or joint in the world [m].
+
+        Example:
+            >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+            >>> state.placement("coupler_b").translation.round(4)  # (3,) [m]
+            array([-0.3261,  0.2537,  0.    ])
+            >>> state.placement("coupler_b").rotation.shape
+            (3, 3)
+        """
         _, data, frame = self._find(name)
         return data.oMf[frame].copy()
 
     def velocity(self, name: str) -> pin.Motion:
-        """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s]."""
+        """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s].
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> state.velocity("coupler_b").linear.round(4)  # (3,) [m/s], world axes
+            array([-0.4637,  0.    , -0.0254])
+        """
         return pin.getFrameVelocity(*self._find(name), WORLD_AXES)
 
     def acceleration(self, name: str) -> pin.Motion:
         """Return the classical acceleration of a frame's origin and the angular acceleration.
 
         World axes [m/s², rad/s²]; the linear part is the second derivative of the position.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> state.acceleration("coupler_b").linear.round(3)  # (3,) [m/s²], world axes
+            array([-11.971,   0.   ,  -1.555])
         """
         return pin.getFrameClassicalAcceleration(*self._find(name), WORLD_AXES)
 
     def angular_velocity(self, name: str) -> Array:
-        """Return the angular velocity of a link or frame, world axes (3,) [rad/s]."""
+        """Return the angular velocity of a link or frame, world axes (3,) [rad/s].
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> state.angular_velocity("coupler").round(4)
+            array([0.    , 2.4293, 0.    ])
+        """
         return self.velocity(name).angular.copy()
 
     def angular_acceleration(self, name: str) -> Array:
-        """Return the angular acceleration of a link or frame, world axes (3,) [rad/s²]."""
+        """Return the angular acceleration of a link or frame, world axes (3,) [rad/s²].
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> state.angular_acceleration("coupler").round(3)
+            array([  0.   , -33.399,   0.   ])
+        """
         return self.acceleration(name).angular.copy()
 
     def com(self, name: str) -> PointRates:
@@ -238,6 +309,12 @@ class State:
 
         Raises:
             SpatialPinError: the link has no mass.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> state.com("coupler").velocity.round(4)  # (3,) [m/s]
+            array([-0.6526,  0.    ,  0.2575])
         """
         offset = self.placement(name).rotation @ center_of_mass(self.mechanism, name)
         twist, accel = self.velocity(name), self.acceleration(name)
@@ -255,6 +332,12 @@ class State:
         Args:
             point: link, frame or joint whose origin is the point.
             frame: link, frame or joint that the point is seen from.
+
+        Example:
+            >>> mech = sp.load("inverted_slider_crank")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"bar": 0.5}), {"bar": 2.0})
+            >>> state.relative_motion("slider", "bar").coriolis.round(4)  # (3,) [m/s²]
+            array([ 0.4704,  0.    , -0.861 ])
         """
         r = self.placement(point).translation - self.placement(frame).translation
         own, base = self.velocity(point).linear, self.velocity(frame)

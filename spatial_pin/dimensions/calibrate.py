@@ -67,6 +67,18 @@ class Calibration:
         base: placement of the mechanism's world in the axes of what measures; None if these are
             the same.
         states: closed states of the mechanism at the measurements.
+
+    Example:
+        >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
+        >>> seen = [({"crank": x}, {"rocker_pin": sp.assemble(built, {"crank": x}).q[2]})
+        ...         for x in (0.0, 1.0, 2.0, 4.0)]  # what was read, and measured [rad]
+        >>> found = sp.calibrate(mech, seen, ["r3"])
+        >>> print(f"{found.nominal['r3']:.4f} m is {found.values['r3']:.4f} m")
+        0.2800 m is 0.2805 m
+        >>> found.residuals.shape, found.covariance.shape  # (m,) [rad], (n, n)
+        ((4,), (1, 1))
+        >>> found.outliers
+        ()
     """
 
     mechanism: Mechanism
@@ -89,7 +101,15 @@ class Calibration:
         return tuple(x for x, w in zip(self.labels, self.weights, strict=True) if w < 0.5)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found as plain numbers and lists, as JSON has them: None if unknown."""
+        """Return what was found as plain numbers and lists, as JSON has them: None if unknown.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> seen = [({"crank": x}, {"rocker_pin": sp.assemble(mech, {"crank": x}).q[2]})
+            ...         for x in (0.0, 1.0, 2.0)]  # [rad]
+            >>> print(f"{sp.calibrate(mech, seen, ['r3']).as_dict()['values']['r3']:.4f} m")
+            0.2800 m
+        """
         def plain(x: float) -> float | None:
             return float(x) if np.isfinite(x) else None
 
@@ -111,6 +131,13 @@ class Calibration:
 
         Raises:
             OSError: it cannot be written; what was there before stays.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> seen = [({"crank": x}, {"rocker_pin": sp.assemble(mech, {"crank": x}).q[2]})
+            ...         for x in (0.0, 1.0, 2.0)]  # [rad]
+            >>> sp.calibrate(mech, seen, ["r3"]).to_csv("residuals.csv").name
+            'residuals.csv'
         """
         lines = ["measurement,of,unit,residual,before,weight"]
         lines += [f"{i + 1},{label},{unit},{x!r},{y!r},{w!r}"
@@ -190,6 +217,14 @@ def calibrate(
         AssemblyError: the first measurement cannot be assembled.
         SpatialPinError: another measurement cannot be reached; the drivers do not determine what
             was measured; a dimension opens the loops; the search does not end.
+
+    Example:
+        >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
+        >>> seen = [({"crank": x}, {"rocker_pin": sp.assemble(built, {"crank": x}).q[2]})
+        ...         for x in (0.0, 1.0, 2.0, 4.0)]  # what was read, and measured [rad]
+        >>> found = sp.calibrate(mech, seen, ["r3"])
+        >>> print(f"r3 = {found.values['r3']:.6f} m")
+        r3 = 0.280500 m
     """
     needed(mechanism)
     bounds = bounds_of(mechanism, dimensions, around=True)

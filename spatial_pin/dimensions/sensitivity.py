@@ -47,6 +47,12 @@ class Sensitivity:
         derivatives: by dimension, shaped like the value [output unit per m or rad].
         errors: estimated largest error of each derivative; (N,) of a motion.
         unit: of the value, "" or "1" when it has none.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> found = sp.sensitivity(mech, sp.assemble(mech, {"crank": 1.0}), "rocker_pin", ["b"])
+        >>> print(f"{found.value:.4f} {found.unit}, {found.derivatives['b']:.4f} rad/m")
+        1.5232 rad, -5.8005 rad/m
     """
 
     output: str
@@ -93,6 +99,13 @@ def sensitivity(
     Raises:
         UnknownNameError: no such dimension or output.
         SpatialPinError: the branch ends, or the output does not exist, at a nearby dimension.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> found = sp.sensitivity(mech, state, "rocker_pin", ["b", "d"])
+        >>> {name: round(float(x), 4) for name, x in found.derivatives.items()}  # [rad/m]
+        {'b': -5.8005, 'd': 4.1254}
     """
     if isinstance(state, Motion):
         return _over_motion(mechanism, state, output, parameters)

@@ -38,6 +38,18 @@ class Dynamics:
         a: (nv,) joint accelerations.
         error: estimated round-off of `a`, relative to its largest entry: large where a heavy body
             hangs on links too light to push it; 0 where `a` was given.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.forward_dynamics(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 0.1})
+        >>> found.a.shape, found.multipliers.shape  # (nv,), (equations,)
+        ((3,), (5,))
+        >>> found.reactions["output_pin"].linear.round(3)  # on the rocker [N], world axes
+        array([ 1.381, -0.   , -1.826])
+        >>> found.unique["output_pin"]  # (6,): what acts across the plane is one of many
+        array([ True, False,  True, False,  True, False])
+        >>> found.determined["output_pin"], found.on_ground.linear.shape
+        (False, (3,))
     """
 
     def __init__(
@@ -168,6 +180,15 @@ def forward_dynamics(
         SingularError: the loops lose rank there, or a freedom that forces act on has no inertia.
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> found = sp.forward_dynamics(mech, state, {"crank": 0.1})  # [N·m], and gravity
+        >>> found.a.round(3)  # (nv,) [rad/s²]
+        array([-32.917,  40.914,  -6.37 ])
+        >>> found.reactions["output_pin"].linear.round(3)  # on the rocker [N], world axes
+        array([ 1.381, -0.   , -1.826])
     """
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism

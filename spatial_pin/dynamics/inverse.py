@@ -75,6 +75,15 @@ class Efforts(Dynamics):
     Attributes:
         efforts: by driver or actuated coordinate [N·m about it, N along it].
         power: of each of them [W].
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> found = sp.inverse_dynamics(mech, state)
+        >>> print(f"{found.efforts['crank']:.4f} N·m, {found.power['crank']:.3f} W")
+        0.9714 N·m, 9.714 W
+        >>> found.unique_efforts, found.unique["output_pin"].shape
+        ({'crank': True}, (6,))
     """
 
     def __init__(
@@ -153,6 +162,15 @@ def inverse_dynamics(
         SingularError: the loops lose rank there.
         UnknownNameError: a name does not exist.
         ValueError: a weight is not positive.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> found = sp.inverse_dynamics(mech, state)
+        >>> round(found.efforts["crank"], 5)  # [N·m]
+        0.97137
+        >>> found.reactions["output_pin"].linear.round(4)  # on the rocker [N], world axes
+        array([-6.2348, -0.    , -8.7523])
     """
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism

@@ -67,6 +67,15 @@ class Kinetostatics(_Loads, Tabular):
         unique: (N, 6) by pair, which components of its reaction are unique, world axes.
         beyond_limits: efforts, and velocities of a motion in time, beyond the URDF's limits, each
             with the samples, the worst of them, and how much it is.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 181), speed=10.0)
+        >>> loads = sp.kinetostatics(mech, motion)
+        >>> loads.efforts["crank"].shape, loads.reactions["output_pin"].shape, loads.on_ground.shape
+        ((181,), (181, 6), (181, 6))
+        >>> print(f"at most {abs(loads.power['crank']).max():.2f} W")
+        at most 21.42 W
     """
 
     __slots__ = ()
@@ -82,6 +91,15 @@ class Kinetostatics(_Loads, Tabular):
 
         Raises:
             UnknownNameError: there is no such force, nor such a quantity of the motion.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> loads = sp.kinetostatics(mech, sp.sweep(mech, "crank", [0.0, 0.5, 1.0], speed=10.0))
+            >>> values, label, unit = loads.output("output_pin.reaction.force")
+            >>> values.shape, label, unit  # (N, 3)
+            ((3, 3), 'output_pin reaction force', 'N')
+            >>> loads.output("crank.effort").values.round(3)  # [N·m]
+            array([-0.27 ,  0.214,  0.971])
         """
         found: Output = method("Kinetostatics.output")(self, spec)
         return found
@@ -94,6 +112,12 @@ class Kinetostatics(_Loads, Tabular):
 
         Raises:
             UnknownNameError: there is no such output.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> loads = sp.kinetostatics(mech, sp.sweep(mech, "crank", [0.0, 0.5, 1.0], speed=10.0))
+            >>> [(name, x.unit) for name, x in loads.quantities("crank.effort").items()]
+            [('time', 's'), ('crank', 'rad'), ('crank effort', 'N·m')]
         """
         found: dict[str, Quantity] = method("Kinetostatics.quantities")(self, outputs)
         return found
@@ -130,7 +154,14 @@ class Kinetostatics(_Loads, Tabular):
         return f"  {name}: {', '.join(found)}"
 
     def marks(self, name: str) -> tuple[str, str]:
-        """Return marks for a pair's force and moment, with the axes along which one is of many."""
+        """Return marks for a pair's force and moment, with the axes along which one is of many.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> loads = sp.kinetostatics(mech, sp.sweep(mech, "crank", [0.0, 0.5], speed=10.0))
+            >>> loads.marks("output_pin")  # of the force and of the moment
+            (' *y', ' *xz')
+        """
         unique = self.unique.get(name)
         return ("", "") if unique is None else one_of_many(np.logical_and.reduce(unique, axis=0))
 
@@ -198,6 +229,15 @@ def kinetostatics(
     Raises:
         SpatialPinError: a freedom is not actuated, or the motion is of another mechanism.
         SingularError: the loops lose rank at a sample.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 181), speed=10.0)
+        >>> loads = sp.kinetostatics(mech, motion)
+        >>> loads.efforts["crank"].shape, loads.reactions["output_pin"].shape  # (N,), (N, 6)
+        ((181,), (181, 6))
+        >>> print(f"at most {loads.efforts['crank'].max():.3f} N·m")
+        at most 2.142 N·m
     """
     motion_needed(motion)
     if mechanism not in (motion.mechanism, motion.mechanism.whole):

@@ -33,7 +33,12 @@ from spatial_pin.mechanism.mechanism import Mechanism
 
 
 def list_mechanisms() -> list[str]:
-    """Return the names of the mechanisms that come with the library, sorted."""
+    """Return the names of the mechanisms that come with the library, sorted.
+
+    Example:
+        >>> sp.list_mechanisms()[:4]
+        ['bennett', 'bricard', 'crane', 'crank_collar']
+    """
     return sorted(path.stem for path in library_folder().glob("*.toml"))
 
 
@@ -87,6 +92,13 @@ def load(
             True nor False, or `packages` no dictionary of paths, or a parameter is neither a
             number nor a text.
         ValueError: a parameter is NaN or infinite.
+
+    Example:
+        >>> mech = sp.load("rssr", d=0.315)  # of the library, with a dimension changed [m]
+        >>> mech.coordinates
+        ('crank_pin', 'ball_a.x', 'ball_a.y', 'ball_a.z', 'rocker_pin')
+        >>> list(mech.drivers), round(mech.dimensions["d"], 3)
+        (['crank'], 0.315)
     """
     if not isinstance(source, str | PathLike) or isinstance(fspath(source), bytes):
         raise TypeError(f"a mechanism is loaded by its name or path, not {source!r}")

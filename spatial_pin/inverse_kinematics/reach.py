@@ -65,6 +65,12 @@ def reach(
         AssemblyError: the guess does not close.
         TypeError: a target is of no kind there is.
         ValueError: a number is not finite, or targets contradict each other.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> state = sp.reach(mech, {"platform": [0.1, 0.0, -0.9]})  # a point of the world [m]
+        >>> [round(state.coordinate(name).value, 4) for name in mech.drivers]  # [rad]
+        [-0.3467, -0.4714, -0.2211]
     """
     needed(mechanism)
     if starts < 0:

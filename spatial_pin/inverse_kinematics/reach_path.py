@@ -94,6 +94,13 @@ def reach_path(
         SpatialPinError: a frame turns too far from one sample to the next.
         TypeError: a table is none.
         ValueError: tables are not finite, or of different lengths, or times do not rise.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> line = np.linspace([0.0, 0.0, -0.9], [0.2, 0.0, -0.9], 5)  # (5, 3) [m]
+        >>> motion = sp.reach_path(mech, {"platform": line}, times=np.linspace(0.0, 1.0, 5))
+        >>> motion.coordinate("arm_1").value.round(4)  # (5,) [rad]
+        array([-0.3586, -0.3556, -0.3467, -0.332 , -0.3115])
     """
     needed(mechanism)
     accuracy = accuracy_of(accuracy)

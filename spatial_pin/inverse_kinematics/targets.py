@@ -2,6 +2,13 @@
 
 Residuals of targets have no unit: lengths are divided by the characteristic length, angles are in
 radians. To add a kind of target: a class with `residual`, and its line in the constructors below.
+
+Example:
+    >>> mech = sp.load("delta")
+    >>> wish = sp.targets.position([0.1, 0.0, -0.9], weight=2.0)  # as near as can be [m]
+    >>> state = sp.reach(mech, {"platform": wish, "arm_1": -0.3})  # exactly [rad]
+    >>> print(f"{state.coordinate('arm_1').value:.3f} rad")
+    -0.300 rad
 """
 
 from __future__ import annotations
@@ -34,6 +41,13 @@ class Target(ABC):
         name: frame or coordinate; filled in from the key that the target stands under.
         weight: None: it is to be reached exactly; else it is met as well as those that are to be
             reached leave freedom for, the sum of weight² residual² of all being least.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> wish = sp.targets.position([0.5, 0.0, -0.9], weight=1.0)  # [m]
+        >>> state = sp.reach(mech, {"platform": wish, "arm_1": -0.4})
+        >>> print(f"{state.coordinate('arm_1').value:.3f} rad")
+        -0.400 rad
     """
 
     name: str = ""
@@ -249,13 +263,27 @@ def position(point: Array, weight: float | None = None) -> Target:
 
     Raises:
         ValueError: a number is not finite, or a weight not positive; likewise of the others.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> state = sp.reach(mech, {"platform": sp.targets.position([0.1, 0.0, -0.9])})  # [m]
+        >>> state.placement("platform").translation.round(4)
+        array([ 0.1,  0. , -0.9])
     """
     return Position(weight=_weight(weight), point=finite_array(point, (3,), "point"))
 
 
 @checked
 def orientation(rotation: Array, weight: float | None = None) -> Target:
-    """Return the target that a frame's axes are the columns of a rotation (3, 3) of the world."""
+    """Return the target that a frame's axes are the columns of a rotation (3, 3) of the world.
+
+    Example:
+        >>> mech = sp.load("stewart")
+        >>> tilt = sp.targets.orientation(pin.utils.rotate("x", 0.1))  # (3, 3)
+        >>> state = sp.reach(mech, {"platform": tilt})
+        >>> pin.rpy.matrixToRpy(state.placement("platform").rotation).round(4)  # [rad]
+        array([0.1, 0. , 0. ])
+    """
     found = finite_array(rotation, (3, 3), "rotation")
     check_rotations(found, "rotation")
     return Orientation(weight=_weight(weight), rotation=found)
@@ -274,7 +302,16 @@ def check_rotations(matrices: Array, what: str) -> None:
 
 
 def pose(placement: pin.SE3, weight: float | None = None) -> Target:
-    """Return the target that a frame is at a placement in the world."""
+    """Return the target that a frame is at a placement in the world.
+
+    Example:
+        >>> mech = sp.load("stewart")
+        >>> here = sp.assemble(mech).placement("platform")
+        >>> lifted = pin.SE3(here.rotation, here.translation + np.array([0.0, 0.0, 0.02]))  # [m]
+        >>> state = sp.reach(mech, {"platform": sp.targets.pose(lifted)})
+        >>> print(f"{state.placement('platform').translation[2] - here.translation[2]:.4f} m")
+        0.0200 m
+    """
     if not isinstance(placement, pin.SE3):
         raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
     finite_array(placement.homogeneous, (4, 4), "placement")
@@ -284,7 +321,15 @@ def pose(placement: pin.SE3, weight: float | None = None) -> Target:
 
 @checked
 def direction(axis: Array, along: Array, weight: float | None = None) -> Target:
-    """Return the target that an axis (3,) of a frame points along a direction (3,) of the world."""
+    """Return the target that an axis (3,) of a frame points along a direction (3,) of the world.
+
+    Example:
+        >>> mech = sp.load("stewart")
+        >>> tilt = sp.targets.direction([0.0, 0.0, 1.0], [0.6, 0.0, 0.8])  # unit vectors
+        >>> state = sp.reach(mech, {"platform": tilt})  # its z axis
+        >>> state.placement("platform").rotation[:, 2].round(4)
+        array([0.6, 0. , 0.8])
+    """
     unit_vector(axis, "axis")
     unit_vector(along, "along")
     return Direction(weight=_weight(weight), axis=np.array(axis, float),
@@ -293,13 +338,27 @@ def direction(axis: Array, along: Array, weight: float | None = None) -> Target:
 
 @checked
 def coordinate(value: float, weight: float | None = None) -> Target:
-    """Return the target that a coordinate or driver has a value [rad or m]."""
+    """Return the target that a coordinate or driver has a value [rad or m].
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.reach(mech, {"rocker_pin": sp.targets.coordinate(1.8)})  # [rad]
+        >>> print(f"crank at {state.coordinate('crank').value:.4f} rad")
+        crank at -0.0543 rad
+    """
     return CoordinateValue(weight=_weight(weight), value=finite_number(value, "value"))
 
 
 @checked
 def distance(other: str, length: float, weight: float | None = None) -> Target:
-    """Return the target that a frame's origin is at a distance [m] from that of another frame."""
+    """Return the target that a frame's origin is at a distance [m] from that of another frame.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.reach(mech, {"coupler_b": sp.targets.distance("crank", 0.25)})  # [m]
+        >>> print(f"crank at {state.coordinate('crank').value:.4f} rad")
+        crank at -0.8033 rad
+    """
     if not finite_number(length, "length") > 0.0:
         raise ValueError("length must be positive; for frames at one place ask for a position")
     return Distance(weight=_weight(weight), other=other, length=float(length))
@@ -308,7 +367,15 @@ def distance(other: str, length: float, weight: float | None = None) -> Target:
 def centre_of_mass(
     x: float | None, y: float | None, z: float | None, weight: float | None = None
 ) -> Target:
-    """Return the target that the centre of mass is at a point [m]; None leaves one free."""
+    """Return the target that the centre of mass is at a point [m]; None leaves one free.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> aside = sp.targets.centre_of_mass(0.05, 0.0, None)  # x, y, and z as it comes [m]
+        >>> state = sp.reach(mech, {"": aside})
+        >>> pin.centerOfMass(mech.model, state.data, state.q)[:2].round(4)
+        array([0.05, 0.  ])
+    """
     point = tuple(None if v is None else finite_number(v, "a coordinate") for v in (x, y, z))
     if not any(v is not None for v in point):
         raise ValueError("the centre of mass is asked for nothing")

@@ -3,6 +3,11 @@
 Each takes the two frames that it joins, by name or as (link or joint, `pin.SE3` on it), and a name
 for reports; without one it is called by its type. What the words mean stands with the closures of
 mechanism files: `axis` is the pair's axis in frame 1 and in frame 2, unit vectors (3,), default z.
+
+Example:
+    >>> rod = sp.closures.distance("crank_a", "rocker_b", 0.381, "rod")  # [m]
+    >>> rod.name, rod.type
+    ('rod', 'distance')
 """
 
 from __future__ import annotations
@@ -77,57 +82,104 @@ def _two(frames: Sequence[FramePlace]) -> Any:
 
 def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
               equations: Sequence[int] | None = None) -> Closure:
-    """Return a ball joint: the origins coincide."""
+    """Return a ball joint: the origins coincide.
+
+    Example:
+        >>> ball = sp.closures.spherical("coupler_b", "rocker_b", "ball_b")
+        >>> ball.type, ball.frames, ball.n_rows  # equations
+        ('spherical', ('coupler_b', 'rocker_b'), 3)
+    """
     return _closure("spherical", (frame_1, frame_2), name, equations)
 
 
 def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a hinge: the origins coincide, and the axes."""
+    """Return a hinge: the origins coincide, and the axes.
+
+    Example:
+        >>> sp.closures.revolute("a", "b", axis=[0.0, 1.0, 0.0]).n_rows  # equations
+        5
+    """
     return _closure("revolute", (frame_1, frame_2), name, equations, axis)
 
 
 def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
               axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a slide along the axis, without a turn."""
+    """Return a slide along the axis, without a turn.
+
+    Example:
+        >>> sp.closures.prismatic("rail", "slider", axis=[1.0, 0.0, 0.0]).n_rows  # equations
+        5
+    """
     return _closure("prismatic", (frame_1, frame_2), name, equations, axis)
 
 
 def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | None = None, *,
           axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a screw of a lead [m per turn], right-handed where that is positive."""
+    """Return a screw of a lead [m per turn], right-handed where that is positive.
+
+    Example:
+        >>> sp.closures.screw("nut", "spindle", 0.005).n_rows  # a lead of 5 mm per turn
+        5
+    """
     return _closure("screw", (frame_1, frame_2), name, equations, axis,
                     lead=finite_number(lead, "lead"))
 
 
 def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                 axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a sleeve: the axes coincide."""
+    """Return a sleeve: the axes coincide.
+
+    Example:
+        >>> sp.closures.cylindrical("shaft", "collar").n_rows  # equations
+        4
+    """
     return _closure("cylindrical", (frame_1, frame_2), name, equations, axis)
 
 
 def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
               axis: ArrayLike | None = None, axis2: ArrayLike | None = None,
               equations: Sequence[int] | None = None) -> Closure:
-    """Return a Hooke joint: origins coincide, `axis` (x) of 1 is square to `axis2` (y) of 2."""
+    """Return a Hooke joint: origins coincide, `axis` (x) of 1 is square to `axis2` (y) of 2.
+
+    Example:
+        >>> cross = sp.closures.universal("fork_1", "fork_2", axis=[1, 0, 0], axis2=[0, 1, 0])
+        >>> cross.n_rows  # equations
+        4
+    """
     return _closure("universal", (frame_1, frame_2), name, equations, axis, axis2)
 
 
 def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
            axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a joint of two planes: origin 2 stays in that of 1, the normals are parallel."""
+    """Return a joint of two planes: origin 2 stays in that of 1, the normals are parallel.
+
+    Example:
+        >>> sp.closures.planar("table", "foot", axis=[0.0, 0.0, 1.0]).n_rows  # equations
+        3
+    """
     return _closure("planar", (frame_1, frame_2), name, equations, axis)
 
 
 def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
           equations: Sequence[int] | None = None) -> Closure:
-    """Return a weld, by the name that it has as a joint."""
+    """Return a weld, by the name that it has as a joint.
+
+    Example:
+        >>> sp.closures.fixed("flange", "tool").type
+        'fixed'
+    """
     return _closure("fixed", (frame_1, frame_2), name, equations)
 
 
 def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
          equations: Sequence[int] | None = None) -> Closure:
-    """Return a weld: the frames coincide."""
+    """Return a weld: the frames coincide.
+
+    Example:
+        >>> sp.closures.weld("flange", "tool").n_rows  # equations
+        6
+    """
     return _closure("weld", (frame_1, frame_2), name, equations)
 
 
@@ -145,6 +197,10 @@ def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = No
 
     Raises:
         ValueError: there is neither length, or both.
+
+    Example:
+        >>> sp.closures.distance("crank_a", "rocker_b", 0.381).n_rows  # a rod of 0.381 m
+        1
     """
     if (length is None) == (length_between is None):
         raise ValueError("a distance has a length or length_between, one of the two")
@@ -156,25 +212,45 @@ def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = No
 def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                   axis: ArrayLike | None = None,
                   equations: Sequence[int] | None = None) -> Closure:
-    """Return a ball in a groove: origin 2 stays on the axis of 1."""
+    """Return a ball in a groove: origin 2 stays on the axis of 1.
+
+    Example:
+        >>> sp.closures.point_on_line("groove", "ball", axis=[1.0, 0.0, 0.0]).n_rows  # equations
+        2
+    """
     return _closure("point_on_line", (frame_1, frame_2), name, equations, axis)
 
 
 def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                    axis: ArrayLike | None = None) -> Closure:
-    """Return a point on a plane: origin 2 stays in the plane of 1 square to the axis."""
+    """Return a point on a plane: origin 2 stays in the plane of 1 square to the axis.
+
+    Example:
+        >>> sp.closures.point_on_plane("floor", "foot", axis=[0.0, 0.0, 1.0]).n_rows  # equations
+        1
+    """
     return _closure("point_on_plane", (frame_1, frame_2), name, None, axis)
 
 
 def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return axes that stay parallel, wherever the origins are."""
+    """Return axes that stay parallel, wherever the origins are.
+
+    Example:
+        >>> sp.closures.parallel("deck", "ground", axis=[0.0, 0.0, 1.0]).n_rows  # equations
+        2
+    """
     return _closure("parallel", (frame_1, frame_2), name, equations, axis)
 
 
 def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                   axis: ArrayLike | None = None, axis2: ArrayLike | None = None) -> Closure:
-    """Return `axis` of 1 that stays square to `axis2` of 2 (default the same direction)."""
+    """Return `axis` of 1 that stays square to `axis2` of 2 (default the same direction).
+
+    Example:
+        >>> sp.closures.perpendicular("a", "b", axis=[1, 0, 0], axis2=[0, 1, 0]).n_rows
+        1
+    """
     return _closure("perpendicular", (frame_1, frame_2), name, None, axis, axis2)
 
 
@@ -184,6 +260,11 @@ def coupling(joint_1: str, joint_2: str, ratio: float = 1.0, offset: float = 0.0
 
     Raises:
         ValueError: the ratio is zero, or a number not finite.
+
+    Example:
+        >>> teeth = sp.closures.coupling("left_pin", "right_pin", ratio=-1.0)  # equal gears
+        >>> teeth.joints, teeth.ratio, teeth.offset
+        (('left_pin', 'right_pin'), -1.0, 0.0)
     """
     factor = finite_number(ratio, "ratio")
     if factor == 0.0:
@@ -209,6 +290,12 @@ def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
 
     Raises:
         ClosureTypeError: it is another constraint, or not at rest where the frames coincide.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> native = mech.constraint_models()[0]
+        >>> sp.closures.of_native(native, list(mech.model.names)).type
+        'spherical'
     """
     if isinstance(constraint, pin.ConstraintModel):
         constraint = constraint.extract()

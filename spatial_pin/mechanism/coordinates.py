@@ -44,6 +44,13 @@ class CoordinateRates(NamedTuple, Generic[Numbers]):
         value: [rad or m].
         rate: [rad/s or m/s].
         acceleration: [rad/s² or m/s²].
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> value, rate, acceleration = state.coordinate("rocker_pin")
+        >>> print(f"{value:.4f} rad, {rate:.4f} rad/s, {acceleration:.2f} rad/s²")
+        1.6255 rad, 1.9351 rad/s, 50.16 rad/s²
     """
 
     value: Numbers

@@ -25,6 +25,15 @@ class JointLimit(NamedTuple):
         value: the limit [rad or m].
         side: +1 for an upper limit, -1 for a lower one.
         size: 1 rad, or the characteristic length [m].
+
+    Example:
+        >>> mech = sp.load("excavator")
+        >>> state = sp.assemble(mech, {"boom": 2.05})  # let go, 0.05 m above its lower limit
+        >>> limit = sp.simulate(mech, state, 0.4).joint_limits[0].limit
+        >>> limit.name, limit.side, limit.value, limit.unit
+        ('boom_slide', -1, 2.0, 'm')
+        >>> limit.words, round(float(limit.room(state.q)), 3)  # [m]
+        ('lower limit 2 m of boom_slide', 0.05)
     """
 
     name: str
@@ -36,7 +45,15 @@ class JointLimit(NamedTuple):
     size: float
 
     def room(self, q: Array) -> Array:
-        """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m]."""
+        """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m].
+
+        Example:
+            >>> mech = sp.load("excavator")
+            >>> state = sp.assemble(mech, {"boom": 2.05})  # let go, 0.05 m above its lower limit
+            >>> limit = sp.simulate(mech, state, 0.4).joint_limits[0].limit
+            >>> print(f"{limit.room(state.q):.3f} m")
+            0.050 m
+        """
         return self.side * (self.value - q[..., self.q])
 
     def closing(self, v: Array) -> Array:

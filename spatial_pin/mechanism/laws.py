@@ -2,6 +2,16 @@
 
 A law is a function of the time t [s] that returns (value, rate, acceleration) of the coordinate
 [rad or m, per s, per s²]; LAWS has the usual ones by name, and any function will do.
+
+Example:
+    >>> sorted(sp.laws.LAWS)
+    ['constant_speed', 'cycloid', 'polynomial', 'ramp', 'sine', 'spline']
+    >>> mech = sp.load("four_bar")
+    >>> drives = {"crank": sp.laws.constant_speed(0.0, 10.0)}  # [rad], [rad/s]
+    >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.0}), {"crank": 10.0})
+    >>> motion = sp.simulate(mech, state, 0.1, drives=drives)  # [s]
+    >>> print(f"{motion.coordinate('crank').value[-1]:.3f} rad")
+    1.000 rad
 """
 
 from __future__ import annotations
@@ -22,6 +32,11 @@ def constant_speed(start: float, speed: float) -> DriverLaw:
 
     Raises:
         ValueError: a value is no finite number; likewise of the other laws.
+
+    Example:
+        >>> law = sp.laws.constant_speed(0.5, 10.0)  # from 0.5 rad at 10 rad/s
+        >>> law(0.1)  # after 0.1 s: value, rate, acceleration
+        (1.5, 10.0, 0.0)
     """
     start, speed = finite_number(start, "start"), finite_number(speed, "speed")
     return lambda t: (start + speed * t, speed, 0.0)
@@ -29,7 +44,13 @@ def constant_speed(start: float, speed: float) -> DriverLaw:
 
 @checked
 def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
-    """Return a law that speeds up from rest to `speed` at constant acceleration, then keeps it."""
+    """Return a law that speeds up from rest to `speed` at constant acceleration, then keeps it.
+
+    Example:
+        >>> law = sp.laws.ramp(0.0, 10.0, 0.5)  # to 10 rad/s within 0.5 s
+        >>> law(0.25), law(1.0)  # value [rad], rate [rad/s], acceleration [rad/s²]
+        ((0.625, 5.0, 20.0), (7.5, 10.0, 0.0))
+    """
     start, speed = finite_number(start, "start"), finite_number(speed, "speed")
     rise_time = positive_number(rise_time, "rise_time")
     rate = speed / rise_time
@@ -44,7 +65,13 @@ def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
 
 @checked
 def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> DriverLaw:
-    """Return a law mean + amplitude sin(2 pi frequency t + phase); frequency in Hz."""
+    """Return a law mean + amplitude sin(2 pi frequency t + phase); frequency in Hz.
+
+    Example:
+        >>> law = sp.laws.sine(0.0, 0.2, 1.5)  # ± 0.2 rad at 1.5 Hz
+        >>> [round(x, 4) for x in law(0.1)]  # rad, rad/s, rad/s² after 0.1 s
+        [0.1618, 1.1079, -14.3724]
+    """
     mean, amplitude = finite_number(mean, "mean"), finite_number(amplitude, "amplitude")
     phase = finite_number(phase, "phase")
     w = 2.0 * math.pi * finite_number(frequency, "frequency")
@@ -58,7 +85,13 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
 
 @checked
 def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
-    """Return a law from rest to rest with a full sine of acceleration [Norton2009, 2.4]."""
+    """Return a law from rest to rest with a full sine of acceleration [Norton2009, 2.4].
+
+    Example:
+        >>> law = sp.laws.cycloid(0.0, 1.0, 2.0)  # from 0 to 1 rad within 2 s
+        >>> [round(x, 4) for x in law(1.0)]  # half way: rad, rad/s, rad/s²
+        [0.5, 1.0, 0.0]
+    """
     start, end = finite_number(start, "start"), finite_number(end, "end")
     rise_time = positive_number(rise_time, "rise_time")
     stroke, w = end - start, 2.0 * math.pi / rise_time
@@ -75,7 +108,13 @@ def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
 
 @checked
 def polynomial(coefficients: Sequence[float]) -> DriverLaw:
-    """Return the law c0 + c1 t + c2 t² + ..."""
+    """Return the law c0 + c1 t + c2 t² + ...
+
+    Example:
+        >>> law = sp.laws.polynomial([0.1, 0.0, 3.0])  # 0.1 + 3 t² [rad]
+        >>> [round(x, 4) for x in law(2.0)]  # rad, rad/s, rad/s²
+        [12.1, 12.0, 6.0]
+    """
     if not len(coefficients):
         raise ValueError("coefficients is empty; a polynomial has at least c0")
     c = np.polynomial.Polynomial(finite_array(coefficients, (len(coefficients),), "coefficients"))
@@ -85,7 +124,13 @@ def polynomial(coefficients: Sequence[float]) -> DriverLaw:
 
 @checked
 def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
-    """Return the quintic spline through (times, values), at rest and unaccelerated at its ends."""
+    """Return the quintic spline through (times, values), at rest and unaccelerated at its ends.
+
+    Example:
+        >>> law = sp.laws.spline([0.0, 1.0, 2.0], [0.0, 0.8, 1.0])  # [s], [rad]
+        >>> [round(x, 4) for x in law(2.0)]  # at rest at its end
+        [1.0, 0.0, 0.0]
+    """
     from scipy.interpolate import make_interp_spline  # imported on use: it takes half a second
 
     x = finite_array(times, (len(times),), "times")

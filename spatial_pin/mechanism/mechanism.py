@@ -62,6 +62,17 @@ class Mechanism:
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
             read when first asked for.
         memo: what analyses keep of it to be made once; goes when the mechanism goes.
+
+    Example:
+        >>> mech = sp.load("rssr", d=0.315)  # [m]
+        >>> mech.model.nq, mech.coordinates  # model is a plain pinocchio.Model
+        (6, ('crank_pin', 'ball_a.x', 'ball_a.y', 'ball_a.z', 'rocker_pin'))
+        >>> mech.links
+        ('ground', 'crank', 'coupler', 'coupler_b', 'rocker', 'rocker_b')
+        >>> print(f"{mech.characteristic_length:.3f} m")
+        0.603 m
+        >>> mech.neutral  # (nq,): crank, quaternion of the ball, rocker
+        array([0., 0., 0., 0., 1., 0.])
     """
 
     name: str
@@ -131,6 +142,18 @@ class Mechanism:
                 number is impossible; says which.
             TypeError: an argument is of another kind.
             ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> model = pin.Model()
+            >>> for name, x in (("lever", 0.0), ("arm", 1.0)):  # two hinges, 1 m apart
+            ...     place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            ...     joint = model.addJoint(0, pin.JointModelRY(), place, name)
+            >>> ends = [(name, pin.SE3(np.eye(3), np.array([0.0, 0.0, z])))
+            ...         for name, z in (("lever", 0.5), ("arm", 0.4))]
+            >>> rod = sp.closures.distance(*ends, 1.0)  # of 1 m between the ends
+            >>> mech = sp.Mechanism.from_model(model, [rod], drivers=["lever"])
+            >>> print(f"{sp.assemble(mech, {'lever': 0.2}).coordinate('arm').value:.4f} rad")
+            0.2377 rad
         """
         made: Mechanism = method("Mechanism.from_model")(
             model, closures, drivers, springs, passives, {} if guess is None else guess,
@@ -201,6 +224,11 @@ class Mechanism:
 
         Raises:
             UnknownNameError: there is none.
+
+        Example:
+            >>> mech = sp.load("rssr")
+            >>> mech.coordinate("crank").name, mech.coordinate("rocker_pin").unit
+            ('crank_pin', 'rad')
         """
         if isinstance(name, str):
             if name in self.coordinate_table:
@@ -285,6 +313,11 @@ class Mechanism:
 
         Raises:
             UnknownNameError: there is none.
+
+        Example:
+            >>> mech = sp.load("rssr")
+            >>> mech.model.frames[mech.frame_id("rocker_b")].name
+            'rocker_b'
         """
         try:
             return self.frame_ids[name]
@@ -372,6 +405,10 @@ class Mechanism:
 
         Raises:
             ClosureTypeError: a closure is of a type that Pinocchio does not have, or a part of one.
+
+        Example:
+            >>> [(model.name, str(model.type)) for model in sp.load("rssr").constraint_models()]
+            [('ball_b', 'CONTACT_3D')]
         """
         models = []
         for closure in self.closures:
@@ -403,6 +440,11 @@ class Mechanism:
             SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
             TypeError: `folder` is no path.
             ValueError: it is the name of a file, or of nothing.
+
+        Example:
+            >>> file = sp.load("rssr", d=0.315).save("my_rssr")
+            >>> file.name, sp.load(file).coordinates == sp.load("rssr").coordinates
+            ('rssr.toml', True)
         """
         written: Path = method("Mechanism.save")(self, folder)
         return written

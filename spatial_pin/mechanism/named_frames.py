@@ -20,6 +20,10 @@ class Frame:
         link: the link, frame or joint that it is fixed to.
         xyz: its origin in the axes of `link` [m].
         rpy: its orientation there, as URDF has it: turns about fixed x, y, z in this order [rad].
+
+    Example:
+        >>> sp.Frame("tool", "rocker", xyz=(0.0, 0.0, 0.1)).placement.translation  # [m]
+        array([0. , 0. , 0.1])
     """
 
     name: str

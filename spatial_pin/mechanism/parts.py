@@ -21,6 +21,10 @@ class Coordinate(NamedTuple):
         q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
         v: index in the velocity.
         place: which of the joint's coordinates it is.
+
+    Example:
+        >>> sp.load("rssr").coordinate("rocker_pin")
+        Coordinate(name='rocker_pin', joint='rocker_pin', unit='rad', q=5, v=4, place=0)
     """
 
     name: str
@@ -51,6 +55,13 @@ class Closure:
         equations: which of the pair's equations are asked for, None for all; the others must
             hold of themselves (planar loops).
         source: where it is stated, if not as a closure of a mechanism file.
+
+    Example:
+        >>> closure = sp.load("rssr").closures[0]
+        >>> closure.name, closure.type, closure.frames, closure.n_rows
+        ('ball_b', 'spherical', ('coupler_b', 'rocker_b'), 3)
+        >>> len(closure.rows), closure.can_turn, closure.pair.native is not None
+        (3, True, True)
     """
 
     name: str
@@ -124,6 +135,10 @@ class Driver:
     Attributes:
         name: the driver's name.
         joint: the joint, or coordinate (`joint.slide`), it drives.
+
+    Example:
+        >>> sp.load("rssr").drivers["crank"]
+        Driver(name='crank', joint='crank_pin')
     """
 
     name: str
@@ -139,6 +154,10 @@ class Spring:
             joint's coordinate, whose value is the spring's length or angle.
         free_length: between frames, or of a coordinate that slides, at no force [m].
         free_angle: of a coordinate that turns [rad]; of one that slides it is taken as [m].
+
+    Example:
+        >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]
+        1.2
     """
 
     name: str
@@ -157,7 +176,12 @@ class Spring:
 
 @dataclass(frozen=True)
 class Passive:
-    """A passive spin that is resolved: `body` has no absolute spin about the line `axis`."""
+    """A passive spin that is resolved: `body` has no absolute spin about the line `axis`.
+
+    Example:
+        >>> sp.load("rssr").passives
+        (Passive(name='coupler_spin', body='coupler', axis=('ball_a', 'coupler_b')),)
+    """
 
     name: str
     body: str

@@ -24,6 +24,11 @@ class Grashof(NamedTuple):
         lengths: link lengths by name of the link [m], the fixed link first, then round the loop.
         type: "crank-rocker", "rocker-crank", "double crank", "double rocker", "triple rocker" or
             "change point".
+
+    Example:
+        >>> found = sp.grashof(sp.load("four_bar"))
+        >>> found.type, sorted(found.lengths)
+        ('crank-rocker', ['coupler', 'crank', 'ground', 'rocker'])
     """
 
     lengths: dict[str, float]
@@ -44,6 +49,11 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
 
     Raises:
         SpatialPinError: it is not a plane four-bar.
+
+    Example:
+        >>> found = sp.grashof(sp.load("four_bar"))
+        >>> found.type, {name: round(x, 3) for name, x in found.lengths.items()}  # [m]
+        ('crank-rocker', {'ground': 0.3, 'crank': 0.1, 'coupler': 0.28, 'rocker': 0.24})
     """
     state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
     names, centres = _four_bar(mechanism, state)

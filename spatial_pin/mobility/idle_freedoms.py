@@ -40,6 +40,13 @@ class PassiveFreedom(NamedTuple):
         axis: (3,) world direction of its axis at the configuration.
         point: (3,) a point of that axis in the world [m].
         text: the same in words, naming the pairs on the axis.
+
+    Example:
+        >>> found = sp.mobility(sp.load("rssr")).passive[0]
+        >>> found.kind, found.link, found.axis.shape  # world axes
+        ('spin', 'coupler', (3,))
+        >>> print(found.text)
+        coupler spins about (-0.7774, 0.629, 0) through ball_a and ball_b
     """
 
     link: str

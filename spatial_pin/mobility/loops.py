@@ -26,6 +26,11 @@ class Loop(NamedTuple):
         joints: the joints of the tree on its way.
         order: dimension of the motions its pairs generate (lambda in the mobility formula).
         kind: what these motions are.
+
+    Example:
+        >>> loop = sp.mobility(sp.load("four_bar")).loop_list[0]
+        >>> loop.closure, loop.order, loop.kind
+        ('output_pin', 3, 'planar')
     """
 
     closure: str

@@ -42,6 +42,13 @@ class Mobility:
         passive: the passive freedoms.
         redundant: names of closure equations that follow from the others there.
         overconstrained: whether there are any.
+
+    Example:
+        >>> found = sp.mobility(sp.load("four_bar"))
+        >>> found.kutzbach, found.grubler, found.dof, found.loops
+        (-2, 1, 1, 1)
+        >>> found.overconstrained, found.redundant
+        (True, ('output_pin[2]', 'output_pin[3]', 'output_pin[4]'))
     """
 
     mechanism: Mechanism
@@ -126,6 +133,20 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     Raises:
         AssemblyError: no q was given and the guess does not close.
         SpatialPinError: the configuration is not closed.
+
+    Example:
+        >>> freedom = sp.mobility(sp.load("rssr"))
+        >>> freedom.dof, freedom.passive[0].link, freedom.passive[0].kind
+        (2, 'coupler', 'spin')
+        >>> print(freedom)
+        mobility of rssr: 2
+          links 4, pairs 4, independent loops 1, coordinates 5
+          formula with 6 equations a loop (Kutzbach): 2
+          formula with the order of each loop (Grübler): 2
+            loop closed by ball_b: spatial, order 6
+          closure rank 3 of 3 equations, instantaneous freedom 2
+          finite freedom 2, of which 1 passive and 1 working
+          passive freedom: coupler spins about (-0.7774, 0.629, 0) through ball_a and ball_b
     """
     needed(mechanism)
     state = assembled(mechanism) if q is None else q

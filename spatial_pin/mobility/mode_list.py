@@ -18,6 +18,11 @@ class Continuum(NamedTuple):
         freedoms: how many freedoms it has, passive ones apart.
         coordinates: names of the coordinates that move.
         hold: drivers or coordinates that stop it if they are held too.
+
+    Example:
+        >>> modes = sp.assembly_modes(sp.load("sarrus"), {"arm": 0.7})  # [rad]
+        >>> len(modes), [(found.freedoms, found.hold) for found in modes.continua]
+        (2, [(1, ('b_low',))])
     """
 
     state: State
@@ -41,6 +46,15 @@ class AssemblyModes(list[State]):
         found: how many starts ended at each mode.
         missing: estimated number of modes that no start has found [Chao1984].
         continua: sets of configurations beside the modes that can move with `held` held.
+
+    Example:
+        >>> modes = sp.assembly_modes(sp.load("four_bar"), {"crank": 1.0})
+        >>> len(modes), [state.branch for state in modes], modes.continua
+        (2, ['+', '-'], ())
+        >>> print(modes.missing < 0.01)  # modes that no start has found
+        True
+        >>> print(modes.completeness)
+        none is expected to be missing, unless fewer than one start in 491 ends at it
     """
 
     def __init__(

@@ -107,6 +107,12 @@ def assembly_modes(
         ContinuumError: the mechanism can move with the values held, in its guess or in every
             configuration found; names the freedoms and what to hold.
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> modes = sp.assembly_modes(mech, {"crank": 1.0})  # [rad]
+        >>> [(m.branch, round(m.coordinate("rocker_pin").value, 3)) for m in modes]
+        [('+', -2.285), ('-', 1.625)]
     """
     needed(mechanism)
     positive_number(patience, "patience")

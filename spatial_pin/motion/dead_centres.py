@@ -31,6 +31,12 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
     Raises:
         UnknownNameError: there is no such coordinate.
         SingularError: branches cross, or the rates are not determined, right at one.
+
+    Example:
+        >>> mech = sp.load("slider_crank")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(-1.0, 5.0, 61))
+        >>> [round(event.value, 4) for event in sp.dead_centres(motion, "slide")]  # crank [rad]
+        [0.0, 3.1416]
     """
     motion_needed(motion)
     found = []

@@ -83,6 +83,15 @@ def follow(
             where that is not allowed, or where none goes straight on.
         UnknownNameError: a name does not exist.
         ValueError: tables are not finite, or of different lengths, or times do not rise.
+
+    Example:
+        >>> mech = sp.load("excavator")
+        >>> tables = {"boom": [2.70, 2.75, 2.80], "arm": [2.90, 2.90, 2.85]}  # cylinders [m]
+        >>> motion = sp.follow(mech, tables, times=[0.0, 1.0, 2.0])  # [s]
+        >>> motion.q.shape  # (N, nq)
+        (3, 12)
+        >>> motion.frame("bucket").position[-1].round(3)  # [m], world axes
+        array([6.934, 0.   , 1.382])
     """
     accuracy = accuracy_of(accuracy)
     needed(mechanism)

@@ -39,6 +39,15 @@ class Passing(NamedTuple):
         value: where [s], or the driver's value there [rad or m], or the number of the sample.
         row: number of samples of the motion before it.
         where: the same in words; empty where the motion begins beyond the limit.
+
+    Example:
+        >>> mech = sp.load("excavator")
+        >>> state = sp.assemble(mech, {"boom": 2.05})  # let go, 0.05 m above its lower limit
+        >>> passing = sp.simulate(mech, state, 0.4).joint_limits[0]
+        >>> print(f"{passing.limit.name} after {passing.value:.4f} s")
+        boom_slide after 0.3671 s
+        >>> passing.event.kind
+        'joint limit'
     """
 
     limit: JointLimit

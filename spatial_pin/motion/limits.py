@@ -42,6 +42,11 @@ class Bound(NamedTuple):
         kind: "limit" (dead centre), "branch point", "singular", "none", "upper limit of JOINT" or
             "lower limit of JOINT" (of the URDF), or "not followed further" (the value is then the
             last one reached).
+
+    Example:
+        >>> bound = sp.limits(sp.load("four_bar", r2=0.25), "crank").upper
+        >>> bound.kind, round(bound.value, 4)  # [rad]
+        ('limit', 2.4751)
     """
 
     value: float
@@ -56,6 +61,11 @@ class Range(NamedTuple):
         lower, upper: the two ends.
         unit: "rad" or "m".
         full_turn: whether it turns all the way round.
+
+    Example:
+        >>> span = sp.limits(sp.load("four_bar"), "crank")
+        >>> span.full_turn, span.lower.value, span.upper.kind
+        (True, -inf, 'none')
     """
 
     driver: str
@@ -100,6 +110,11 @@ def limits(
         AssemblyError: the guess does not close.
         SingularError: the guess closes in a singular configuration.
         SpatialPinError: with `joints`, the guess closes beyond a joint limit.
+
+    Example:
+        >>> span = sp.limits(sp.load("four_bar", r2=0.25), "crank")
+        >>> round(span.lower.value, 4), round(span.upper.value, 4), span.unit, span.full_turn
+        (-2.4751, 2.4751, 'rad', False)
     """
     system, state = system_at(mechanism, driver, guess, hold)
     coordinate = system.driven[0]

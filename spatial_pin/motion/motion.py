@@ -37,6 +37,13 @@ class Event(NamedTuple):
             of limits of the URDF [s].
         row: number of samples of the motion before it.
         text: the same as a sentence.
+
+    Example:
+        >>> mech = sp.load("four_bar", r2=0.25)
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 3.0, 31), on_limit="stop")
+        >>> event = motion.events[0]
+        >>> event.kind, round(event.value, 4), event.row  # of the crank [rad]
+        ('limit', 2.4751, 25)
     """
 
     kind: str
@@ -55,6 +62,12 @@ class FrameMotion(NamedTuple):
         acceleration: (N, 3) second derivative of the position [m/s²].
         angular_velocity: (N, 3) [rad/s].
         angular_acceleration: (N, 3) [rad/s²].
+
+    Example:
+        >>> motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 1.0, 11), speed=2.0)
+        >>> point = motion.frame("coupler_b")
+        >>> point.position.shape, point.rotation.shape, point.velocity.shape
+        ((11, 3), (11, 3, 3), (11, 3))
     """
 
     position: Array
@@ -72,6 +85,12 @@ class Output(NamedTuple):
         values: (N,) or (N, 3); of a reaction (N, 6), force then moment.
         label: what it is.
         unit: its SI unit, "1" when it has none; of a reaction "N, N·m".
+
+    Example:
+        >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+        >>> values, label, unit = motion.output("rocker_pin.rate")
+        >>> values.round(4), label, unit
+        (array([-1.    , -0.2798,  0.387 ]), 'rocker_pin rate', 'rad/s')
     """
 
     values: Array
@@ -79,7 +98,14 @@ class Output(NamedTuple):
     unit: str
 
     def parts(self) -> tuple[Output, ...]:
-        """Return it as quantities of one unit each: a reaction as its force and its moment."""
+        """Return it as quantities of one unit each: a reaction as its force and its moment.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> loads = sp.kinetostatics(mech, sp.sweep(mech, "crank", [0.0, 0.5, 1.0], speed=10.0))
+            >>> [(x.label, x.unit) for x in loads.output("output_pin.reaction").parts()]
+            [('output_pin reaction force', 'N'), ('output_pin reaction moment', 'N·m')]
+        """
         if self.values.ndim == 1 or self.values.shape[1] == 3:
             return (self,)
         return (Output(self.values[:, :3], f"{self.label} force", "N"),
@@ -117,6 +143,16 @@ class Motion(Tabular):
             lengths]; "sample" where several drivers go along tables without times. Where it is
             not "s", forces are those at rest.
         held: what was held by name as the driver was swept, see `sweep`.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.0, 61), speed=25.0)  # [rad/s]
+        >>> len(motion), motion.q.shape, motion.v.shape  # N, (N, nq), (N, nv)
+        (61, (61, 6), (61, 5))
+        >>> print(f"{motion.time[-1]:.2f} s, crank in {motion.driver_unit}")
+        0.24 s, crank in rad
+        >>> motion.swept is motion.driver, motion.rate_unit("m", 2)
+        (True, 'm/s²')
     """
 
     mechanism: Mechanism
@@ -146,7 +182,13 @@ class Motion(Tabular):
         return self.mechanism.coordinate(self.driver_name).unit
 
     def rate_unit(self, unit: str, order: int = 1) -> str:
-        """Return the unit of the derivative of that order, as those in v and a, of a quantity."""
+        """Return the unit of the derivative of that order, as those in v and a, of a quantity.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.1], speed=2.0)
+            >>> motion.rate_unit("m"), motion.rate_unit("rad", 2)
+            ('m/s', 'rad/s²')
+        """
         return f"{unit}/{self.per}{('', '', '²', '³')[order]}"
 
     @property
@@ -167,6 +209,12 @@ class Motion(Tabular):
 
         Raises:
             UnknownNameError: there is no such coordinate, one-freedom joint or driver.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> value, rate, acceleration = motion.coordinate("rocker_pin")  # (3,) each
+            >>> value.round(4), rate.round(4)  # [rad], [rad/s]
+            (array([1.2329, 1.324 , 1.5232]), array([0.    , 0.6652, 0.8522]))
         """
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
@@ -179,6 +227,11 @@ class Motion(Tabular):
 
         Raises:
             SpatialPinError: there is no such row.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> motion.state(-1).coordinate("crank").value  # [rad]
+            1.0
         """
         row, n = int(row), len(self)
         if not -n <= row < n:
@@ -215,6 +268,13 @@ class Motion(Tabular):
 
         Raises:
             UnknownNameError: there is none.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> motion.frame("coupler_b").position.round(4)  # (N, 3) [m], world axes
+            array([[-0.3982,  0.2396, -0.    ],
+                   [-0.3761,  0.2463,  0.    ],
+                   [-0.3261,  0.2537,  0.    ]])
         """
         found: FrameMotion = method("Motion.frame")(self, name)
         return found
@@ -226,6 +286,13 @@ class Motion(Tabular):
         Raises:
             UnknownNameError: there is no such link.
             SpatialPinError: it has no mass.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> motion.com("rocker").acceleration.round(2)  # (N, 3) [m/s²], world axes
+            array([[ 0.23,  0.08,  0.  ],
+                   [ 0.14, -0.  ,  0.  ],
+                   [-0.  , -0.06,  0.  ]])
         """
         found: FrameMotion = method("Motion.com")(self, name)
         return found
@@ -244,12 +311,26 @@ class Motion(Tabular):
         Raises:
             UnknownNameError: it names nothing of this motion.
             SpatialPinError: it is a force, or a ratio to a driver that stands still.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> found = motion.output("rocker_pin.ratio")
+            >>> found.values.round(4), found.unit
+            (array([0.    , 0.3326, 0.4261]), '1')
+            >>> motion.output("coupler_b.velocity").values.shape  # (N, 3)
+            (3, 3)
         """
         found: Output = method("Motion.output")(self, spec)
         return found
 
     def frame_unit(self, kind: str) -> str:
-        """Return the unit of a quantity of a frame, by its name."""
+        """Return the unit of a quantity of a frame, by its name.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.1], speed=2.0)
+            >>> motion.frame_unit("acceleration")
+            'm/s²'
+        """
         unit, order = FRAME_UNITS[kind]
         return self.rate_unit(unit, order) if order else unit
 
@@ -261,6 +342,11 @@ class Motion(Tabular):
 
         Raises:
             UnknownNameError: there is no such output.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> [(name, x.unit) for name, x in motion.quantities("rocker_pin.rate").items()]
+            [('time', 's'), ('crank', 'rad'), ('rocker_pin rate', 'rad/s')]
         """
         found: dict[str, Quantity] = method("Motion.quantities")(self, outputs)
         return found
@@ -273,6 +359,11 @@ class Motion(Tabular):
 
         Raises:
             OSError: it cannot be written; what was there before stays.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> motion.save("motion").name
+            'motion.npz'
         """
         return write_npz(path, {
             "driver": self.driver if self.driver is not None else np.empty(0),
@@ -297,6 +388,12 @@ class Motion(Tabular):
             SpatialPinError: `save` did not write it, or it is the motion of a mechanism with other
                 coordinates.
             OSError: it cannot be read.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> file = sp.sweep(mech, "crank", [0.0, 0.5, 1.0], speed=2.0).save("motion")
+            >>> sp.Motion.load(file, mech).q.shape  # (N, nq)
+            (3, 3)
         """
         path = named_path(path)
         try:

@@ -57,6 +57,15 @@ class BeyondLimit(NamedTuple):
         samples: of the motion, rising.
         worst: the sample with the most.
         most: the velocity or effort there.
+
+    Example:
+        >>> mech = sp.load("excavator")
+        >>> motion = sp.sweep(mech, "boom", np.linspace(2.7, 2.9, 21), speed=1.0)  # [m], [m/s]
+        >>> beyond = sp.kinetostatics(mech, motion).beyond_limits[0]
+        >>> beyond.limit.kind, beyond.limit.name, float(beyond.most)
+        ('velocity limit', 'boom_slide', 1.0)
+        >>> print(f"{beyond.by:.3f} m/s too fast")
+        0.677 m/s too fast
     """
 
     limit: RatedLimit
@@ -70,7 +79,15 @@ class BeyondLimit(NamedTuple):
         return abs(self.most) - self.limit.value
 
     def text(self, motion: Motion) -> str:
-        """Return the same as a sentence."""
+        """Return the same as a sentence.
+
+        Example:
+            >>> mech = sp.load("excavator")
+            >>> motion = sp.sweep(mech, "boom", np.linspace(2.7, 2.9, 21), speed=1.0)  # [m], [m/s]
+            >>> beyond = sp.kinetostatics(mech, motion).beyond_limits[0]
+            >>> print(beyond.text(motion).split(",")[0])
+            beyond the velocity limit 0.323467685 m/s of boom_slide in 21 of 21 samples
+        """
         return (f"beyond the {self.limit.words} in {len(self.samples)} of {len(motion)} samples, "
                 f"first {where(motion, int(self.samples[0]))}, by {self.by:.6g} {self.limit.unit} "
                 f"at most, {where(motion, self.worst)}")

@@ -57,6 +57,12 @@ def trace(
     Raises:
         AssemblyError: the guess does not close.
         SingularError: branches cross and none goes straight on; `.motion` holds what came before.
+
+    Example:
+        >>> mech = sp.load("four_bar", r2=0.25)  # no link turns fully
+        >>> motion = sp.trace(mech, "crank")
+        >>> [(event.kind, round(event.value, 4)) for event in motion.events]  # [rad]
+        [('limit', 2.4751), ('limit', -2.4751)]
     """
     step = positive_number(step, "step")
     system, state = system_at(mechanism, driver, guess, hold)

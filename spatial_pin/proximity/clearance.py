@@ -26,6 +26,13 @@ class Contact(NamedTuple):
 
     Attributes:
         begin, end: driver values [rad or m], or times [s] where none was swept.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 13))
+        >>> contact = sp.clearance(motion, tolerance=0.15).between("crank", "rocker").contacts[0]
+        >>> print(f"nearer than 0.15 m from {contact.begin:.2f} to {contact.end:.2f} rad")
+        nearer than 0.15 m from 3.86 to 4.27 rad
     """
 
     begin: float
@@ -45,6 +52,12 @@ class PairClearance:
         distances: (N,) at the samples [m].
         points: (N, 2, 3) nearest points at the samples, in the world [m].
         contacts: where they touch.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> pair = sp.clearance(sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 13))).least
+        >>> pair.links, pair.distances.shape, pair.points.shape  # (N,) [m], (N, 2, 3) [m]
+        (('ground', 'coupler'), (13,), (13, 2, 3))
     """
 
     links: tuple[str, str]
@@ -67,6 +80,14 @@ class Clearance:
         joined: names of links that were not looked at, being joined to each other.
         tolerance: distance at which links count as touching [m].
         events: where links begin ("touch") and cease ("part") to touch, in the motion's order.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.clearance(sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 13)))
+        >>> [pair.links for pair in found.pairs], found.touching
+        ([('ground', 'coupler'), ('crank', 'rocker')], ())
+        >>> print(f"{found.least.distance:.4f} m")
+        0.0235 m
     """
 
     motion: Motion
@@ -97,6 +118,12 @@ class Clearance:
 
         Raises:
             SpatialPinError: they were not looked at; says why.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.clearance(sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 13)))
+            >>> print(f"{found.between('crank', 'rocker').distance:.4f} m")
+            0.1486 m
         """
         for pair in self.pairs:
             if set(pair.links) == {first, second}:
@@ -108,7 +135,14 @@ class Clearance:
         raise SpatialPinError(f"{first!r} and {second!r} were not looked at: {why}")
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found as plain numbers and lists, as JSON has them."""
+        """Return what was found as plain numbers and lists, as JSON has them.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.clearance(sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 13)))
+            >>> len(found.as_dict()["pairs"])
+            2
+        """
         pairs = [{"links": list(p.links), "distance": p.distance, "value": p.value,
                   "at": p.at.tolist(), "contacts": [c._asdict() for c in p.contacts]}
                  for p in self.pairs]
@@ -171,6 +205,13 @@ def clearance(
         UnknownNameError: there is no such link.
         SpatialPinError: a link has no shape, or two are fixed to each other.
         ValueError: the motion has no samples, or the tolerance is no number.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 13))
+        >>> least = sp.clearance(motion).least
+        >>> least.links, round(least.distance, 4)  # [m]
+        (('ground', 'coupler'), 0.0235)
     """
     if isinstance(motion, State):
         motion = standing(motion)

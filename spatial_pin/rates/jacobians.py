@@ -37,6 +37,12 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
 
     Raises:
         ValueError: q has another shape, or is not finite.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> sp.closure_jacobian(mech, state).shape  # (equations, nv)
+        (5, 3)
     """
     needed(mechanism)
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
@@ -72,6 +78,13 @@ def jacobian(
             others, or which freedoms are left.
         UnknownNameError: a name does not exist.
         ValueError: a driver is named twice.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> found = sp.jacobian(mech, state, "rocker_b")
+        >>> found.shape, found[:3, 0].round(4)  # (6, drivers); m/s per rad/s, world axes
+        ((6, 1), array([-0.0464,  0.    , -0.0025]))
     """
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
@@ -157,6 +170,15 @@ def jacobian_rate(
     Raises:
         SingularError: the drivers do not determine the velocities there.
         UnknownNameError: there is no such frame.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> rate = sp.jacobian_rate(mech, state, "rocker_b")  # (6, drivers)
+        >>> (rate[:3, 0] * 10.0).round(3)  # [m/s²], as the crank's acceleration is zero
+        array([-11.971,   0.   ,  -1.555])
+        >>> state.acceleration("rocker_b").linear.round(3)
+        array([-11.971,   0.   ,  -1.555])
     """
     frame = mechanism.frame_id(mechanism.placed(name))
     state = of_mechanism(mechanism, state)
@@ -237,6 +259,12 @@ class Influence(NamedTuple):
     Attributes:
         first: (nv, n) joint velocities per unit driver speed.
         second: (nv, n, n) symmetric in the drivers.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.influence(mech, sp.assemble(mech, {"crank": 1.0}))
+        >>> found.first.shape, found.second.shape  # (nv, n), (nv, n, n)
+        ((3, 1), (3, 1, 1))
     """
 
     first: Array
@@ -261,6 +289,16 @@ def influence(
 
     Raises:
         SingularError: the drivers do not determine the velocities there.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.influence(mech, sp.assemble(mech, {"crank": 1.0}))
+        >>> mech.coordinates
+        ('crank_pin', 'coupler_pin', 'rocker_pin')
+        >>> found.first[:, 0].round(4)  # rad/s of each joint per rad/s of the crank
+        array([ 1.    , -1.2429,  0.1935])
+        >>> found.second[:, 0, 0].round(4)  # rad/s² per (rad/s)²
+        array([0.    , 0.334 , 0.5016])
     """
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism

@@ -33,6 +33,12 @@ class Jerks:
     Attributes:
         state: position, velocity and acceleration.
         j: (nv,) derivative of `state.a`.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> sp.solve_jerks(mech, state).j.round(1)  # (nv,) [rad/s³]
+        array([   0. , -205.3, -688.4])
     """
 
     def __init__(self, state: State, j: Array, bodies: Array) -> None:
@@ -46,6 +52,12 @@ class Jerks:
         Raises:
             UnknownNameError: there is no such coordinate, one-freedom joint or driver.
             SpatialPinError: it is a component of a rotation vector.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> print(f"{sp.solve_jerks(mech, state).coordinate('rocker_pin'):.1f} rad/s³")
+            -688.4 rad/s³
         """
         c = self.state.mechanism.coordinate(name)
         if c.q < 0:
@@ -61,6 +73,12 @@ class Jerks:
 
         Linear: third derivative of the position of its origin [m/s³]. Angular: second derivative
         of its angular velocity [rad/s³].
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> sp.solve_jerks(mech, state).frame("coupler_b").linear.round(2)  # [m/s³]
+            array([170.53,   0.  , -60.65])
         """
         mechanism = self.state.mechanism
         joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
@@ -72,6 +90,12 @@ class Jerks:
 
         Raises:
             SpatialPinError: the link has no mass.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> sp.solve_jerks(mech, state).com("coupler").round(2)  # [m/s³]
+            array([127.34,   0.  , -57.34])
         """
         mechanism = self.state.mechanism
         joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
@@ -106,6 +130,12 @@ def solve_jerks(
         SingularError: the drivers do not determine the motion there.
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> round(sp.solve_jerks(mech, state).coordinate("rocker_pin"), 1)  # [rad/s³]
+        -688.4
     """
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism

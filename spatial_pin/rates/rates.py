@@ -230,6 +230,14 @@ def solve_rates(
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite, or makes rates that are; or a joint is not given as
             many as it has freedoms.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> moving = sp.solve_rates(mech, state, {"crank": 10.0}, {"crank": 0.0})
+        >>> value, rate, acceleration = moving.coordinate("rocker_pin")
+        >>> print(f"{value:.4f} rad, {rate:.4f} rad/s, {acceleration:.3f} rad/s²")
+        1.6255 rad, 1.9351 rad/s, 50.157 rad/s²
     """
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism

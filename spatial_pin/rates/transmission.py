@@ -32,6 +32,14 @@ class Transmission(NamedTuple):
             at a dead centre of the output.
         angle: transmission angle, 0 to pi/2 [rad]; 0 where the driver cannot move the output.
         at: where it is taken: the pair that the output link is moved at.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.transmission(mech, sp.assemble(mech, {"crank": 1.0}), "rocker_pin")
+        >>> print(f"{np.degrees(found.angle):.1f}° at {found.at}")
+        59.4° at output_pin
+        >>> abs(found.ratio * found.mechanical_advantage - 1.0) < 1e-12
+        True
     """
 
     ratio: float
@@ -65,6 +73,12 @@ def transmission(
         UnknownNameError: a name does not exist.
         SpatialPinError: the output's link is moved at several pairs, or at none.
         SingularError: the drivers do not determine the velocities there.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.transmission(mech, sp.assemble(mech, {"crank": 1.0}), "rocker_pin")
+        >>> print(f"ratio {found.ratio:.4f}, {np.degrees(found.angle):.1f}° at {found.at}")
+        ratio 0.1935, 59.4° at output_pin
     """
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism

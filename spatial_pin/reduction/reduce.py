@@ -41,6 +41,13 @@ class Reduced(Mechanism):
         welds: coordinates of the full mechanism that are locked, with their values [rad, m].
         dynamics: whether what has mass was kept.
         left_out: what it does without, and why.
+
+    Example:
+        >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
+        >>> small.coordinates, len(small.full.coordinates)
+        (('crank_pin', 'rocker_pin'), 5)
+        >>> print(f"{sp.assemble(small, {'crank': 1.0}).coordinate('rocker_pin').value:.4f} rad")
+        1.5232 rad
     """
 
     full: Mechanism = None  # type: ignore[assignment]
@@ -116,6 +123,12 @@ class Reduced(Mechanism):
         Raises:
             SpatialPinError: it is a state of another mechanism, or a welded joint stands
                 elsewhere in it, so that the loops are open here.
+
+        Example:
+            >>> mech = sp.load("rssr")
+            >>> small = sp.reduce(mech, "rocker_pin")
+            >>> small.state(sp.assemble(mech, {"crank": 1.0})).q.round(4)  # crank, rocker [rad]
+            array([1.    , 1.5232])
         """
         full = of_mechanism(self.full, full)
         found = carried_over(self, full)
@@ -145,6 +158,11 @@ class Reduced(Mechanism):
 
         Raises:
             SpatialPinError: there is nothing to drive.
+
+        Example:
+            >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
+            >>> small.verify("crank", np.linspace(0.0, 6.28, 37)).worst < 1e-10
+            True
         """
         found: Verification = method("Reduced.verify")(
             self, driver, values, speed, acceleration, guess, dict(hold or {}))
@@ -208,6 +226,14 @@ def reduce(
         UnknownNameError: a name does not exist.
         SpatialPinError: an output is locked, or part of a joint only.
         ValueError: no outputs, or `lump` without `dynamics`.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> small = sp.reduce(mech, "rocker_pin")  # the coupler becomes a distance
+        >>> small.coordinates, [closure.type for closure in small.closures]
+        (('crank_pin', 'rocker_pin'), ['distance'])
+        >>> small.verify().worst < 1e-10
+        True
     """
     needed(mechanism)
     given = (outputs,) if isinstance(outputs, str) or not isinstance(outputs, Iterable) else outputs

@@ -17,6 +17,13 @@ class Omission(NamedTuple):
             "equations", "joint limits" or "passive freedom".
         name: of the part; empty where it is many.
         why: in words.
+
+    Example:
+        >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
+        >>> [omission.what for omission in small.left_out]
+        ['geometry', 'inertia', 'link', 'passive freedom']
+        >>> small.left_out[2].name
+        'coupler'
     """
 
     what: str

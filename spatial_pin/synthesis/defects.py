@@ -39,6 +39,13 @@ class Defect(NamedTuple):
             transmission angle; "not judged": something was not looked at.
         samples: numbers of the samples it is about, from 0.
         text: the same as a sentence.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> goal = sp.goals.function("rocker_pin", [1.625, -2.28], {"crank": [1.0, 1.05]})  # [rad]
+        >>> best = sp.design(mech, goal, {"r3": (0.27, 0.29)}, method="local")[0]
+        >>> [(defect.kind, defect.samples) for defect in best.defects]
+        [('circuit', (0, 1))]
     """
 
     kind: str

@@ -79,6 +79,15 @@ def design(
         SpatialPinError: it has no file to change dimensions in; the file to resume from is of
             another search.
         KeyboardInterrupt: before anything was found.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> goal = sp.goals.swing("rocker_pin", 1.0)  # the rocker swings by 1 rad
+        >>> best = sp.design(mech, goal, {"r2": (0.05, 0.15)}, method="local")[0]  # [m]
+        >>> print(f"r2 = {best.dimensions['r2']:.4f} m")
+        r2 = 0.1100 m
+        >>> best.defects
+        ()
     """
     needed(mechanism)
     asked = _asked(goals)

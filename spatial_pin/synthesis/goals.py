@@ -4,6 +4,11 @@ With a weight a goal is met as well as can be: the sum of weight² residual² is
 relative to the characteristic length, angles in rad; what is demanded at most relative to that.
 With `weight=None` it is met exactly. Paths, poses and functions have a weight of 1 if nothing is
 said, what is asked of the mechanism as a whole has none.
+
+Example:
+    >>> goals = [sp.goals.turns("crank"), sp.goals.swing("rocker_pin", 1.0)]  # [rad]
+    >>> [goal.name for goal in goals]
+    ['full turn of crank', 'swing of rocker_pin']
 """
 
 from __future__ import annotations
@@ -68,6 +73,12 @@ def path(
 
     Raises:
         ValueError: points or values are not numbers, or not as many.
+
+    Example:
+        >>> points = [[0.05, 0.0, 0.10], [0.0, 0.0, 0.12], [-0.05, 0.0, 0.10]]  # (k, 3) [m]
+        >>> goal = sp.goals.path("coupler_b", points, placement=True)  # wherever they are drawn
+        >>> goal.name, goal.weight
+        ('path of coupler_b', 1.0)
     """
     array = np.asarray(points)
     flat = array.shape[-1:] == (2,)
@@ -99,6 +110,11 @@ def poses(
 
     Raises:
         ValueError: a placement is none.
+
+    Example:
+        >>> poses = [pin.SE3(pin.utils.rotate("y", x), np.array([x, 0.0, 0.1])) for x in (0.0, 0.2)]
+        >>> sp.goals.poses("coupler", poses).name
+        'poses of coupler'
     """
     found = [_placement(x, i) for i, x in enumerate(placements)]
     if not found:
@@ -136,6 +152,12 @@ def function(
 
     Raises:
         ValueError: values are not numbers, or not as many; there are no drivers.
+
+    Example:
+        >>> crank = np.linspace(1.0, 2.0, 5)  # (k,) [rad]
+        >>> goal = sp.goals.function("rocker_pin", 1.6 + 0.4 * (crank - 1.0), {"crank": crank})
+        >>> goal.name
+        'function of rocker_pin'
     """
     array = finite_array(values, np.shape(values), "values")
     if array.ndim != 1 or not len(array):
@@ -177,6 +199,10 @@ def swing(
 
     Raises:
         ValueError: the angle is not larger than 0.
+
+    Example:
+        >>> sp.goals.swing("rocker_pin", np.radians(60.0)).name  # [rad]
+        'swing of rocker_pin'
     """
     return Swing(weight=_weight(weight), output=output, angle=positive_number(angle, "angle"),
                  driver=driver, at=_values(values))
@@ -200,6 +226,10 @@ def transmission(
 
     Raises:
         ValueError: the angle is none that it can have.
+
+    Example:
+        >>> sp.goals.transmission("rocker_pin", np.radians(40.0)).name  # [rad]
+        'transmission to rocker_pin'
     """
     angle = positive_number(at_least, "at_least")
     if angle > np.pi / 2.0:
@@ -217,6 +247,10 @@ def turns(driver: str | None = None, *, weight: float | None = None) -> FullTurn
     Args:
         driver: name of a driver or coordinate that turns; the only driver if not given.
         weight: as for all goals.
+
+    Example:
+        >>> sp.goals.turns("crank").name
+        'full turn of crank'
     """
     return FullTurn(weight=_weight(weight), driver=driver)
 
@@ -234,6 +268,10 @@ def joint_limits(
             limit to limit of the loops; limits of its own joint do not, name `values` for them.
         values: (k,) driver values that are gone through instead.
         weight: as for all goals.
+
+    Example:
+        >>> sp.goals.joint_limits().name
+        'joint limits'
     """
     return WithinLimits(weight=_weight(weight), driver=driver, at=_values(values))
 
@@ -253,6 +291,10 @@ def dead_centres(
 
     Raises:
         ValueError: there are no values.
+
+    Example:
+        >>> sp.goals.dead_centres("rocker_pin", [0.5, 3.7], "crank").name  # of the crank [rad]
+        'dead centres of rocker_pin'
     """
     at = _values(values)
     if at is None:
@@ -275,6 +317,11 @@ def effort(
             joint, world axes, besides gravity.
         values: (k,) driver values at which it counts instead.
         weight: as for all goals.
+
+    Example:
+        >>> load = pin.Force(np.array([0.0, 0.0, -50.0]), np.zeros(3))  # [N], [N·m], world axes
+        >>> sp.goals.effort(2.0, "crank", loads={"coupler_b": load}).name  # at most 2 N·m
+        'effort of crank'
     """
     found = {name: _wrench(name, load) for name, load in mapping(loads, "loads").items()}
     return MostEffort(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
@@ -298,6 +345,10 @@ def size(
             limit to limit.
         values: (k,) driver values at which it counts instead.
         weight: as for all goals.
+
+    Example:
+        >>> sp.goals.size(0.6).name  # [m]
+        'size'
     """
     return MostSize(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
                     driver=driver, at=_values(values))
@@ -310,6 +361,10 @@ def mass(at_most: float, *, weight: float | None = None) -> MostMass:
     Args:
         at_most: mass [kg].
         weight: as for all goals.
+
+    Example:
+        >>> sp.goals.mass(1.5, weight=1.0).name  # [kg]
+        'mass'
     """
     return MostMass(weight=_weight(weight), at_most=positive_number(at_most, "at_most"))
 
@@ -331,6 +386,10 @@ def clearance(
 
     Raises:
         ValueError: the distance is no number; pairs are none.
+
+    Example:
+        >>> sp.goals.clearance(0.02, pairs=[("crank", "rocker")]).name  # [m]
+        'clearance'
     """
     asked = None if pairs is None else tuple(_two_links(pair) for pair in pairs)
     if asked == ():

@@ -35,6 +35,10 @@ class Goal(ABC):
     Attributes:
         weight: None: it is to be met exactly; else it is met as well as those that are to be met
             exactly leave freedom for, the sum of weight² residual² being least.
+
+    Example:
+        >>> sp.goals.turns("crank").name, sp.goals.path("tip", [0.1, 0.0, 0.2], weight=2.0).weight
+        ('full turn of crank', 2.0)
     """
 
     weight: float | None = None

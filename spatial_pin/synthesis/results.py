@@ -45,6 +45,13 @@ class GoalError(NamedTuple):
         most: the largest.
         unit: of both: "m", "rad", "m, rad" (of poses, whichever is larger), or "" of a demand.
         samples: how many there are.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> goal = sp.goals.swing("rocker_pin", 1.0)  # [rad]
+        >>> best = sp.design(mech, goal, {"r2": (0.05, 0.15)}, method="local")[0]
+        >>> [(name, missed.most < 1e-6) for name, missed in best.errors.items()]
+        [('swing of rocker_pin', True)]
     """
 
     rms: float
@@ -69,6 +76,14 @@ class Met(NamedTuple):
         states: (k,) closed states.
         targets: (k, 3) points of a path in the world [m], (k, 4, 4) placements of poses, or (k,)
             values of a function's output; moved as the goal's free numbers say.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> goal = sp.goals.function("rocker_pin", [1.6, 1.8], {"crank": [1.0, 1.5]})  # [rad]
+        >>> best = sp.design(mech, goal, {"r3": (0.2, 0.4), "r4": (0.2, 0.4)}, method="local")[0]
+        >>> met = best.met[0]
+        >>> met.targets, len(met.states), met.driver  # (k,) [rad], k
+        (array([1.6, 1.8]), 2, 'crank')
     """
 
     goal: Precision
@@ -100,6 +115,15 @@ class Design:
         met: the goals of precision, their states and targets.
         evaluations: sets of dimensions that were tried on the way to it.
         demands: what was asked of the mechanism as a whole.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> goal = sp.goals.swing("rocker_pin", 1.0)  # [rad]
+        >>> best = sp.design(mech, goal, {"r2": (0.05, 0.15)}, method="local")[0]
+        >>> print(f"r2 = {best.dimensions['r2']:.4f} m")
+        r2 = 0.1100 m
+        >>> best.defects, best.at_bounds
+        ((), {})
     """
 
     mechanism: Mechanism
@@ -160,6 +184,14 @@ class Design:
         Raises:
             SpatialPinError: there is no such goal, or no driver; the samples are on branches that
                 do not hang together.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> goal = sp.goals.swing("rocker_pin", 1.0)  # [rad]
+            >>> best = sp.design(mech, goal, {"r2": (0.05, 0.15)}, method="local")[0]
+            >>> angle = best.motion().coordinate("rocker_pin").value
+            >>> print(f"{angle.max() - angle.min():.3f} rad")
+            1.000 rad
         """
         if not self.met and goal == 0 and len(self.mechanism.drivers) == 1:
             return _round(self.mechanism, next(iter(self.mechanism.drivers)), self.states[0])
@@ -176,7 +208,15 @@ class Design:
         return _through(self.mechanism, names, met.states)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain numbers and lists, as JSON has them; None for no bound."""
+        """Return it as plain numbers and lists, as JSON has them; None for no bound.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> goal = sp.goals.swing("rocker_pin", 1.0)  # [rad]
+            >>> best = sp.design(mech, goal, {"r2": (0.05, 0.15)}, method="local")[0]
+            >>> print(f"{best.as_dict()['dimensions']['r2']:.4f} m")
+            0.1100 m
+        """
         bounds = {name: [x if np.isfinite(x) else None for x in ends]
                   for name, ends in self.bounds.items()}
         return {"error": self.error, "dimensions": self.dimensions, "bounds": bounds,
@@ -220,6 +260,13 @@ class Designs(Sequence[Design]):
             missed [characteristic lengths, rad, or parts of what is allowed]; infinite if the loops
             closed at none, or nothing could be judged.
         why: what was said of the first start that led nowhere at all; empty if there is none.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> goal = sp.goals.swing("rocker_pin", 1.0)  # [rad]
+        >>> found = sp.design(mech, goal, {"r2": (0.05, 0.15)}, starts=2)
+        >>> len(found), found.starts, found.is_whole
+        (1, 2, True)
     """
 
     designs: tuple[Design, ...]
@@ -250,7 +297,15 @@ class Designs(Sequence[Design]):
         return iter(self.designs)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all as plain numbers and lists, as JSON has them."""
+        """Return all as plain numbers and lists, as JSON has them.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> goal = sp.goals.swing("rocker_pin", 1.0)  # [rad]
+            >>> found = sp.design(mech, goal, {"r2": (0.05, 0.15)}, method="local").as_dict()
+            >>> len(found["designs"])
+            1
+        """
         return {"mechanism": self.name, "is_whole": self.is_whole, "starts": self.starts,
                 "failed": self.failed, "evaluations": self.evaluations,
                 "why": self._why.removeprefix("; "),

@@ -44,6 +44,14 @@ class Curve:
         is_closed: whether its last point is its first.
         tolerance: how far the curve bends away from the straight pieces, at most [rad,
             characteristic lengths]; its points are on it to 1e-10.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> ranges = {"x": (-1.4, 0.0), "y": (-0.2, 0.2)}  # [m]
+        >>> places = sp.workspace(mech, "platform", ranges, points=5)
+        >>> curve = places.curves(tolerance=0.01)[0]
+        >>> curve.why[0], curve.is_closed, curve.is_boundary
+        ('limit', False, True)
     """
 
     drivers: Array
@@ -69,6 +77,13 @@ class Borders:
         drivers: (m, k) values of the grid's coordinates [rad or m].
         points: (m, 3) of the frame [m]; NaN where the branch could not be followed up to there.
         why: what each is, in words.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> ranges = {"x": (-1.4, 0.0), "y": (-0.2, 0.2)}  # [m]
+        >>> places = sp.workspace(mech, "platform", ranges, points=5)
+        >>> places.boundary.points.shape, set(places.boundary.why)  # (m, 3) [m]
+        ((5, 3), {'limit'})
     """
 
     drivers: Array
@@ -112,6 +127,15 @@ class Workspace(Tabular):
         directions: in how many directions the frame moves.
         n_drivers: by how many drivers; a determinant there is only if these are as many.
         is_whole: whether all was looked at, and nothing cut it short (Ctrl-C).
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> ranges = {"x": (-1.4, 0.0), "y": (-0.2, 0.2)}  # [m]
+        >>> places = sp.workspace(mech, "platform", ranges, points=5)
+        >>> places.points.shape, places.reached.shape, places.dexterity.shape  # N = 25 points
+        ((25, 3), (25,), (25,))
+        >>> print(f"{np.nanmin(places.condition):.3f}")  # 1: alike in all directions
+        2.338
     """
 
     mechanism: Mechanism
@@ -147,6 +171,13 @@ class Workspace(Tabular):
 
         Raises:
             SpatialPinError: it is not reached, or there is no such point.
+
+        Example:
+            >>> mech = sp.load("delta")
+            >>> ranges = {"x": (-0.2, 0.2), "y": (-0.2, 0.2)}  # [m]
+            >>> places = sp.workspace(mech, "platform", ranges, points=3)
+            >>> places.state(4).placement("platform").translation.round(3)  # the middle one [m]
+            array([ 0.   ,  0.   , -1.064])
         """
         if not -len(self.reached) <= row < len(self.reached):
             raise SpatialPinError(f"there is no point {row}: the grid has {len(self.reached)}")
@@ -165,6 +196,13 @@ class Workspace(Tabular):
 
         Raises:
             UnknownNameError: there is none of a name.
+
+        Example:
+            >>> mech = sp.load("crane")
+            >>> ranges = {"slew": (0.0, 1.0), "luff": (0.2, 1.0)}  # [rad]
+            >>> places = sp.workspace(mech, "tip", ranges, points=3)
+            >>> [(name, x.unit) for name, x in places.quantities().items()][:3]
+            [('slew', 'rad'), ('luff', 'rad'), ('tip.x', 'm')]
         """
         tables = [x._own_columns() for x in (self, *self.sheets)]
         table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
@@ -211,6 +249,14 @@ class Workspace(Tabular):
             SpatialPinError: the branch does not change along a coordinate that can be followed.
             ValueError: `at` leaves other than two coordinates, or has a value that the grid has
                 not; the tolerance is not above zero.
+
+        Example:
+            >>> mech = sp.load("delta")
+            >>> ranges = {"x": (-1.4, 0.0), "y": (-0.2, 0.2)}  # [m]
+            >>> places = sp.workspace(mech, "platform", ranges, points=5)
+            >>> curve = places.curves(tolerance=0.01)[0]
+            >>> curve.is_boundary, curve.points.shape[1]  # (m, 3) [m]
+            (True, 3)
         """
         found: tuple[Curve, ...] = method("Workspace.curves")(self, at, tolerance)
         return found
@@ -236,6 +282,14 @@ class Workspace(Tabular):
 
         Raises:
             ValueError: there is no such plane, or the thickness is not above zero.
+
+        Example:
+            >>> mech = sp.load("crane")
+            >>> ranges = {"slew": (0.0, 1.0), "luff": (0.2, 1.0)}  # [rad]
+            >>> places = sp.workspace(mech, "tip", ranges, points=3)
+            >>> figure = places.plot("crane.svg", plane="xz")
+            >>> figure.axes[0].get_xlabel()
+            'x [m]'
         """
         figure: Figure = method("Workspace.plot")(self, path, plane, at, thickness)
         return figure

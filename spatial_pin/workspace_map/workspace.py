@@ -118,6 +118,13 @@ def workspace(
         ValueError: bounds are no two numbers, the first the smaller one, or there are too many
             points, 200 000 at most, or fewer than 2 of a coordinate; ranges are of drivers and of
             poses, or of parts of a pose that cannot change each for itself.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> ranges = {"x": (-1.0, 1.0), "y": (-1.0, 1.0)}  # of the platform's origin [m]
+        >>> found = sp.workspace(mech, "platform", ranges, points=5)
+        >>> found.points.shape, int(found.reached.sum())  # (N, 3), of 25 points
+        ((25, 3), 19)
     """
     needed(mechanism)
     mechanism.frame_id(mechanism.placed(frame))

@@ -1,6 +1,7 @@
 """A user's script that touches every verb and result; `mypy --strict` reads it, nobody runs it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,11 +80,14 @@ def moving(mech: sp.Mechanism) -> sp.Motion:
     output: sp.Output = motion.output("rocker_pin.rate")
     time: Array | None = motion.time
     row: sp.State = motion.state(-1)
-    columns: dict[str, Array] = motion.columns()
+    columns: dict[str, NDArray[Any]] = motion.columns()
+    quantity: sp.Quantity = motion.quantities("rocker_pin")["rocker_pin"]
+    text: str = motion.to_csv()
     file: Path = motion.save(motion.to_csv("motion.csv").with_suffix(".npz"))
     again: sp.Motion = sp.Motion.load(file, mech)
     print(angle.rate.max(), path.position.shape, motion.com("coupler").velocity.shape,
           output.unit.upper(), time is None, row.closure_error + 1.0, columns.keys(),
+          quantity.unit.upper(), text.upper(),
           again.closure_error.max(), stops[0].kind.upper(), bound.value + 1.0, bound.kind.upper(),
           len(both) + len(around), motion.events[0].text.upper(), span.full_turn is True)
     return motion

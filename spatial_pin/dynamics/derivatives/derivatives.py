@@ -48,6 +48,14 @@ class Derivatives:
         rows: indices of the independent closure equations.
         multipliers: (len(rows),) of these rows.
         multipliers_by_q, multipliers_by_v, multipliers_by_effort: (len(rows), nv).
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.dynamics_derivatives(mech, sp.assemble(mech, {"crank": 1.0}))
+        >>> found.a.shape, found.a_by_q.shape, found.multipliers_by_q.shape
+        ((3,), (3, 3), (2, 3))
+        >>> found.reactions["output_pin"].by_q.shape, found.on_ground.by_v.shape  # (6, nv)
+        ((6, 3), (6, 3))
     """
 
     def __init__(
@@ -127,6 +135,15 @@ def dynamics_derivatives(
         SingularError: as `forward_dynamics`.
         SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`.
         UnknownNameError: a name does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.assemble(mech, {"crank": 1.0})
+        >>> found = sp.dynamics_derivatives(mech, state, {"crank": 0.1})  # [N·m]
+        >>> found.a.shape, found.a_by_q.shape  # (nv,), (nv, nv)
+        ((3,), (3, 3))
+        >>> found.a_by_effort[:, 0].round(1)  # rad/s² per N·m on the crank
+        array([ 105.3, -130.9,   20.4])
     """
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism

@@ -36,6 +36,12 @@ class Linear(NamedTuple):
     Attributes:
         value: (n,).
         by_q, by_v, by_effort: (n, nv).
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.dynamics_derivatives(mech, sp.assemble(mech, {"crank": 1.0})).on_ground
+        >>> found.value.shape, found.by_q.shape, found.by_effort.shape  # (n,), (n, nv), (n, nv)
+        ((6,), (6, 3), (6, 3))
     """
 
     value: Array

@@ -32,6 +32,13 @@ class Projection(NamedTuple):
         opened: the largest closure error that a step had left [-].
         seconds: time that it took [s].
         share: of the time of the whole simulation [-].
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> settings = sp.Accuracy(formulation="projected")
+        >>> motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1, accuracy=settings)
+        >>> motion.projection.steps == motion.steps, motion.projection.opened < 1e-3
+        (True, True)
     """
 
     steps: int
@@ -94,6 +101,12 @@ class Simulation(Motion):
         joint_limits: the joint limits of the URDF that were passed, and when.
         projection: what projecting took, with the formulation "projected"; else None.
         integrators: names of those that were used, in their order.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.5)
+        >>> motion.time.shape, motion.energy.shape, motion.energy_drift < 1e-8  # (N,) [s], (N,) [J]
+        ((1001,), (1001,), True)
     """
 
     energy: Array = field(default_factory=lambda: np.empty(0))
@@ -115,12 +128,25 @@ class Simulation(Motion):
         Raises:
             UnknownNameError: it names nothing of this motion.
             SpatialPinError: it is a force that only `kinetostatics` knows.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1)
+            >>> motion.output("energy").values.shape, motion.output("energy").unit  # (N,)
+            ((1001,), 'J')
         """
         found: Output = method("Simulation.output")(self, spec)
         return found
 
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
-        """Return quantities by name, as any Motion, with energies and efforts."""
+        """Return quantities by name, as any Motion, with energies and efforts.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1)
+            >>> [(name, x.unit) for name, x in motion.quantities("energy").items()]
+            [('time', 's'), ('energy', 'J')]
+        """
         found: dict[str, Quantity] = method("Simulation.quantities")(self, outputs)
         return found
 

@@ -169,6 +169,12 @@ def movie(
     Raises:
         SpatialPinError: there is no browser, or imageio-ffmpeg is wanted and missing.
         ValueError: the suffix is not known, nothing moves, or a number cannot be.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 0.4, 5), speed=2.0)
+        >>> sp.movie(motion, "rssr.gif", fps=10, size=(320, 240)).name
+        'rssr.gif'
     """
     path = named_path(path)
     write = WRITERS.get(path.suffix.lower())

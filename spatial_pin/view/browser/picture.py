@@ -160,6 +160,11 @@ def screenshot(
         UnknownNameError: `look` names a point or vector that does not exist.
         ValueError: the size is none.
         SpatialPinError: there is no such row, no browser, or it made no picture.
+
+    Example:
+        >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+        >>> sp.screenshot(state, "rssr.png", size=(640, 480)).name
+        'rssr.png'
     """
     path, size = named_path(path), picture_size(size)
     motion_or_state, look = overlaid(motion_or_state, look)

@@ -159,6 +159,12 @@ def export_html(
 
     Raises:
         UnknownNameError: `look` names a point or vector that does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 91), speed=1.0)
+        >>> sp.export_html(motion, "page.html", look=sp.Look(traces=("coupler_b",))).name
+        'page.html'
     """
     path = named_path(path)
     return write_text(path, page(motion_or_state, title, look))

@@ -342,6 +342,12 @@ def live(
         SingularError: the drivers do not determine the motion at the start.
         UnknownNameError: a name does not exist.
         SpatialPinError: there is nothing to move it by, or no port can be had.
+
+    Example:
+        >>> viewer = sp.live(sp.load("rssr"), outputs=["rocker_pin"], open_browser=False)
+        >>> viewer.running
+        True
+        >>> viewer.stop()  # a script that is to go on showing waits: viewer.wait()
     """
     state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(

@@ -269,6 +269,13 @@ def plot(
         UnknownNameError: there is no such output.
         SpatialPinError: an output is a force, and `motion` is not what `kinetostatics` found.
         ValueError: no outputs, no columns, or a suffix that no figure has.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 91), speed=1.0)
+        >>> figure = sp.plot(motion, ["rocker_pin", "coupler_b.velocity"], "plot.svg")
+        >>> len(figure.axes)
+        2
     """
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
     from spatial_pin.figures import ShownFigure

@@ -97,6 +97,12 @@ def report(
     Raises:
         UnknownNameError: an output names nothing of the motion.
         ValueError: the motion has no samples.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 91), speed=1.0)
+        >>> sp.report(motion, "report.html", outputs=["rocker_pin", "rocker_pin.rate"]).name
+        'report.html'
     """
     path = named_path(path)
     subject = _subject(motion_or_state, outputs, title, look)

@@ -153,6 +153,13 @@ class Viewer:
 
     Attributes:
         url: where the page is.
+
+    Example:
+        >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+        >>> viewer = sp.show(state, open_browser=False)
+        >>> viewer.running, viewer.url.startswith("http://127.0.0.1:")
+        (True, True)
+        >>> viewer.stop()
     """
 
     def __init__(
@@ -193,7 +200,12 @@ class Viewer:
         return self._thread.is_alive()
 
     def stop(self) -> None:
-        """Stop serving; a page already in a browser goes on playing."""
+        """Stop serving; a page already in a browser goes on playing.
+
+        Example:
+            >>> viewer = sp.show(sp.assemble(sp.load("rssr"), {"crank": 1.0}), open_browser=False)
+            >>> viewer.stop()
+        """
         atexit.unregister(self.stop)
         if self.running:
             self._server.shutdown()
@@ -205,6 +217,11 @@ class Viewer:
 
         Args:
             timeout: longest wait [s].
+
+        Example:
+            >>> viewer = sp.show(sp.assemble(sp.load("rssr"), {"crank": 1.0}), open_browser=False)
+            >>> viewer.wait(timeout=0.01)  # [s]
+            >>> viewer.stop()
         """
         try:
             self._thread.join(timeout)
@@ -212,7 +229,14 @@ class Viewer:
             self.stop()
 
     def wait_until_fetched(self, timeout: float) -> bool:
-        """Wait until a browser has fetched the page; return whether one did in `timeout` [s]."""
+        """Wait until a browser has fetched the page; return whether one did in `timeout` [s].
+
+        Example:
+            >>> viewer = sp.show(sp.assemble(sp.load("rssr"), {"crank": 1.0}), open_browser=False)
+            >>> viewer.wait_until_fetched(timeout=0.01)  # [s]; no browser was opened
+            False
+            >>> viewer.stop()
+        """
         return self._server.fetched.wait(timeout)
 
     def __enter__(self) -> Viewer:
@@ -289,6 +313,13 @@ def show(
     Raises:
         SpatialPinError: no port can be had.
         UnknownNameError: `look` names a point or vector that does not exist.
+
+    Example:
+        >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+        >>> viewer = sp.show(state, open_browser=False)
+        >>> viewer.url.startswith("http://127.0.0.1:")
+        True
+        >>> viewer.stop()  # a script that is to go on showing waits: viewer.wait()
     """
     viewer = Viewer(page(motion_or_state, look=look))
     if open_browser:

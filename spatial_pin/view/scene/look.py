@@ -44,6 +44,13 @@ class Look:
         design: one of what `spatial_pin.design` found, whose mechanism is shown: the points and
             placements that were asked for, and the paths of their frames; a report has the
             values too that were asked of coordinates.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 91), speed=1.0)
+        >>> look = sp.Look(traces=("coupler.com",), arrows=("coupler_b.velocity",), pairs=True)
+        >>> sp.export_html(motion, "four_bar.html", look=look).name
+        'four_bar.html'
     """
 
     pairs: bool | None = None

@@ -56,6 +56,14 @@ class Vectors(NamedTuple):
         vector: world axes, shape (N, 3) [unit].
         quantity: what it is, "velocity"; those of one quantity share a scale.
         unit: its SI unit.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 91), speed=1.0)
+        >>> point = motion.frame("coupler_b")
+        >>> wind = sp.Vectors("wind", point.position, -0.5 * point.velocity, "force", "N")
+        >>> sp.Look(arrows=(wind,)).arrows[0].vector.shape  # (N, 3)
+        (91, 3)
     """
 
     name: str

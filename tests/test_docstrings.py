@@ -1,0 +1,128 @@
+"""Every public name has an example in its docstring, and the examples are true.
+
+An example is written for `import numpy as np`, `import pinocchio as pin`, `import spatial_pin as
+sp`. Numbers in what it prints are held to the digits that are written.
+"""
+
+import doctest
+import inspect
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.lazy import cached_property
+from spatial_pin.view.browser.picture import find_browser
+
+MODULES = ("closures", "goals", "laws", "targets")  # of constructors
+BROWSER = {"movie", "screenshot"}  # need one
+OPTIONAL = {"Tabular.to_dataframe": "pandas", "Tabular.to_xarray": "xarray"}
+INNER = {  # methods of public types that the library has for itself, or for who extends it
+    "Closure": {"turned", "with_equations"},
+    "Goal": {"check", "unit_of"},
+    "JointLimit": {"closing"},
+    "Mechanism": {
+        "coordinate_table", "driven_coordinate", "frame_ids", "frame_on_joint", "joint_id",
+        "loading", "pair_of", "place_of", "placed", "prescribed_coordinate", "start", "unplaced",
+        "velocity_scale", "with_equations", "with_fields"},
+    "Reduced": {"characteristic_length", "placed", "start", "unplaced"},
+    "Tabular": {"quantities"},  # those of each result say what they are
+    "Target": {"check", "residual", "wishes"},
+}
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w])")
+
+
+class Numbers(doctest.OutputChecker):
+    """Takes numbers for equal that differ by less than one of the last digit written."""
+
+    def check_output(self, want, got, optionflags):
+        words = [NUMBER.sub("#", re.sub(r"\s+", "", NUMBER.sub(" # ", text)))
+                 for text in (want, got)]
+        pairs = list(zip(NUMBER.findall(want), NUMBER.findall(got), strict=False))
+        return words[0] == words[1] and all(
+            abs(float(a) - float(b)) <= digit_of(a) for a, b in pairs)
+
+
+def digit_of(text):
+    """Return a little more than one of the last digit of a number as it is written."""
+    mantissa, _, exponent = text.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return (1.001 * 10.0 ** (int(exponent or 0) - decimals)) if "." in mantissa else 0.0
+
+
+def members(kind):
+    """Yield (name, object) of what a public class has besides fields, each where it is written."""
+    for owner in kind.__mro__:
+        if not owner.__module__.startswith("spatial_pin"):
+            continue
+        for name, found in vars(owner).items():
+            found = getattr(found, "__func__", found)
+            shown = isinstance(found, property | cached_property) or inspect.isfunction(found)
+            if shown and not name.startswith("_") and name not in INNER.get(owner.__name__, ()):
+                yield f"{owner.__name__}.{name}", found
+
+
+def constructors(module):
+    for name, found in vars(getattr(sp, module)).items():
+        if (inspect.isfunction(found) and found.__module__ == getattr(sp, module).__name__
+                and not name.startswith("_") and returns_of(found) in RETURNED):
+            yield f"{module}.{name}", found
+
+
+def returns_of(function):
+    return str(function.__annotations__.get("return"))
+
+
+RETURNED = {"Closure", "DriverLaw", "Target", *(
+    returns_of(x) for x in vars(sp.goals).values()
+    if inspect.isfunction(x) and x.__module__ == sp.goals.__name__)}
+
+
+def documented():
+    """Return what has a docstring for a user, by name."""
+    found = {}
+    for name in sp.__all__:
+        thing = found[name] = getattr(sp, name)
+        if inspect.isclass(thing):
+            found.update(members(thing))
+    for module in MODULES:
+        found.update(constructors(module))
+    return found
+
+
+NAMES = documented()
+
+
+def example_of(name):
+    return doctest.DocTestParser().get_doctest(
+        inspect.getdoc(NAMES[name]) or "", {"np": np, "pin": pin, "sp": sp}, name, None, None)
+
+
+def is_in_the_example_of_its_class(name):
+    """A property may be shown by the example of its class."""
+    kind, _, member = name.partition(".")
+    return isinstance(NAMES[name], property | cached_property) and any(
+        re.search(rf"\.{member}\b", x.source) for x in example_of(kind).examples)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_public_name_has_an_example(name):
+    words = inspect.getdoc(NAMES[name]) or ""
+    assert "\nExample:\n" in words or is_in_the_example_of_its_class(name)
+    assert len(example_of(name).examples) <= 12
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[
+        pytest.mark.browser,
+        pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome here"),
+    ] if name in BROWSER else []) for name in NAMES if example_of(name).examples])
+def test_an_example_is_true(name, tmp_path, monkeypatch):
+    if name in OPTIONAL:
+        pytest.importorskip(OPTIONAL[name])
+    monkeypatch.chdir(tmp_path)
+    text: list[str] = []
+    result = doctest.DocTestRunner(Numbers()).run(example_of(name), out=text.append)
+    assert not result.failed, "".join(text)
