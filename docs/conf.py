@@ -44,6 +44,13 @@ add_module_names = False
 html_theme = "furo"
 html_title = "spatial_pin"
 html_static_path = ["static"]
+# MathJax from a package that example-robot-data needs, where that is installed: formulas then show
+# without a network; elsewhere Sphinx's default address is used
+mathjax = next(Path(sys.prefix).glob(
+    "lib/python*/site-packages/cmeel.prefix/share/cmake/*/doxygen/MathJax/es5/tex-svg.js"), None)
+if mathjax is not None:
+    html_static_path.append(str(mathjax))
+    mathjax_path = mathjax.name
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
