@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import spatial_pin as sp
 
@@ -419,3 +420,42 @@ def test_a_loader_lifts_as_much_work_as_its_load_gains(run):
     bare = sp.kinetostatics(loader, lift).efforts["lift"]
     rises = lift.frame("load").velocity[:, 2]  # per metre of the cylinder
     assert made["push"] - bare == pytest.approx(3500 * 9.81 * rises, rel=1e-10)
+
+
+# ---------------------------------------------------------------- gripper
+
+def pad_at(nut):
+    """Return how far the right pad is from the middle [m], from circles that meet."""
+    pivot = np.array([0.030, 0.050])
+    end = meet(np.array([0.010, nut]), 0.030, pivot, 0.024, 1)
+    arm = np.arctan2(*(end - pivot)[::-1]) - np.radians(110)
+    return 0.030 + 0.060 * np.cos(arm) - 0.0175
+
+
+def tilted_jaw(opening, second):
+    """Return by how much a jaw leans whose second arm has another length [rad]."""
+    def off(tilt, arm):
+        lug = 0.060 * np.array([np.cos(arm), np.sin(arm)])
+        lug += 0.020 * np.array([np.cos(tilt), np.sin(tilt)])
+        return np.hypot(lug[0] - 0.020, lug[1]) - second
+
+    def tilt_of(arm):
+        return brentq(off, -0.1, 0.1, args=(arm,), xtol=1e-15)
+
+    def wide(arm):
+        pad = plane_turned([-0.0175, 0.032], tilt_of(arm))
+        return 2 * (0.030 + 0.060 * np.cos(arm) + pad[0]) - opening
+
+    return tilt_of(brentq(wide, 0.9, 2.1, xtol=1e-15))
+
+
+def test_a_gripper_closes_and_grips_as_circles_and_virtual_work_say(run):
+    made, h = run("parallel_gripper"), 4e-5
+    for opening, state, torque, leans in made["table"]:
+        nut = state.coordinate("nut").value
+        assert 2 * pad_at(nut) == pytest.approx(opening, abs=1e-12)
+        slope = np.dot([1, -8, 8, -1], [pad_at(nut + k * h) for k in (-2, -1, 1, 2)]) / (12 * h)
+        own = sp.inverse_dynamics(made["exact"], state).efforts["motor"]
+        assert torque + own == pytest.approx(200 * slope * 0.002 / (2 * np.pi), rel=1e-9)
+        assert abs(leans[0]) < 1e-13
+        assert leans[1] == pytest.approx(tilted_jaw(opening, 0.0601), abs=1e-11)
