@@ -328,3 +328,56 @@ def test_everything_fits_a_telephone(one_browser, address):
     seen = pixels(one_browser.screenshot())
     column, row = middle(colour_mask(seen[:, :300], (0.0, 0.447, 0.698)))
     assert 50 < column < 300 and 150 < row < 600
+
+
+# ---------------------------------------------------------------- browsers without WebGL
+
+WITHOUT_WEBGL = """
+  const get = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+    return kind.startsWith("webgl") ? null : get.call(this, kind, ...more);
+  };"""
+
+
+@pytest.fixture
+def without_webgl(one_browser):
+    """The browser, whose pages have no WebGL."""
+    one_browser.resize(SIZE)
+    asked = one_browser.call("Page.addScriptToEvaluateOnNewDocument", source=WITHOUT_WEBGL)
+    yield one_browser
+    one_browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=asked["identifier"])
+
+
+def shot(browser: Browser) -> np.ndarray:
+    browser.evaluate("document.body.classList.add('bare'); go(1); 1")
+    browser.wait_until("!viewer.needs_render && !document.getElementById('player').checkVisibility()")
+    return pixels(browser.screenshot())[150:]  # below what is written
+
+
+def test_picture_without_webgl_is_the_same_and_the_page_says_why(page, without_webgl, address):
+    expected = shot(page)
+    assert "WebGL" not in page.evaluate("document.body.innerText")
+    without_webgl.open(address, READY)
+    assert "no WebGL" in without_webgl.evaluate("document.body.innerText")
+    assert not without_webgl.evaluate("animator.playing")
+    found = shot(without_webgl)
+    for colour in ((0.835, 0.369, 0.0), (0.0, 0.447, 0.698), (0.0, 0.62, 0.451)):
+        a, b = colour_mask(expected, colour), colour_mask(found, colour)
+        assert np.sum(a & b) > 0.85 * np.sum(a | b) > 500
+    first = found
+    without_webgl.evaluate("go(3); 1")
+    without_webgl.wait_until("!viewer.needs_render")
+    moved = pixels(without_webgl.screenshot())[150:]
+    assert np.mean(np.any(np.abs(moved - first) > 0.1, axis=2)) > 0.01
+
+
+def test_names_views_and_signs_are_there_without_webgl(without_webgl, address):
+    without_webgl.open(address, READY)
+    point_at(without_webgl, *where(without_webgl, "coupler"))
+    assert without_webgl.evaluate("pointed.textContent") == "coupler"
+    key(without_webgl, "1")
+    without_webgl.evaluate("setShown('group', 'pairs', true); viewer.render(); 1")
+    dark = pixels(without_webgl.screenshot())[150:560, :700].max(axis=2) < 0.5
+    without_webgl.evaluate("setShown('group', 'pairs', false); viewer.render(); 1")
+    less = pixels(without_webgl.screenshot())[150:560, :700].max(axis=2) < 0.5
+    assert dark.sum() > less.sum() + 100

@@ -14,8 +14,7 @@ function rendererWithoutWebGL() {  // undefined where there is WebGL
   if (hasWebGL()) return undefined;
   const note = document.createElement("p");
   note.id = "warning";
-  note.textContent = "This browser has no WebGL: the picture is drawn without it, coarser and slower, and stands "
-    + "still until it is played. Hardware acceleration is switched on in the browser's settings.";
+  note.textContent = "This browser has no WebGL: the picture is drawn without it, coarser and slower.";
   document.getElementById("says").append(note);
   return new SoftwareRenderer();
 }
@@ -26,6 +25,7 @@ class SoftwareRenderer {
     this.shadowMap = {};
     this.paper = this.domElement.getContext("2d");
     document.getElementById("meshcat-pane").append(this.domElement);
+    this.setSize(1, 1);
   }
 
   setPixelRatio() {}

@@ -18,6 +18,7 @@ function update() {
 }
 
 addEventListener("hashchange", () => { obey(); share(); });
+if (viewer.renderer instanceof SoftwareRenderer) seek(0);  // a still until it is played
 obey();
 share();
 update();
