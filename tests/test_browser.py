@@ -214,6 +214,44 @@ def test_report_shows_the_mechanism_and_its_figures(browser, tmp_path):
     assert browser.evaluate("document.documentElement.scrollWidth") <= 1100
 
 
+def test_cursor_of_the_curves_of_a_report_follows_the_picture_and_moves_it(browser, tmp_path):
+    browser.resize((1100, 900))
+    motion = swept("rssr")
+    browser.open(report(motion, tmp_path / "report.html"), REPORT_READY)
+    browser.evaluate("frames[0].seek(1.0)")
+    line = "figures[0].lines[0].getBoundingClientRect().toJSON()"
+    drawn = browser.evaluate("figures[0].svg.getBoundingClientRect().toJSON()")
+    left, _, width, _, first, last = browser.evaluate("figures[0].panels[0]")
+    assert (first, last) == pytest.approx(tuple(np.rad2deg(motion.driver[[0, -1]])))
+
+    def at(crank: float) -> float:
+        part = (np.rad2deg(crank) - first) / (last - first)
+        return drawn["x"] + (left + part * width) * drawn["width"]
+
+    browser.wait_until(f"Math.abs({line}.x - {at(1.3)}) < 1.5")
+    browser.evaluate("figures[1].svg.scrollIntoView(); 1")
+    box = browser.evaluate("figures[1].svg.getBoundingClientRect().toJSON()")
+    left2, top2, width2, height2, *_ = browser.evaluate("figures[1].panels[0]")
+    across = box["x"] + (left2 + 0.6 * width2) * box["width"]
+    browser.click(across, box["y"] + (top2 + 0.5 * height2) * box["height"])
+    assert browser.evaluate("frames[0].filmTime()") == pytest.approx(0.6 * 2 * np.pi, abs=0.02)
+    browser.wait_until(f"Math.abs({line}.x - {at(0.3 + 0.6 * 2 * np.pi)}) < 3")
+    assert browser.evaluate("figures.every(f => f.lines.every(l => !l.hidden))")
+
+
+def test_report_fits_a_telephone(browser, tmp_path):
+    browser.resize((390, 760))
+    browser.open(report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
+    assert browser.evaluate("document.documentElement.scrollWidth") <= 390
+    boxes = browser.evaluate("[...document.querySelectorAll('.key div, .key dd, iframe, h1')]"
+                             ".map(e => e.getBoundingClientRect().toJSON())")
+    assert all(b["x"] >= 0 and b["right"] <= 390 for b in boxes)
+    words = browser.evaluate("[...document.querySelectorAll('.key dd')]"
+                             ".every(e => e.scrollWidth <= e.clientWidth + 1)")
+    assert words
+    assert browser.evaluate("document.querySelector('iframe').clientHeight") > 400
+
+
 def test_report_is_printed_with_its_picture(browser, tmp_path):
     browser.open(report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
     browser.evaluate("frames[0].seek(1.0); frames[0].dispatchEvent(new Event('beforeprint')); 1")

@@ -10,7 +10,7 @@ import numpy as np
 
 from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.plots import abscissa, default_outputs
+from spatial_pin.view.page.plots import abscissa, default_outputs, drawn_parts
 from spatial_pin.view.scene.film import Film
 
 
@@ -29,7 +29,8 @@ def curves_of(shown: Film, names: Sequence[str]) -> dict[str, Any] | None:
         return None
     motion = shown.motion
     x, name, unit = abscissa(motion)
-    panels = [_panel(motion.output(name)) for name in names or default_outputs(motion)]
+    panels = [_panel(part) for name in names or default_outputs(motion)
+              for part in drawn_parts(motion, motion.output(name))]
     title = f"{name} [{unit}]" if unit else name
     return {"x": _rounded(x), "name": title, "panels": panels, "open": bool(names)}
 

@@ -188,7 +188,7 @@ def svg(figure: Figure, name: str) -> str:
     return attributes + drawing[drawing.index("<svg") + 4 :]
 
 
-def _parts(motion: Motion, output: Output) -> Sequence[Output]:
+def drawn_parts(motion: Motion, output: Output) -> Sequence[Output]:
     """Return what is drawn of an output: a reaction's force and moment, anything else itself.
 
     One of the two that is round-off of the other, as a ball's moment, is drawn as zero.
@@ -287,7 +287,7 @@ def plot(
         raise ValueError("no outputs to plot: give at least one name")
     found = [motion.output(x) if isinstance(x, str) else x for x in asked]
     moved = motion.motion if isinstance(motion, Kinetostatics) else motion
-    found = [part for output in found for part in _parts(moved, output)]
+    found = [part for output in found for part in drawn_parts(moved, output)]
     x, driver, unit = abscissa(moved)
     title = moved.mechanism.title or moved.mechanism.name if title is None else plain_text(
         title, "title")

@@ -19,6 +19,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.outputs import named_path, write_text
 from spatial_pin.synthesis.results import Design, Designs
+from spatial_pin.view.page.html import script_of
 from spatial_pin.view.page.markup import paragraph
 from spatial_pin.view.page.notebook import PagePath
 from spatial_pin.view.page.plots import default_outputs
@@ -112,6 +113,7 @@ def report(
         "HEAD": _head(subject),
         "SECTIONS": "\n".join(part for part in written if part),
         "FOOT": _foot(),
+        "SCRIPT": script_of(["report"]),
     }
     template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")
     return PagePath(write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import html
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +32,9 @@ from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
 from spatial_pin.view.scene.loads import loads
 from spatial_pin.view.scene.look import Look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
 FREEZE = """<style>#says h1 { display: none; }</style>
@@ -104,7 +109,21 @@ def _drawn(
     vectors = any(output.values.ndim > 1 for output in found)
     caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
     words = paragraph(note) if note else ""
-    return section(title, f"{words}<figure>{drawing}{caption}</figure>")
+    panels = json.dumps(_panels(figure))
+    return section(title, f"{words}<figure data-panels='{panels}'>{drawing}{caption}</figure>")
+
+
+def _panels(figure: Figure) -> list[list[float]]:
+    """Return where the panels of a drawn figure are, for the cursors of the page.
+
+    Left, top, width and height are parts of those of the figure; then the ends of the abscissa.
+    """
+    found = []
+    for axes in figure.axes:
+        left, bottom, width, height = axes.get_position().bounds
+        ends = [float(x) for x in axes.get_xlim()]
+        found.append([*(round(x, 4) for x in (left, 1 - bottom - height, width, height)), *ends])
+    return found
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
@@ -162,7 +181,9 @@ def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
     text = page(subject.shown, subject.title, subject.look).replace("</body>", FREEZE)
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
-    hint = "Drag to turn, scroll to come nearer, drag with the right button to move."
+    hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
+    if subject.motion is not None:
+        hint += "Drag in a curve below to move the mechanism."
     hint = f'<figcaption class="screen">{hint}</figcaption>'
     return f'<figure><div class="view">{frame}</div>{hint}</figure>'
 

@@ -47,6 +47,8 @@ function between(x, from, to) {  // the value at x of a line through points (fro
   return to[next - 1] + (x - s) / (t - s) * (to[next] - to[next - 1]);
 }
 
+function filmTime() { return animator.time; }
+
 const valueAt = (seconds, values) => between(seconds, film.seconds, values);
 
 // ---------------------------------------------------------------- words

@@ -1,4 +1,4 @@
-// Keys work wherever the page has the focus; a report hands its own on (see keyed).
+// Keys work wherever in the page the focus is.
 const KEYS = {
   " ": toggle,
   ArrowLeft: event => step(event.shiftKey ? -10 : -1),
