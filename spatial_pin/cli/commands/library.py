@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import re
 import textwrap
+from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.asked import loaded
-from spatial_pin.cli.options import Command, data_options
-from spatial_pin.cli.results import WIDTH, finite, tell
+from spatial_pin.cli.new_files import write_from, write_new
+from spatial_pin.cli.options import Command, data_options, package
+from spatial_pin.cli.results import WIDTH, finite, on_screen, say, tell
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.motion.report import Info, info
@@ -118,7 +121,40 @@ def _export(options: argparse.Namespace) -> None:
          files=written)
 
 
+def _new_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("name", metavar="NAME", help="of the mechanism, and of its file NAME.toml")
+    sub.add_argument("--from", dest="tree", metavar="FILE",
+                     help="a tree that there is: .urdf, .xacro or another format that is read; "
+                          "without one, a four-bar is written")
+    sub.add_argument("--folder", metavar="F", default=".", help="where to write (here)")
+    sub.add_argument("--trusted", action="store_true",
+                     help="the tree's xacro files may read files outside their folder")
+    sub.add_argument("--package", dest="packages", action="append", default=[],
+                     type=package, metavar="NAME=FOLDER", help="where package://NAME lies")
+    data_options(sub, "the names of the files")
+
+
+def _new(options: argparse.Namespace) -> None:
+    folder = Path(options.folder)
+    if not re.fullmatch(r"\w[\w.+-]*", options.name) or options.name.endswith(".toml"):
+        options.usage_error(f"{options.name!r} is no name: letters, digits, - and _ make one, "
+                            "without .toml")
+    if not folder.is_dir():
+        raise ValueError(f"--folder {folder}: there is no such folder")
+    if options.tree is None:
+        written = write_new(options.name, folder)
+    else:
+        tree = Path(options.tree)
+        mechanism = sp.load(tree, trusted=options.trusted, packages=dict(options.packages))
+        written = write_from(options.name, mechanism.path or tree, folder, mechanism)
+    tell(options, "", {"wrote": [str(path) for path in written]}, files=written)
+    if not on_screen(options):
+        say(f"edit {written[0]}, then: spatial-pin check {written[0]}")
+
+
 COMMANDS = {
+    "new": Command("write a mechanism file to start from", _new_options, _new,
+                   takes_mechanism=False),
     "list": Command("mechanisms and operators of the library, with their sources",
                     _list_options, _list, takes_mechanism=False),
     "info": Command("links, joints, closures, coordinates and freedoms", _info_options, _info),

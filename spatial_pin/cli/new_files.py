@@ -1,0 +1,308 @@
+"""Mechanism files to start from: of a tree that there is, or with a tree of their own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.export import robot_of
+from spatial_pin.formats.toml_files import toml_text
+from spatial_pin.mechanism.joint_limits import joint_limits
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.outputs import write_text
+
+FRAMES, JOINTS = "frames", "joints"
+CLOSURES = {  # what an example of each kind says, what it needs, and keys besides
+    "spherical": ("a ball", FRAMES, ""),
+    "revolute": ("a hinge; axis is z of both frames unless it is given", FRAMES,
+                 "axis = [0, 0, 1]"),
+    "prismatic": ("a slide along the axis, which does not turn", FRAMES, "axis = [0, 0, 1]"),
+    "cylindrical": ("slides along the axis and turns about it", FRAMES, "axis = [0, 0, 1]"),
+    "screw": ("turns by 2 pi while it slides by the lead [m]", FRAMES, "lead = 0.01"),
+    "universal": ("two crossed pins, the first in frame 1, the second in frame 2", FRAMES,
+                  "axis = [1, 0, 0]\naxis2 = [0, 1, 0]"),
+    "planar": ("slides and turns in the plane normal to the axis", FRAMES, "axis = [0, 0, 1]"),
+    "weld": ("both frames coincide", FRAMES, ""),
+    "distance": ("a rod with balls at both ends [m]", FRAMES, "length = 0.2"),
+    "point_on_line": ("the second frame's origin on the axis of the first", FRAMES,
+                      "axis = [0, 0, 1]"),
+    "point_on_plane": ("the second frame's origin in the plane normal to the axis", FRAMES,
+                       "axis = [0, 0, 1]"),
+    "parallel": ("both axes stay parallel", FRAMES, "axis = [0, 0, 1]"),
+    "perpendicular": ("an axis of frame 1 normal to one of frame 2", FRAMES,
+                      "axis = [0, 0, 1]\naxis2 = [0, 0, 1]"),
+    COUPLING: ("gears, rack and pinion: second = ratio * first + offset", JOINTS, "ratio = -2.0"),
+}
+WORD = 20  # letters of a column of names, at least
+
+
+def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> list[Path]:
+    """Write a mechanism file for a tree that there is.
+
+    Args:
+        name: of the mechanism and its file.
+        tree: the file that it is loaded from.
+        folder: where to write.
+        mechanism: what the tree loads as.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SpatialPinError: the file is there already.
+        OSError: it cannot be written.
+    """
+    if tree.suffix == ".toml" or tree.is_dir():
+        kind = "a folder" if tree.is_dir() else "a mechanism file"
+        raise SpatialPinError(f"{tree} is {kind}, which is loaded as it is; `spatial-pin export "
+                              f"{mechanism.name} --folder {name}` makes a copy to edit")
+    place = folder / f"{name}.toml"
+    _refuse_existing([place])
+    beside = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
+    return [write_text(place, _text(name, beside, mechanism))]
+
+
+def write_new(name: str, folder: Path) -> list[Path]:
+    """Write a four-bar to start from: a mechanism file and its tree.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SpatialPinError: a file is there already.
+        OSError: one cannot be written.
+    """
+    texts = {folder / f"{name}.toml": START.replace("NAME", name),
+             folder / f"{name}.urdf.xacro": TREE.replace("NAME", name)}
+    _refuse_existing(texts)
+    return [write_text(path, text) for path, text in texts.items()]
+
+
+def _refuse_existing(paths: Iterable[Path]) -> None:
+    for path in paths:
+        if path.exists():
+            raise SpatialPinError(f"{path} is there already; choose another name, or another "
+                                  "--folder")
+
+
+# ---------------------------------------------------------------- of a tree that there is
+
+
+def _text(name: str, tree: str, mechanism: sp.Mechanism) -> str:
+    title = {"title": mechanism.title} if mechanism.title else {}
+    parts = [HEAD + toml_text({"name": name, **title, "tree": tree}),
+             _joints(mechanism), _closures(mechanism), _drivers(mechanism),
+             MORE.format(link=_ends(mechanism)[0], joint=_first_joint(mechanism)),
+             _guess(mechanism)]
+    return "\n".join(part for part in parts if part)
+
+
+def _joints(mechanism: sp.Mechanism) -> str:
+    """Return the tree's joints as comments: what they join, and their limits."""
+    ends = {joint.get("name"): [_attribute(joint.find(key)) for key in ("parent", "child")]
+            for joint in robot_of(mechanism).findall("joint")}
+    bounds: dict[str, list[str]] = {}
+    for limit in joint_limits(mechanism):
+        bounds.setdefault(limit.name, ["", ""])[limit.side > 0] = f"{limit.value:.6g}"
+    lines = ["# Joints of the tree, and the links they join:"]
+    for joint, pair in zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True):
+        where = " - ".join(ends.get(joint, ()))
+        limits = " to ".join(x or "any" for x in bounds.get(joint, ()))
+        unit = next((c.unit for c in mechanism.coordinate_table.values() if c.joint == joint), "")
+        text = f"#   {joint:{WORD}}  {pair:11}  {where}"
+        lines.append(f"{text}  ({limits} {unit})" if limits else text.rstrip())
+    return "\n".join(lines) + "\n"
+
+
+def _attribute(element: ET.Element | None) -> str:
+    return element.get("link", "") if element is not None else ""
+
+
+def _closures(mechanism: sp.Mechanism) -> str:
+    """Return what the tree states of loops, and an example of every kind, as comments."""
+    lines = ["# Loops: each closure joins two frames of different bodies. Links and frames: "
+             "`spatial-pin info`."]
+    for closure in mechanism.closures:
+        joined = " - ".join(closure.frames or closure.joints)
+        lines.append(f"#   stated in the tree already: {closure.name}, {closure.type}: {joined}")
+    lines.append("# Take the lines of one kind, without their first two letters:")
+    frames = _ends(mechanism)
+    joints = [c.name for c in mechanism.coordinate_table.values() if c.q >= 0][:2]
+    for kind, (words, needs, more) in CLOSURES.items():
+        names = frames if needs == FRAMES else joints
+        if len(names) < 2:
+            continue
+        entry = toml_text({"name": f"my_{kind}", "type": kind, needs: list(names)}) + more
+        lines += ["#", f"# # {kind}: {words}", "# [[closures]]",
+                  *(f"# {line}" for line in entry.strip().splitlines())]
+    return "\n".join(lines) + "\n"
+
+
+def _ends(mechanism: sp.Mechanism) -> tuple[str, ...]:
+    """Return two links of different bodies: the last of the tree, and its root."""
+    body = {link: mechanism.frame_on_joint(link)[0] for link in mechanism.links}
+    last = max(reversed(body), key=lambda link: body[link])
+    return (last,) if body[last] == 0 else (last, min(body, key=lambda link: body[link]))
+
+
+def _first_joint(mechanism: sp.Mechanism) -> str:
+    return str(next(iter(list(mechanism.model.names)[1:]), "joint"))
+
+
+def _drivers(mechanism: sp.Mechanism) -> str:
+    """Return the first driver, and others as comments."""
+    lines = ["# Drivers: as many as the closed mechanism has freedoms (`spatial-pin check`)."]
+    found = list(mechanism.drivers.values()) or [
+        sp.Driver(c.name, c.name) for c in mechanism.coordinate_table.values() if c.q >= 0][:1]
+    keep_all = bool(mechanism.closures)  # which drivers move its loops is stated with them
+    for k, driver in enumerate(found):
+        text = toml_text({"drivers": {driver.name: {"joint": driver.joint}}}).strip()
+        lines += [line if k == 0 or keep_all else f"# {line}" for line in text.splitlines()]
+    return "\n".join(lines) + "\n" if found else ""
+
+
+def _guess(mechanism: sp.Mechanism) -> str:
+    """Return where the joints of one freedom stand."""
+    state = _standing(mechanism)
+    if state is None:
+        return ""
+    values = {}
+    for c in mechanism.coordinate_table.values():
+        if c.name == c.joint and c.q >= 0:
+            value = float(np.round(state.coordinate(c.name).value, 6))
+            values[c.name] = value + 0.0
+    head = "# A rough configuration on the wanted branch [rad, m].\n"
+    return head + toml_text({"guess": values}).lstrip() if values else ""
+
+
+def _standing(mechanism: sp.Mechanism) -> sp.State | None:
+    """Return a closed configuration, within the joint limits where there is one."""
+    for limits in (True, False):
+        with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():
+            warnings.simplefilter("ignore", sp.SpatialPinWarning)
+            return sp.assemble(mechanism, limits=limits)
+    return None
+
+
+HEAD = """\
+# Metres, radians, kilograms. Keys of the top come before the first [table].
+# `spatial-pin check FILE` says what is wrong, `spatial-pin show FILE` shows it.
+"""
+MORE = """\
+# More that may be said; without the first two letters of its lines it holds:
+#
+# [joints.{joint}]
+# damping = 0.01                  # N·m·s/rad or N·s/m; also friction, armature, lower, upper
+#
+# [frames.tool]                   # a point that the tree does not have
+# link = "{link}"
+# xyz = [0.0, 0.0, 0.1]
+#
+# [[springs]]
+# name = "return"
+# joint = "{joint}"
+# stiffness = 10.0                # N·m/rad or N/m
+"""
+START = """\
+# A plane four-bar to start from. Metres, radians, kilograms.
+# `spatial-pin check FILE` says what is wrong, `spatial-pin show FILE` shows it.
+name = "NAME"
+title = "Plane four-bar"
+tree = "NAME.urdf.xacro"        # links and joints of the open tree, dimensions
+# gravity = [0.0, 0.0, -9.81]
+
+# How the loop is closed: the coupler's end is hinged to the rocker's end, about -y.
+[[closures]]
+name = "output_pin"
+type = "revolute"               # or spherical, universal, prismatic, weld, distance, ...
+frames = ["coupler_end", "rocker_end"]
+axis = [0, -1, 0]               # of both frames
+
+# What moves it: as many drivers as it has freedoms.
+[drivers.crank]
+joint = "crank_pin"
+
+# A rough configuration on the wanted branch.
+[guess]
+crank_pin = 0.0
+rocker_pin = 1.77
+
+# [joints.rocker_pin]           # more about a joint of the tree
+# damping = 0.01                # N·m·s/rad
+#
+# [frames.tip]                  # a point that the tree does not have
+# link = "coupler"
+# xyz = [0.14, 0.0, 0.1]
+#
+# [[springs]]
+# name = "return"
+# joint = "rocker_pin"
+# stiffness = 10.0              # N·m/rad
+# free_angle = 1.6              # rad
+"""
+TREE = """\
+<?xml version="1.0"?>
+<!-- The open tree of NAME: a crank with a coupler on it, and a rocker, all on the ground.
+     Dimensions are changed when it is loaded: load("NAME.toml", crank=0.12). -->
+<robot name="NAME" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <!-- dimensions, with their defaults [m] -->
+  <xacro:arg name="ground" default="0.30"/>
+  <xacro:arg name="crank" default="0.10"/>
+  <xacro:arg name="coupler" default="0.28"/>
+  <xacro:arg name="rocker" default="0.24"/>
+
+  <!-- a bar along x, 20 x 10 mm of steel -->
+  <xacro:macro name="bar" params="name length">
+    <xacro:property name="m" value="${7850 * 0.02 * 0.01 * length}"/>
+    <link name="${name}">
+      <visual>
+        <origin xyz="${length / 2} 0 0"/>
+        <geometry><box size="${length} 0.01 0.02"/></geometry>
+      </visual>
+      <inertial>
+        <origin xyz="${length / 2} 0 0"/>
+        <mass value="${m}"/>
+        <inertia ixx="${m * 5e-4 / 12}" iyy="${m * (length**2 + 4e-4) / 12}"
+                 izz="${m * (length**2 + 1e-4) / 12}" ixy="0" ixz="0" iyz="0"/>
+      </inertial>
+    </link>
+    <!-- the end of the bar, for a closure to refer to -->
+    <link name="${name}_end"/>
+    <joint name="${name}_end_mount" type="fixed">
+      <parent link="${name}"/>
+      <child link="${name}_end"/>
+      <origin xyz="${length} 0 0"/>
+    </joint>
+  </xacro:macro>
+
+  <link name="ground"/>
+  <xacro:bar name="crank" length="${$(arg crank)}"/>
+  <xacro:bar name="coupler" length="${$(arg coupler)}"/>
+  <xacro:bar name="rocker" length="${$(arg rocker)}"/>
+
+  <joint name="crank_pin" type="continuous">
+    <parent link="ground"/>
+    <child link="crank"/>
+    <axis xyz="0 -1 0"/>
+  </joint>
+  <joint name="coupler_pin" type="continuous">
+    <parent link="crank_end"/>
+    <child link="coupler"/>
+    <axis xyz="0 -1 0"/>
+  </joint>
+  <joint name="rocker_pin" type="continuous">
+    <parent link="ground"/>
+    <child link="rocker"/>
+    <origin xyz="$(arg ground) 0 0"/>
+    <axis xyz="0 -1 0"/>
+  </joint>
+</robot>
+"""
