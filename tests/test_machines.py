@@ -459,3 +459,30 @@ def test_a_gripper_closes_and_grips_as_circles_and_virtual_work_say(run):
         assert torque + own == pytest.approx(200 * slope * 0.002 / (2 * np.pi), rel=1e-9)
         assert abs(leans[0]) < 1e-13
         assert leans[1] == pytest.approx(tilted_jaw(opening, 0.0601), abs=1e-11)
+
+
+# ---------------------------------------------------------------- bonnet
+
+def test_a_bonnet_opens_as_circles_say_and_is_held_as_energy_says(run):
+    made = run("bonnet_hinge")
+    motion, car = made["motion"], made["bonnet"]
+    rear, front = np.array([0.066, -0.019]), np.array([0.228, 0.042])
+    low, high = np.array([-0.070, 0.040]), np.array([-0.030, 0.080])
+    edges, data = [], car.model.createData()
+    for angle, pitch in zip(motion.driver, made["pitch"], strict=True):
+        at = rear + np.hypot(*(low - rear)) * np.array([np.cos(angle), np.sin(angle)])
+        other = meet(at, np.hypot(*(high - low)), front, np.hypot(*(high - front)), 1)
+        lean = np.arctan2(*(other - at)[::-1]) - np.arctan2(*(high - low)[::-1])
+        assert pitch == pytest.approx(np.degrees(lean), abs=1e-11)
+        edges.append(at + plane_turned(np.array([-0.070, 0.090]) - low, lean))
+    near = np.hypot(*(np.array(edges) - [-0.088, 0.090]).T) - 0.014
+    assert made["edge"][:, [0, 2]] == pytest.approx(1e3 * np.array(edges), abs=1e-11)
+    assert made["found"].least.distance == pytest.approx(near.min(), abs=1e-10)
+    # work of gravity and spring from sample to sample, differences of fourth order
+    length = np.linalg.norm(motion.frame("spring_on_bonnet").position
+                            - motion.frame("spring_on_body").position, axis=1)
+    energy = 0.5 * 340.0 * (1.39 - length)**2
+    energy += [pin.computePotentialEnergy(car.model, data, q) for q in motion.q]
+    step = motion.driver[1] - motion.driver[0]
+    slope = (energy[:-4] - 8 * energy[1:-3] + 8 * energy[3:-1] - energy[4:]) / (12 * step)
+    assert made["moment"][2:-2] == pytest.approx(slope, abs=2e-6 * abs(made["moment"]).max())
