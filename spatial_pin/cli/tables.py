@@ -23,8 +23,9 @@ NOT_READ = (" rate", " acceleration", " effort", " power", "closure error")  # w
 ENERGY = "J"  # unit of other columns that `--csv` writes
 KINDS = {  # of targets: what units their numbers have, " " for none
     "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
-    "direction": (" ", " ", " "),
+    "orientation": ("rad", "rad", "rad"), "direction": (" ", " ", " "),
 }
+CENTRE = "com"  # name of the target of the centre of mass
 
 
 def read_table(
@@ -153,8 +154,10 @@ def _number(
 def read_target(text: str) -> tuple[str, Any]:
     """Return name and target of `NAME.position=x,y,z`, or of `COORDINATE=value`.
 
-    `NAME.pose=x,y,z,rx,ry,rz` has a rotation vector behind the position, `NAME.direction=x,y,z`
-    says where the z axis of the frame points.
+    `NAME.pose=x,y,z,rx,ry,rz` has a rotation vector behind the position, `NAME.orientation=` the
+    rotation vector alone, `NAME.direction=x,y,z` says where the z axis of the frame points,
+    `NAME.distance=OTHER,d` how far it is from another frame. `com=x,y,z` is the centre of mass, `_`
+    for what may be anywhere. `@w` behind any of them is its weight.
 
     Raises:
         ValueError: it is none of these.
@@ -162,26 +165,70 @@ def read_target(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not (name.strip() and equals):
         raise ValueError(f"{text!r} is not NAME.position=x,y,z or COORDINATE=value")
+    value, at, given = value.partition("@")
+    weight = _weight(text, given) if at else None
     frame, _, kind = name.strip().rpartition(".")
     words = value.split(",")
+    if frame and kind == "distance":
+        return frame, _distance(text, words, weight)
+    if name.strip() == CENTRE and len(words) > 1:
+        return CENTRE, _centre(text, words, weight)
     if kind not in KINDS or not frame:
         if len(words) > 1:
-            raise ValueError(f"{text!r}: several numbers are those of NAME.position, NAME.pose or "
-                             "NAME.direction")
-        return name.strip(), quantity(value)
+            raise ValueError(f"{text!r}: several numbers are those of NAME.position, NAME.pose, "
+                             "NAME.orientation, NAME.direction or com")
+        number = quantity(value)
+        if weight is None:
+            return name.strip(), number
+        return name.strip(), targets.CoordinateValue(weight=weight, value=number)
     units = KINDS[kind]
+    of_kind = f"{'an' if kind == 'orientation' else 'a'} {kind}"
     if len(words) != len(units):
-        raise ValueError(f"{text!r}: a {kind} has {len(units)} numbers, not {len(words)}")
+        raise ValueError(f"{text!r}: {of_kind} has {len(units)} numbers, not {len(words)}")
     numbers = [quantity(word) for word in words]
     if not all(map(_fits, numbers, units)):
-        raise ValueError(f"{text!r}: a {kind} has numbers in {', '.join(units)}")
+        raise ValueError(f"{text!r}: {of_kind} has numbers in {', '.join(units)}")
+    return frame, _of_frame(kind, np.array(numbers, dtype=float), weight)
+
+
+def _of_frame(kind: str, x: Array, weight: float | None) -> targets.Target:
+    """Return the target of a frame that numbers say."""
     if kind == "position":
-        return frame, targets.position(np.array(numbers))
+        return targets.position(x, weight)
     if kind == "direction":
-        along = np.array(numbers) / (np.linalg.norm(numbers) or 1.0)
-        return frame, targets.direction(np.array([0.0, 0.0, 1.0]), along)
-    turned = pin.exp3(np.array(numbers[3:], dtype=float))
-    return frame, targets.pose(pin.SE3(turned, np.array(numbers[:3], dtype=float)))
+        along = x / (np.linalg.norm(x) or 1.0)
+        return targets.direction(np.array([0.0, 0.0, 1.0]), along, weight)
+    turned = pin.exp3(x[-3:])
+    if kind == "orientation":
+        return targets.orientation(turned, weight)
+    return targets.pose(pin.SE3(turned, x[:3]), weight)
+
+
+def _weight(text: str, given: str) -> float:
+    found = quantity(given)
+    if not found > 0.0 or found.unit:
+        raise ValueError(f"{text!r}: a weight is a positive number without a unit, behind the @")
+    return float(found)
+
+
+def _distance(text: str, words: list[str], weight: float | None) -> targets.Target:
+    if len(words) != 2:
+        raise ValueError(f"{text!r}: a distance is NAME.distance=OTHER,d")
+    length = quantity(words[1])
+    if not length.is_for("m"):
+        raise ValueError(f"{text!r}: a distance is in m, not in {length.unit}")
+    return targets.distance(words[0].strip(), length, weight)
+
+
+def _centre(text: str, words: list[str], weight: float | None) -> targets.Target:
+    if len(words) != 3:
+        raise ValueError(f"{text!r}: the centre of mass has 3 numbers, _ for any, not "
+                         f"{len(words)}")
+    point = [None if word.strip() == "_" else quantity(word) for word in words]
+    if not all(x is None or x.is_for("m") for x in point):
+        raise ValueError(f"{text!r}: the centre of mass has numbers in m")
+    x, y, z = (None if v is None else float(v) for v in point)
+    return targets.centre_of_mass(x, y, z, weight)
 
 
 def _fits(number: Quantity, unit: str) -> bool:

@@ -24,6 +24,7 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.results import SCREEN, finite, tell
 from spatial_pin.cli.tables import read_table, targets_of
+from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
 from spatial_pin.motion.report import assembly_summary
 
 
@@ -167,8 +168,12 @@ def _reach(options: argparse.Namespace) -> None:
         options.usage_error("--csv, --npz, --plot and --clearance tell of a motion: they need "
                             "--path (but --csv - for the coordinates)")
     check_names(options, mechanism)
+    read_targets(mechanism, targets)
+    for name, one in options.targets:  # coordinates, some of them with a weight
+        value = one.value if isinstance(one, CoordinateValue) else one
+        if not isinstance(value, sp.Target):
+            fitting(options, mechanism, {name: value})
     state = sp.assemble(mechanism, {}, guess_of(options))
-    fitting(options, mechanism, {n: x for n, x in targets.items() if not isinstance(x, list)})
     found = sp.reach(mechanism, targets, state, hold=["base", *options.hold],
                      limits=options.limits)
     lines = [assembly_summary(found)]
