@@ -51,6 +51,14 @@ def test_every_public_name_has_a_place_in_the_reference():
     assert sorted(told) == sorted({*sp.__all__, "operators"})
 
 
+def test_every_room_of_the_package_is_in_the_table_of_the_architecture():
+    package = ROOT / "spatial_pin"
+    rooms = {path.parent.name for path in package.glob("*/__init__.py")}
+    text = (DOCS / "contributing.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|", text, flags=re.MULTILINE)
+    assert rooms <= {name.strip("`") for row in rows for name in row.split(", ")}
+
+
 # ---------------------------------------------------------------- the mechanism file
 
 
