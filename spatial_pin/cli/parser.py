@@ -61,9 +61,10 @@ def parser() -> argparse.ArgumentParser:
     whole.add_argument("--version", action="version", version=f"spatial-pin {sp.__version__}")
     commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND",
                                     prog="spatial-pin", help=argparse.SUPPRESS)
+    parsers: dict[str, argparse.ArgumentParser] = {}
     for name, command in COMMANDS.items():
-        sub = commands.add_parser(name, description=command.text)
-        sub.set_defaults(run=command.run, usage_error=sub.error, hints=[])
+        sub = parsers[name] = commands.add_parser(name, description=command.text)
+        sub.set_defaults(run=command.run, usage_error=sub.error, hints=[], parsers=parsers)
         if command.takes_mechanism:
             mechanism_options(sub)
         command.add_options(sub)

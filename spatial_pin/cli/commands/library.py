@@ -10,6 +10,7 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.asked import loaded
+from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, package
 from spatial_pin.cli.results import WIDTH, finite, on_screen, say, tell
@@ -152,6 +153,14 @@ def _new(options: argparse.Namespace) -> None:
         say(f"edit {written[0]}, then: spatial-pin check {written[0]}")
 
 
+def _completion_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("shell", choices=tuple(SHELLS), help="the shell that is to complete")
+
+
+def _completion(options: argparse.Namespace) -> None:
+    print(script(options.shell, options.parsers), end="")
+
+
 COMMANDS = {
     "new": Command("write a mechanism file to start from", _new_options, _new,
                    takes_mechanism=False),
@@ -161,4 +170,6 @@ COMMANDS = {
     "check": Command("read a mechanism file and say what is wrong with it", _check_options,
                      _check),
     "export": Command("write the mechanism as plain files", _export_options, _export),
+    "completion": Command("write a script with which a shell completes these words",
+                          _completion_options, _completion, takes_mechanism=False),
 }
