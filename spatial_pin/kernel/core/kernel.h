@@ -113,6 +113,7 @@ typedef struct Kernel {
     /* ---- the square system: chosen equations, idle rotations, what is driven, filled rows ---- */
     Int n_chosen, n_driven, n_fill;
     Int *chosen, *driven; /* equations; freedoms in v, or nv + v for the component that v is of */
+    Int *candidate;       /* (nv) equations that may be chosen instead */
     Pin *pin;             /* (n_pins) the components among what is driven, */
     Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
@@ -176,8 +177,10 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
 /* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
 void system_solve(const Kernel *k, Real *x);
-int system_reselect(Kernel *k);          /* other independent equations, as many; SINGULAR if none;
-                                            `left_out` tells how independent the others are */
+/* Other independent equations, as many; SINGULAR, and those there were, if there are none.
+   `left_out` tells how independent the others are. */
+int system_reselect(Kernel *k);
+int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */
 /* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);

@@ -194,13 +194,14 @@ static int make_room(Kernel *k)
         if (!(*fields[i].to = kernel_memory(k, fields[i].count, sizeof(Real))))
             return 0;
     k->chosen = kernel_memory(k, nv, sizeof(Int));
+    k->candidate = kernel_memory(k, nv, sizeof(Int));
     k->driven = kernel_memory(k, nv, sizeof(Int));
     k->pin = kernel_memory(k, nv, sizeof(Pin));
     k->pin_row = kernel_memory(k, nv, sizeof(Int));
     k->pin_entry = kernel_memory(k, nv, sizeof(Int));
     k->lu = lu_new();
     k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
-    return k->chosen && k->driven && k->pin && k->pin_row && k->pin_entry && k->lu;
+    return k->chosen && k->candidate && k->driven && k->pin && k->pin_row && k->pin_entry && k->lu;
 }
 
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out)

@@ -168,15 +168,21 @@ void system_solve(const Kernel *k, Real *x)
     lu_solve(k->lu, x, x);
 }
 
+int system_choose(Kernel *k, const Int *chosen)
+{
+    memcpy(k->chosen, chosen, (size_t)k->n_chosen * sizeof *chosen);
+    return lay_out(k);
+}
+
 int system_reselect(Kernel *k)
 {
     Real facts[2];
     const Int found =
-        independent_equations(k, NULL, k->n_closure, k->n_chosen, 0.0, k->chosen, facts);
+        independent_equations(k, NULL, k->n_closure, k->n_chosen, 0.0, k->candidate, facts);
     if (found < 0)
         return NO_MEMORY;
     k->left_out = facts[1];
-    return found == k->n_chosen ? lay_out(k) : SINGULAR;
+    return found == k->n_chosen ? system_choose(k, k->candidate) : SINGULAR;
 }
 
 /* Right sides of what is driven, of derivatives (n_driven) by s. */

@@ -178,6 +178,8 @@ static int make_room(Dynamics *d)
     for (size_t i = 0; i < sizeof indices / sizeof *indices; i++)
         if (!(*indices[i] = memory(d, n, sizeof(Int))))
             return 0;
+    if (!(d->former = memory(d, nv, sizeof(Int))))
+        return 0;
     return make_place(d, &d->kept) && make_place(d, &d->aside) &&
            make_place(d, &d->ended) && make_points(d) && make_passages(d);
 }

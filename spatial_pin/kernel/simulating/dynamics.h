@@ -104,7 +104,8 @@ typedef struct Dynamics {
     /* ---- room to work in ---- */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
         *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
-    Int *best; /* (n_free) coordinates that would be best */
+    Int *best;   /* (n_free) coordinates that would be best */
+    Int *former; /* (nv) equations chosen before others were tried */
     Place aside, ended;
     Int evaluations;
     void **owned;

@@ -1,4 +1,6 @@
 /* Where on a passage the equations lose rank: zeros of a determinant, of any order. */
+#include <string.h>
+
 #include "passage.h"
 
 #define PROBE_OF_ORDER 0.1 /* part of the way to a branch point on which the determinant falls */
@@ -29,10 +31,16 @@ static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
 /* Whether other equations keep their rank where the chosen ones lose it: these are taken then. */
 static int others_hold(Dynamics *d, const Passage *s, Real x)
 {
+    Kernel *k = d->k;
+    memcpy(d->former, k->chosen, (size_t)k->n_chosen * sizeof *d->former);
     passage_place(d, s, 0, x);
-    equations_jacobian(d->k);
-    return system_reselect(d->k) == DONE && system_factor(d->k) == DONE &&
-           d->k->pivot_ratio > TOLERANCE_SINGULAR;
+    equations_jacobian(k);
+    if (system_reselect(k) != DONE)
+        return 0;
+    if (system_factor(k) == DONE && k->pivot_ratio > TOLERANCE_SINGULAR)
+        return 1;
+    system_choose(k, d->former);
+    return 0;
 }
 
 /* The power of two of the determinant at x. */
