@@ -254,6 +254,11 @@ class Dynamics:
         return int(self._library.dynamics_evaluations(self.handle))
 
     @property
+    def factorisations(self) -> int:
+        """Number of factorisations of the constraint equations."""
+        return int(self._library.dynamics_factorisations(self.handle))
+
+    @property
     def pivot(self) -> float:
         """Smallest over largest pivot of the constraint equations at the last evaluation."""
         return float(self._library.dynamics_pivot(self.handle))

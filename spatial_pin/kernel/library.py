@@ -116,7 +116,8 @@ def _declare_dynamics(found: ctypes.CDLL) -> None:
     found.dynamics_heaviest.argtypes = [POINTER]
     found.dynamics_free.argtypes, found.dynamics_free.restype = [POINTER] * 2, None
     found.dynamics_settle.argtypes = [POINTER, REAL, *[POINTER] * 3]
-    found.dynamics_evaluations.argtypes, found.dynamics_evaluations.restype = [POINTER], INT
+    for count in (found.dynamics_evaluations, found.dynamics_factorisations):
+        count.argtypes, count.restype = [POINTER], INT
     found.dynamics_keep.restype = found.dynamics_pivot.restype = REAL
     found.dynamics_heaviest.restype = REAL
     found.integrator_create.argtypes = [INT, INT, POINTER, POINTER, REAL, POINTER, REAL, REAL,

@@ -284,7 +284,6 @@ void equations_values(Kernel *k, const Real *q)
 
 void equations_jacobian(Kernel *k)
 {
-    k->evaluations++;
     tree_columns(k);
     for (Int i = 0; i < k->n_equations; i++)
         TABLE[k->equation_kind[i]].jacobian(k, i, k->equation_int + 4 * i,

@@ -130,7 +130,7 @@ typedef struct Kernel {
     Int exponent;
     Real *right, *scratch_q, *scratch_v;
 
-    Int evaluations, factorisations; /* counted since creation */
+    Int factorisations; /* counted since creation */
     void **owned; /* memory to be freed */
     Int n_owned, owned_room;
     Factors **factors; /* (n_factors) to be freed too */
@@ -192,6 +192,10 @@ void lu_free(SparseLU *lu);
 void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factorisation */
 int lu_has_order(const SparseLU *lu);
 void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent);
+void lu_mark(SparseLU *lu); /* changes of the pivots are told from those of now on */
+/* Bounds of their changes, relative to what they are now; infinite where they are not known. Where
+   another order was chosen since, they are those by the former one. */
+void lu_changes(const SparseLU *lu, Real *least, Real *most);
 /* Smallest over largest pivot, each relative to the length (n) of its row. */
 Real lu_even_ratio(const SparseLU *lu, const Real *length);
 /* Entries (row[i], column[i]) of an n x n matrix; chooses the order by `value`. */

@@ -30,6 +30,9 @@ struct SparseLU {
     Int *upper_start, *upper_column, *upper_at;
     Int *target;                        /* places that the multiply-adds change, in their order */
     Real *value, *inverse, *work;
+    Real *marked;                       /* pivots from which changes are told */
+    Int is_marked;
+    Real least_change, most_change;
     Real parity, first_ratio;
     Real sign, ratio, mantissa;
     Int exponent;
@@ -37,7 +40,11 @@ struct SparseLU {
 
 SparseLU *lu_new(void) { return calloc(1, sizeof(SparseLU)); }
 
-void lu_forget(SparseLU *lu) { lu->chosen = 0; }
+void lu_forget(SparseLU *lu)
+{
+    lu->chosen = 0;
+    lu->least_change = -INFINITY, lu->most_change = INFINITY;
+}
 
 int lu_has_order(const SparseLU *lu) { return (int)lu->chosen; }
 
@@ -49,14 +56,29 @@ void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa,
     *exponent = lu->exponent;
 }
 
+void lu_mark(SparseLU *lu)
+{
+    for (Int step = 0; step < lu->n; step++)
+        lu->marked[step] = lu->value[lu->pivot_at[step]];
+    lu->is_marked = 1;
+}
+
+void lu_changes(const SparseLU *lu, Real *least, Real *most)
+{
+    *least = lu->least_change;
+    *most = lu->most_change;
+}
+
 static void release(SparseLU *lu)
 {
+    const Real least = lu->least_change, most = lu->most_change; /* with the order until now */
     void *all[] = {lu->place, lu->pivot_row, lu->pivot_column, lu->pivot_at, lu->lower_start,
                    lu->lower_row, lu->lower_at, lu->upper_start, lu->upper_column, lu->upper_at,
-                   lu->target, lu->value, lu->inverse, lu->work};
+                   lu->target, lu->value, lu->inverse, lu->work, lu->marked};
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         free(all[i]);
     memset(lu, 0, sizeof *lu);
+    lu->least_change = least, lu->most_change = most;
 }
 
 void lu_free(SparseLU *lu)
@@ -289,7 +311,8 @@ static int allocate(SparseLU *lu, Int n_lower, Int n_upper, Int n_targets)
     lu->value = calloc((size_t)lu->n_values + 1, sizeof(Real));
     lu->inverse = calloc(n, sizeof(Real));
     lu->work = calloc(n, sizeof(Real));
-    return lu->value && lu->inverse && lu->work;
+    lu->marked = calloc(n, sizeof(Real));
+    return lu->value && lu->inverse && lu->work && lu->marked;
 }
 
 /* Sign of the permutation that takes the pivots to the diagonal. */
@@ -426,6 +449,19 @@ static void multiply_determinant(SparseLU *lu, Real size)
     }
 }
 
+/* How the pivots have changed since they were marked. */
+static void note_changes(SparseLU *lu)
+{
+    if (!lu->is_marked)
+        return;
+    lu->least_change = INFINITY, lu->most_change = -INFINITY;
+    for (Int step = 0; step < lu->n; step++) {
+        const Real change = 1.0 - lu->marked[step] * lu->inverse[step];
+        lu->least_change = fmin(lu->least_change, change);
+        lu->most_change = fmax(lu->most_change, change);
+    }
+}
+
 int lu_factor(SparseLU *lu, const Real *entry)
 {
     Real *value = lu->value, least = INFINITY, most = 0.0, largest = 0.0;
@@ -441,6 +477,7 @@ int lu_factor(SparseLU *lu, const Real *entry)
         const Int first = lu->upper_start[step], end = lu->upper_start[step + 1];
         if (!(size > 0.0) || !isfinite(size)) {
             lu->sign = lu->ratio = 0.0;
+            lu->least_change = -INFINITY, lu->most_change = INFINITY;
             return 0;
         }
         if (pivot < 0.0)
@@ -457,6 +494,7 @@ int lu_factor(SparseLU *lu, const Real *entry)
                 value[*target++] -= factor * value[lu->upper_at[u]];
         }
     }
+    note_changes(lu);
     lu->ratio = lu->n ? least / most : 1.0;
     if (lu->first_ratio == 0.0)
         lu->first_ratio = lu->ratio;

@@ -75,16 +75,6 @@ static int is_accurate(Dynamics *d, Passage *s)
     return 1;
 }
 
-/* How far ahead the equations lose rank, told by two places `apart` from each other, the farther one
- * of which the branch stands on: by the least pivot, which falls in a line however many loops go
- * flat there; where another loop has that, by the determinant. */
-static Real way_to_loss(const Dynamics *d, Real pivot, Real mantissa, Int exponent, Real apart)
-{
-    const Real fall = d->pivot > pivot
-        ? d->pivot / pivot : ldexp(d->mantissa / mantissa, (int)(d->exponent - exponent));
-    return fall > 1.0 ? apart / (fall - 1.0) : INFINITY;
-}
-
 /* About where the equations lose rank, told from ever nearer: in the end from about a reach away. */
 static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
 {
@@ -97,11 +87,10 @@ static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
             *about = d->x[0]; /* it came to it: it is that near */
             continue;
         }
-        const Real pivot = d->pivot, mantissa = d->mantissa, back = goal - 0.25 * apart;
-        const Int exponent = d->exponent;
+        const Real back = goal - 0.25 * apart;
         if (independent_follow(d, &back) != DONE)
             return LOST;
-        const Real way = way_to_loss(d, pivot, mantissa, exponent, 0.25 * fabs(apart));
+        const Real way = passage_distance(d, sense) - 0.25 * fabs(apart);
         if (!isfinite(way))
             return i ? DONE : LOST;
         const Real left = fmin(fmax(way, 0.3 * fabs(apart)), AHEAD);
@@ -130,21 +119,14 @@ static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
     return passage_locate(d, s);
 }
 
-/* How far ahead the determinant would vanish with a zero of an order, as it fell over a step: its
- * root of that order is linear. `ahead` is the same of order one. */
-static Real way_by_order(Real ahead, Real step, Real order)
+/* Whether a branch point is bridged already that would be so far `ahead`, as the equations changed
+ * over the last step. */
+static int is_known(const Dynamics *d, Real ahead)
 {
-    return step == 0.0 ? order * ahead : step / expm1(log1p(step / ahead) / order);
-}
-
-/* Whether a branch point is bridged already that would be so far `ahead` were the determinant
- * linear, as it was over the last step. */
-static int is_known(const Dynamics *d, Real ahead, Real step)
-{
+    const Real far = BRIDGED * fabs(ahead) + 0.02;
     for (Int i = 0; i < d->n_passages; i++) {
         const Passage *s = d->passages + i;
         const Real shift = (Real)passage_turns(d, s, d->x[0] + ahead) * d->period;
-        const Real far = BRIDGED * fabs(way_by_order(ahead, step, s->order)) + 0.02;
         for (Int c = 0; c < s->n_branch_points; c++) {
             const Real way = copysign(1.0, ahead) * (s->branch_point[c] + shift - d->x[0]);
             if (way > 0.0 && way < far)
@@ -155,13 +137,13 @@ static int is_known(const Dynamics *d, Real ahead, Real step)
 }
 
 /* Bridge the branch point so far `ahead`; the branch stands where it stood. */
-int passage_bridge(Dynamics *d, Real ahead, Real step)
+int passage_bridge(Dynamics *d, Real ahead)
 {
     const Real about = d->x[0] + ahead, sense = copysign(1.0, ahead);
     for (Int i = 0; i < d->n_refused && i < MOST_PASSAGES; i++)
         if (fabs(about - d->refused[i]) < REFUSED)
             return LOST;
-    if (is_known(d, ahead, step))
+    if (is_known(d, ahead))
         return LOST;
     Passage *s = d->passages + d->n_built % MOST_PASSAGES;
     int code = LOST;

@@ -608,4 +608,6 @@ EXPORT void dynamics_free(const Dynamics *d, Int *free_ones)
 
 EXPORT Int dynamics_evaluations(const Dynamics *d) { return d->evaluations; }
 
+EXPORT Int dynamics_factorisations(const Dynamics *d) { return d->k->factorisations; }
+
 EXPORT Real dynamics_pivot(const Dynamics *d) { return d->passes ? 1.0 : d->pivot; }

@@ -34,7 +34,6 @@ typedef struct {
     Int near, far;            /* the nodes at the ends */
     Real branch_point[MOST_BRANCH_POINTS];
     Int n_branch_points;
-    Real order; /* of the determinant's zeros there */
 } Passage;
 
 typedef struct {
@@ -42,7 +41,7 @@ typedef struct {
     Int passage, turn;
     Int has_bend; /* as below */
     Real *bend, *bend_rate, *change;
-    Real distance, distance_step;
+    Real distance;
 } Place;
 
 typedef struct Dynamics {
@@ -90,11 +89,11 @@ typedef struct Dynamics {
     Passage passages[MOST_PASSAGES];
     Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
-    Real distance; /* change of x at which the determinant, as it changes, would vanish; 0: not known */
-    Real distance_step; /* change of x in the step that told it */
-    Real *change; /* (n_held) derivatives of the determinant along the last step, relative to it */
+    Real distance; /* change of x at which the equations, as they change, would lose rank; 0: not known */
+    Real *change; /* (n_held) derivatives, along the last step, of what tells that, relative to it */
     Real mantissa;
     Int exponent; /* of the determinant here */
+    Real since;   /* its change since the last place, relative to what it is here; see there */
     Real refused[MOST_PASSAGES];
     Int n_renewed;
     Real renewed; /* where other equations were chosen last instead of passing a branch point */

@@ -282,21 +282,34 @@ static int is_ill_conditioned(const Dynamics *d)
            equations_error(k) > 10.0 * d->spare + TOLERANCE_ZERO + d->tolerance;
 }
 
-/* How the determinant has changed on the way from one x to another, where it is evaluated: relative
- * to what it is there. */
-static void note_change(Dynamics *d, const Real *from, Real mantissa, Int exponent, const Real *x)
+/* Note the determinant where it is evaluated, and how it has changed since the last place; but no
+ * more than the pivot that has changed most. Where N loops are to lose rank together, it falls by the
+ * N-th power of the way to there and would seem to vanish after an N-th of it; the pivots, whose
+ * product it is, fall in a line each. */
+static void note_determinant(Dynamics *d)
 {
     const Kernel *k = d->k;
-    const Real change = 1.0 - ldexp(mantissa / k->mantissa, (int)(exponent - k->exponent));
+    const Real change = 1.0 - ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent));
+    Real least, most;
+    lu_changes(k->lu, &least, &most);
+    d->since = fmin(fmax(change, least), most);
+    d->mantissa = k->mantissa;
+    d->exponent = k->exponent;
+    lu_mark(k->lu);
+}
+
+/* Note what the change of the determinant on the way from one x to another tells. */
+static void note_change(Dynamics *d, const Real *from, const Real *x)
+{
     Real square = 0.0;
     for (Int i = 0; i < d->n_held; i++)
         square += (x[i] - from[i]) * (x[i] - from[i]);
     if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
     if (d->passes)
-        d->distance = (from[0] - x[0]) / change, d->distance_step = x[0] - from[0];
+        d->distance = (from[0] - x[0]) / d->since;
     for (Int i = 0; i < d->n_held; i++)
-        d->change[i] = change * (x[i] - from[i]) / square;
+        d->change[i] = d->since * (x[i] - from[i]) / square;
 }
 
 /* Whether the determinant, as it has changed, would nearly vanish on the way to x. Where it has a
@@ -313,9 +326,8 @@ static int may_cross(const Dynamics *d, const Real *x)
 static void accept(Dynamics *d, const Real *x)
 {
     const Kernel *k = d->k;
-    note_change(d, d->x, d->mantissa, d->exponent, x);
-    d->mantissa = k->mantissa;
-    d->exponent = k->exponent;
+    note_determinant(d);
+    note_change(d, d->x, x);
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
     memmove(d->x, x, (size_t)d->n_held * sizeof *x);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
@@ -336,18 +348,15 @@ int independent_learn_change(Dynamics *d)
     memset(d->kept.change, 0, size);
     independent_remember(d, &d->aside);
     const int is_known = independent_return(d, &d->kept) == DONE;
-    const Real mantissa = d->mantissa;
-    const Int exponent = d->exponent;
     independent_note(d);
     memcpy(d->kept.x, d->x, size);
     if (independent_return(d, &d->aside) != DONE)
         return UNSAFE;
     if (!is_known)
         return DONE;
-    note_change(d, d->kept.x, mantissa, exponent, d->x);
-    const Real left = ldexp(d->mantissa / mantissa, (int)(d->exponent - exponent));
+    note_change(d, d->kept.x, d->x);
     for (Int i = 0; i < d->n_held; i++)
-        d->kept.change[i] = left * d->change[i];
+        d->kept.change[i] = d->change[i] / (1.0 - d->since);
     return DONE;
 }
 
@@ -411,8 +420,7 @@ int independent_factor(Dynamics *d)
         independent_columns(d);
     d->sign = k->sign;
     d->pivot = k->pivot_ratio;
-    d->mantissa = k->mantissa;
-    d->exponent = k->exponent;
+    note_determinant(d);
     return DONE;
 }
 
@@ -472,7 +480,6 @@ void independent_remember(const Dynamics *d, Place *place)
     memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
     memcpy(place->change, d->change, (size_t)d->n_held * sizeof *d->change);
     place->distance = d->distance;
-    place->distance_step = d->distance_step;
 }
 
 int independent_return(Dynamics *d, const Place *place)
@@ -486,7 +493,6 @@ int independent_return(Dynamics *d, const Place *place)
     memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
     memcpy(d->change, place->change, (size_t)d->n_held * sizeof *d->change);
     d->distance = place->distance;
-    d->distance_step = place->distance_step;
     note_point(d);
     return code;
 }

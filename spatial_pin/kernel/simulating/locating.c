@@ -3,7 +3,6 @@
 
 #include "passage.h"
 
-#define PROBE_OF_ORDER 0.1 /* part of the way to a branch point on which the determinant falls */
 #define LOOKS 16 /* places that a determinant is looked at */
 
 static int factor_at(Dynamics *d, const Passage *s, Real x)
@@ -141,16 +140,6 @@ static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
     }
 }
 
-/* Order of the determinant's zeros on a passage, as it falls at an end: by that power of the way
- * to the branch point. As many loops go flat there. */
-static Real order_of_zeros(Dynamics *d, const Passage *s)
-{
-    const Int exponent = exponent_at(d, s, s->low);
-    const Real nearer = s->low + PROBE_OF_ORDER * (s->branch_point[0] - s->low);
-    const Real left = determinant(d, s, nearer, exponent) / determinant(d, s, s->low, exponent);
-    return left > 0.0 ? fmax(log(left) / log(1.0 - PROBE_OF_ORDER), 1.0) : 1.0;
-}
-
 int passage_locate(Dynamics *d, Passage *s)
 {
     const Kernel *k = d->k;
@@ -158,6 +147,5 @@ int passage_locate(Dynamics *d, Passage *s)
     look_for_zeros(d, s, s->low, s->high);
     if (s->n_branch_points && k->n_chosen < k->n_closure && others_hold(d, s, s->branch_point[0]))
         return CHOSEN_ANEW;
-    s->order = s->n_branch_points ? order_of_zeros(d, s) : 0.0;
     return s->n_branch_points ? DONE : LOST;
 }

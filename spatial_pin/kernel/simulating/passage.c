@@ -57,4 +57,9 @@ Int passage_turns(const Dynamics *d, const Passage *s, Real x)
     return (Int)floor((x - middle) / d->period + 0.5);
 }
 
+Real passage_distance(const Dynamics *d, Real sense)
+{
+    return d->distance * sense > 0.0 ? d->distance * sense : INFINITY;
+}
+
 Real passage_pace(const Dynamics *d) { return largest(d->columns, d->k->nv); }

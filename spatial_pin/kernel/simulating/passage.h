@@ -20,9 +20,10 @@ void passage_interpolate(const Passage *s, Int first, Int count, const Real *row
                          Real *out);
 void passage_place(Dynamics *d, const Passage *s, Int turn, Real x); /* d->trial, evaluated */
 Int passage_turns(const Dynamics *d, const Passage *s, Real x); /* whole ones, to the one nearest x */
+Real passage_distance(const Dynamics *d, Real sense); /* to where equations lose rank ahead */
 Real passage_pace(const Dynamics *d); /* of the fastest joint, per unit of x */
 
 int passage_locate(Dynamics *d, Passage *s);
-int passage_bridge(Dynamics *d, Real ahead, Real step);
+int passage_bridge(Dynamics *d, Real ahead);
 
 #endif

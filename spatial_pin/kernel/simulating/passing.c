@@ -119,12 +119,6 @@ static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
 
 /* ---- going ---- */
 
-/* How far ahead the determinant would vanish. */
-static Real distance_ahead(const Dynamics *d, Real sense)
-{
-    return d->distance * sense > 0.0 ? d->distance * sense : INFINITY;
-}
-
 /* Follow the branch to x; FOUND where a branch point on the way has been bridged. */
 static int walk(Dynamics *d, Real x, int may_build)
 {
@@ -136,14 +130,14 @@ static int walk(Dynamics *d, Real x, int may_build)
         const Real from = d->x[0], before = d->pivot;
         if (goal == from)
             return LOST;
-        const Real ahead = distance_ahead(d, sense);
+        const Real ahead = passage_distance(d, sense);
         if (may_build && ahead < 1.4 * fabs(goal - from) && ahead * passage_pace(d) < 1.0 &&
-            passage_bridge(d, d->distance, d->distance_step) == DONE)
+            passage_bridge(d, d->distance) == DONE)
             return FOUND;
         if (independent_step(d, &goal) == DONE) {
             part *= 2.0;
-            if (may_build && distance_ahead(d, sense) * passage_pace(d) < AHEAD &&
-                passage_pace(d) <= FASTER * first && passage_bridge(d, d->distance, d->distance_step) == DONE)
+            if (may_build && passage_distance(d, sense) * passage_pace(d) < AHEAD &&
+                passage_pace(d) <= FASTER * first && passage_bridge(d, d->distance) == DONE)
                 return FOUND;
             continue;
         }
@@ -151,7 +145,7 @@ static int walk(Dynamics *d, Real x, int may_build)
         const Real after = d->k->pivot_ratio;
         if (independent_stand(d) != DONE)
             return LOST;
-        if (flipped && passage_bridge(d, (goal - from) * before / (before + after), 0.0) == DONE)
+        if (flipped && passage_bridge(d, (goal - from) * before / (before + after)) == DONE)
             return FOUND;
         part *= 0.5;
         if (fabs(part) < smallest || fabs(x - from) * passage_pace(d) > 1280.0)
