@@ -300,6 +300,17 @@ def test_windows_thrown_through_their_flat_positions_meet_each_once(windows, acc
     assert len(met) > 1
 
 
+def test_hundreds_of_windows_thrown_through_a_flat_position_meet_it_once():
+    """Their determinant falls there below the smallest number there is."""
+    mech = models.ladder(400)
+    start = sp.solve_rates(mech, sp.assemble(mech, {"pin_0": 1.0}, upright(mech, 1.0)),
+                           {"pin_0": 5.0})
+    motion = sp.simulate(mech, start, 0.2, accuracy=sp.Accuracy.named("draft"))
+    assert np.ptp(rods(motion), axis=0).max() < 1e-10
+    assert [e.kind for e in motion.events] == ["branch point"]
+    assert abs(motion.events[0].value) == pytest.approx(np.pi / 2, abs=1e-9)
+
+
 def test_where_many_windows_go_flat_is_told_in_few_steps(monkeypatch):
     """Round-off scatters the many eigenvalues of the place: they are not followed one by one."""
     taken, steps = [], singular_points._Interpolated.steps

@@ -42,28 +42,26 @@ static int others_hold(Dynamics *d, const Passage *s, Real x)
     return 0;
 }
 
-/* The power of two of the determinant at x. */
-static Int exponent_at(Dynamics *d, const Passage *s, Real x)
+/* Sign of the determinant at x, and the logarithm of its size: many loops have it fall by hundreds of
+ * orders of magnitude. */
+static Real determinant(Dynamics *d, const Passage *s, Real x, Real *size)
 {
-    return factor_at(d, s, x) == DONE ? d->k->exponent : 0;
-}
-
-/* The determinant at x, by a power of two that is the same along a passage. */
-static Real determinant(Dynamics *d, const Passage *s, Real x, Int exponent)
-{
-    Kernel *k = d->k;
+    const Kernel *k = d->k;
+    *size = -INFINITY;
     if (factor_at(d, s, x) != DONE)
         return 0.0;
-    return k->sign * ldexp(k->mantissa, (int)(k->exponent - exponent));
+    *size = log2(k->mantissa) + (Real)k->exponent;
+    return k->sign;
 }
 
 /* The zero between a and b, where the determinant changes its sign; the bisection's end is made
  * exacter by secants of the inverse solution, which a manifold zero does not blur. */
-static Real zero_between(Dynamics *d, const Passage *s, Real a, Real b, Int exponent)
+static Real zero_between(Dynamics *d, const Passage *s, Real a, Real b)
 {
-    const Real sign = determinant(d, s, a, exponent);
+    Real size;
+    const Real sign = determinant(d, s, a, &size);
     while (fabs(b - a) > 1e-12 * (1.0 + fabs(b))) {
-        const Real middle = 0.5 * (a + b), there = determinant(d, s, middle, exponent);
+        const Real middle = 0.5 * (a + b), there = determinant(d, s, middle, &size);
         if (there * sign > 0.0)
             a = middle;
         else
@@ -87,13 +85,13 @@ static Real secants(Dynamics *d, const Passage *s, Real a, Real b, Real low, Rea
 }
 
 /* Note the branch point from low to high; where secants from there lead out, the one near a zero of
- * the determinant. Round-off blurs such a zero far and wide if it is one of higher order, but not
- * that of the inverse solution. */
-static void note_branch_point(Dynamics *d, Passage *s, Real low, Real high, Int exponent)
+ * the determinant if its sign changes. Round-off blurs such a zero far and wide if it is one of higher
+ * order, but not that of the inverse solution. */
+static void note_branch_point(Dynamics *d, Passage *s, Real low, Real high, int changes)
 {
     Real x = secants(d, s, low, high, low, high);
-    if (!isfinite(x)) {
-        const Real zero = zero_between(d, s, low, high, exponent);
+    if (!isfinite(x) && changes) {
+        const Real zero = zero_between(d, s, low, high);
         x = secants(d, s, zero - NEARBY, zero + NEARBY, low, high);
         x = isfinite(x) ? x : zero;
     }
@@ -109,30 +107,29 @@ static void note_branch_point(Dynamics *d, Passage *s, Real low, Real high, Int 
  * of even order. */
 static void look_for_zeros(Dynamics *d, Passage *s, Real low, Real high)
 {
-    Real value[LOOKS + 1], largest = 0.0;
-    const Int exponent = exponent_at(d, s, low);
+    Real sign[LOOKS + 1], size[LOOKS + 1], most = -INFINITY;
     for (int level = 0; level < 6; level++) {
         const Real apart = (high - low) / LOOKS;
         int found = 0, least = 0;
         for (int i = 0; i <= LOOKS; i++) {
-            value[i] = determinant(d, s, low + i * apart, exponent);
-            largest = fmax(largest, fabs(value[i]));
-            if (fabs(value[i]) < fabs(value[least]))
+            sign[i] = determinant(d, s, low + i * apart, size + i);
+            most = fmax(most, size[i]);
+            if (size[i] < size[least])
                 least = i;
         }
         for (int i = 0; i < LOOKS; i++)
-            if (value[i] * value[i + 1] < 0.0) {
+            if (sign[i] * sign[i + 1] < 0.0) {
                 found = 1;
                 const Real from = low + i * apart, to = from + apart;
-                note_branch_point(d, s, from, to, exponent);
+                note_branch_point(d, s, from, to, 1);
             }
         if (found)
             return;
         if (least == 0 || least == LOOKS)
             return; /* it only falls: with many loops by many orders of magnitude */
-        if (fabs(value[least]) < TOLERANCE_RANK * largest) {
+        if (size[least] < most + log2(TOLERANCE_RANK)) {
             const Real x = low + least * apart;
-            note_branch_point(d, s, x - apart, x + apart, exponent);
+            note_branch_point(d, s, x - apart, x + apart, 0);
             return;
         }
         low += (least - 1) * apart;
