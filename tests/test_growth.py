@@ -76,7 +76,7 @@ def test_many_loops_that_flatten_together_are_no_crossing_before_they_do():
 
 @pytest.mark.parametrize("loops", [1, 20, 100, 300])
 def test_many_loops_far_from_where_they_flatten_are_not_held_for_near(loops):
-    """Their determinant falls as a power of that of one: by it the flat place seemed as much nearer.
+    """Their determinant is a power of that of one: by it the flat place seemed as much nearer.
 
     Ways past it were looked for in vain, by some hundred factorisations each.
     """
