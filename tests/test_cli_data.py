@@ -177,6 +177,29 @@ def test_a_sweep_keeps_joint_limits_when_asked_to(run, tmp_path):
     assert run("sweep", path, "pin", "0", "0.4", "--limits")[0] == 0
 
 
+@pytest.mark.parametrize(("words", "limits"), [
+    ((), True), (("--limits",), True), (("--no-limits",), False)])
+def test_a_page_moved_by_hand_keeps_joint_limits_unless_told_not_to(
+    run, monkeypatch, words, limits
+):
+    asked = []
+    monkeypatch.setattr(sp, "live", lambda *_, **given: asked.append(given) or sp.limits)
+    monkeypatch.setattr("spatial_pin.cli.commands.showing._wait", lambda *_: None)
+    assert run("show", "four_bar", "--live", *words)[0] == 0
+    assert asked[0]["limits"] is limits
+
+
+def test_a_film_ends_at_a_joint_limit_when_asked_to(run, tmp_path, monkeypatch):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM)
+    filmed = []
+    monkeypatch.setattr(sp, "movie", lambda motion, path, **_: filmed.append(motion) or path)
+    words = ("show", path, "pin", "0", "1", "--steps", "11", "--movie", tmp_path / "f.gif")
+    assert run(*words)[0] == 0 and len(filmed[0]) == 11
+    assert run(*words, "--limits")[0] == 1
+    assert run(*words, "--limits", "--stop")[0] == 0 and len(filmed[1]) == 6
+
+
 def test_clearance_of_a_sweep_and_of_one_configuration(run):
     _, out, _ = run("clearance", "delta", "arm_1", "0", "2", "--steps", "9", "--json", "-")
     found = json.loads(out)

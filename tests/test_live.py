@@ -254,6 +254,14 @@ def test_the_page_is_told_of_joint_limits_and_switches_them_off(tmp_path):
         assert "true or false" in asking.ask("limits", keep="no")["error"]
 
 
+@pytest.mark.parametrize("limits", [True, False])
+def test_joint_limits_are_in_the_way_from_the_start_or_not(tmp_path, limits):
+    with live(limited_slider(tmp_path), limits=limits, open_browser=False) as viewer:
+        told = live_data(viewer)
+        assert told["limits"] is True and told["keeps"] is limits
+        assert ("stop" in Page(viewer).move("crank", 0.0)) is limits
+
+
 def test_slider_without_limits_goes_a_turn_either_way_and_follows_what_is_typed(rssr):
     asking = Page(rssr)
     assert asking.ask("ranges")["ranges"]["crank"] == {"ends": pytest.approx([-360, 360]),

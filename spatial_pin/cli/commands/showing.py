@@ -18,6 +18,9 @@ def _show_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
     sub.add_argument("--live", action="store_true",
                      help="move it by hand instead: a slider for every driver, or the one named")
+    sub.add_argument("--limits", action=argparse.BooleanOptionalAction,
+                     help="a joint limit of the URDF is a limit position too; --live keeps them "
+                          "at first unless it is told not to")
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what --live tells besides the drivers, as rocker_pin, coupler.position")
     look_options(sub)
@@ -42,7 +45,8 @@ def _live(options: argparse.Namespace, mechanism: sp.Mechanism) -> Viewer:
     check_names(options, mechanism)
     state = sp.assemble(mechanism, {}, guess_of(options))
     named = [options.driver] if options.driver else None
-    return sp.live(mechanism, state, drivers=named, outputs=options.output)
+    return sp.live(mechanism, state, drivers=named, outputs=options.output,
+                   limits=options.limits is not False)
 
 
 def _wait(mechanism: sp.Mechanism, viewer: Viewer) -> None:

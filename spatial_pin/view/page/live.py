@@ -293,7 +293,8 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],
         "modes": bool(desk.drive.mechanism.closures),
-        "limits": desk.drive.keeps_limits,
+        "limits": bool(joint_limits(desk.drive.mechanism)),
+        "keeps": desk.drive.keeps_limits,
     }
     data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
     panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
@@ -315,6 +316,7 @@ def live(
     outputs: Iterable[str] = (),
     title: str | None = None,
     look: Look | None = None,
+    limits: bool = True,
     port: int = 0,
     open_browser: bool = True,
 ) -> Viewer:
@@ -334,6 +336,7 @@ def live(
         outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`.
         title: heading; the mechanism's title if not given.
         look: what is shown besides the bodies; without arrows, and traces only with one driver.
+        limits: whether joint limits are in the way at first.
         port: on the loopback interface, 0 for any that is free.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
 
@@ -353,7 +356,7 @@ def live(
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
         names_of(drivers, "drivers")))
     drive = Drive(state, names)
-    drive.keeps_limits = bool(joint_limits(mechanism))
+    drive.keeps_limits = limits and bool(joint_limits(mechanism))
     _check_look(look, drive)
     desk = Desk(drive, tuple(names_of(outputs, "outputs")))
     service = Service(desk.answer)
