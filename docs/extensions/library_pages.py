@@ -85,7 +85,7 @@ class LibraryCards(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the grid's nodes."""
-        lines = ["::::{grid} 1 2 3 3", ":gutter: 2", ""]
+        lines = ["::::{grid} 2 2 3 3", ":gutter: 2", ""]
         for name in sp.list_mechanisms():
             shown = picture(Path(self.env.srcdir), name)
             lines += [f":::{{grid-item-card}} {name}", f":link: {FOLDER}/{name}",
