@@ -15,7 +15,7 @@ import spatial_pin as sp
 from spatial_pin.units import Quantity, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
-FAR = 30.0  # characteristic lengths that no slide goes
+NO_SLIDE = 30.0  # characteristic lengths that no slide goes
 
 
 def loaded(options: argparse.Namespace) -> sp.Mechanism:
@@ -80,7 +80,7 @@ def _strange(mechanism: sp.Mechanism, name: str, x: float, unit: str) -> list[st
     turns = abs(x) / (2.0 * 3.141592653589793)
     if unit == "rad" and abs(x) > MANY_TURNS and x == int(x):
         return [f"{name} = {x:g} rad is {turns:.3g} turns: {x:g}deg?"]
-    if unit == "m" and abs(x) > FAR * mechanism.characteristic_length:
+    if unit == "m" and abs(x) > NO_SLIDE * mechanism.characteristic_length:
         return [f"{name} = {x:g} m is {abs(x) / mechanism.characteristic_length:.3g} times the "
                 f"length of the mechanism: {x:g}mm?"]
     return []

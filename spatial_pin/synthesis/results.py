@@ -25,14 +25,14 @@ from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.defects import Defect, defects, limits_passed
 from spatial_pin.synthesis.demands.candidate import Candidate, in_own_turn
-from spatial_pin.synthesis.demands.demand import Demand, Moving
+from spatial_pin.synthesis.demands.demand import Moving
 from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
 from spatial_pin.synthesis.problem import Found, Problem
 from spatial_pin.synthesis.search import Searched
 
 TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and from sample to sample
 MOST_TRACED = 4000  # of a curve: thirteen turns of one driver
-WIDTH = 100  # characters of a line of the report
+REPORT_WIDTH = 100  # characters of a line of the report
 EQUAL = 1e-9  # errors that differ by less are the same: least squares end at some 1e-12
 AT_BOUND = 1e-6  # part of the bounds' width: least squares keep clear of bounds by some 1e-9
 
@@ -135,7 +135,7 @@ class Design:
     numbers: dict[str, float]
     met: tuple[Met, ...]
     evaluations: int
-    demands: tuple[Demand, ...] = ()
+    demands: tuple[Goal, ...] = ()
 
     @cached_property
     def defects(self) -> tuple[Defect, ...]:
@@ -335,13 +335,13 @@ class Designs(Sequence[Design]):
         head = (f"{self.name}: {n} design{'s' * (n != 1)} from {self._starts}{none}; "
                 f"{self.evaluations} sets of dimensions tried"
                 f"{'' if self.is_whole else '; cut short'}{self._why}")
-        return "\n".join([*textwrap.wrap(head, WIDTH),
+        return "\n".join([*textwrap.wrap(head, REPORT_WIDTH),
                           *(f"{k}. {design}" for k, design in enumerate(self.designs, start=1))])
 
 
 def _wrapped(head: str, parts: Sequence[str]) -> list[str]:
     """Return lines that go on under their head, which `Design` indents by two."""
-    return textwrap.wrap(head + ", ".join(parts), WIDTH - 2, subsequent_indent="    ",
+    return textwrap.wrap(head + ", ".join(parts), REPORT_WIDTH - 2, subsequent_indent="    ",
                          break_long_words=False)
 
 

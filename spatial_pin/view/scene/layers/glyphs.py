@@ -20,7 +20,7 @@ from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
 UNIT, LEAST = 0.05, 0.012  # largest and least size of a sign relative to the size of the scene
 NEIGHBOUR = 0.35  # largest relative to the distance from the next pair of the same body
-APART = 1e-3  # by the size of the scene: pairs that are nearer stand at the same place
+SAME_PLACE = 1e-3  # by the size of the scene: pairs that are nearer stand at the same place
 CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
 MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
 THROUGH = 0.72  # opacity of signs that are seen through bodies
@@ -184,7 +184,7 @@ def _units(stage: Stage, found: Sequence[Place]) -> list[float]:
     units = []
     for joint, point in sides:
         away = np.linalg.norm(points[bodies == joint] - point, axis=1)
-        nearest = away[away > APART * stage.size].min(initial=np.inf)
+        nearest = away[away > SAME_PLACE * stage.size].min(initial=np.inf)
         units.append(np.clip(NEIGHBOUR * nearest, LEAST * stage.size, UNIT * stage.size))
     return [float(min(pair)) for pair in zip(units[::2], units[1::2], strict=True)]
 
