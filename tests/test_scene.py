@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -30,6 +31,7 @@ from spatial_pin.view.scene.film import film, length_words
 from spatial_pin.view.scene.framing import rotate
 from spatial_pin.view.scene.layers import arrows
 from spatial_pin.view.scene.layers.arrows import Vectors
+from spatial_pin.view.scene.layers.bodies import link_of
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.places import places
 from spatial_pin.view.scene.look import Look
@@ -706,3 +708,10 @@ def test_reactions_of_a_simulation_are_not_laid_to_drivers_that_did_not_act():
     np.testing.assert_allclose(film(pushed[0]).loads.efforts["crank"], 0.5, atol=1e-9)
     with pytest.raises(SpatialPinError, match="elsewhere than at its drivers"):
         page(pushed[1], look=Look(arrows=("crank_pin.reaction",)))
+
+
+def test_a_visual_that_names_no_frame_belongs_to_the_link_of_its_joint():
+    model = sp.load("four_bar").model
+    joint = model.getJointId("crank_pin")
+    stick = pin.GeometryObject("stick", joint, pin.SE3.Identity(), coal.Cylinder(0.01, 0.1))
+    assert link_of(stick, model) == "crank"

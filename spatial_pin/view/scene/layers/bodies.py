@@ -37,9 +37,10 @@ def link_of(visual: pin.GeometryObject, model: pin.Model) -> str:
 
     The sticks of a skeleton tell none.
     """
-    own = model.frames[visual.parentFrame]
-    if own.type == pin.FrameType.BODY and own.parentJoint == visual.parentJoint:
-        return str(own.name)
+    if visual.parentFrame < model.nframes:  # the largest number there is stands for none
+        own = model.frames[visual.parentFrame]
+        if own.type == pin.FrameType.BODY and own.parentJoint == visual.parentJoint:
+            return str(own.name)
     return next((str(f.name) for f in model.frames
                  if f.type == pin.FrameType.BODY and f.parentJoint == visual.parentJoint),
                 str(model.names[visual.parentJoint]))
