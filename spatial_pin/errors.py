@@ -223,6 +223,18 @@ class ReachError(SpatialPinError):
         self.motion: Motion | None = None
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C while a motion was followed: `except KeyboardInterrupt` catches it.
+
+    Attributes:
+        motion: what was followed until then.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(f"after {len(motion)} samples")
+        self.motion = motion
+
+
 class SingularError(SpatialPinError):
     """The rates, or the branch to follow, are not determined at a configuration.
 

@@ -8,6 +8,7 @@ from typing import Any
 from spatial_pin.continuation.branch_points import passage
 from spatial_pin.continuation.cursor import STRETCH, Cursor, Place, Stopped
 from spatial_pin.continuation.evaluation_order import there_and_back
+from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.paths import Samples
@@ -38,6 +39,31 @@ def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
         for whole, part in zip(samples, own, strict=True):
             whole[rows] = part
     return samples
+
+
+def followed_as_far(
+    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None, bar: Any
+) -> tuple[int, Arrival | None, bool]:
+    """Write the samples of a branch as far as it goes, as `follow` does.
+
+    Returns:
+        How many are done, what ended it before the last, if anything did, and whether Ctrl-C did.
+
+    Raises:
+        SingularError: the driver does not determine the motion at the start.
+        KeyboardInterrupt: before anything was followed.
+    """
+    done = 0
+    try:
+        for done in follow(start, values, samples, crossed):
+            bar.update(done - bar.n)
+    except Stopped as caught:
+        return caught.row, caught.arrival, False
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        return done, None, True
+    return len(values), None, False
 
 
 def follow(

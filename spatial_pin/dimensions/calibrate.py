@@ -67,6 +67,8 @@ class Calibration:
         base: placement of the mechanism's world in the axes of what measures; None if these are
             the same.
         states: closed states of the mechanism at the measurements.
+        is_whole: whether the search ended by itself: after Ctrl-C these are its best values until
+            then.
 
     Example:
         >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
@@ -94,6 +96,7 @@ class Calibration:
     undetermined: tuple[str, ...]
     base: pin.SE3 | None
     states: tuple[State, ...]
+    is_whole: bool = True
 
     @property
     def outliers(self) -> tuple[tuple[int, str], ...]:
@@ -114,7 +117,8 @@ class Calibration:
             return float(x) if np.isfinite(x) else None
 
         return {
-            "mechanism": self.mechanism.name, "values": self.values, "nominal": self.nominal,
+            "mechanism": self.mechanism.name, "is_whole": self.is_whole,
+            "values": self.values, "nominal": self.nominal,
             "sigma": {name: plain(x) for name, x in self.sigma.items()},
             "covariance": [[plain(x) for x in row] for row in self.covariance],
             "undetermined": list(self.undetermined),
@@ -147,7 +151,7 @@ class Calibration:
     def __str__(self) -> str:
         poses = len(self.states)
         lines = [f"{self.mechanism.name}: {len(self.values)} unknowns from {len(self.residuals)} "
-                 f"numbers of {poses} measurements"]
+                 f"numbers of {poses} measurements{'' if self.is_whole else '; cut short'}"]
         width = max(map(len, self.values))
         for name, value in self.values.items():
             spread = self.sigma[name]
@@ -208,7 +212,7 @@ def calibrate(
         guess: which branch: where to assemble the first measurement, as for `assemble`.
 
     Returns:
-        The Calibration: `print` it for a report.
+        The Calibration: `print` it for a report. After Ctrl-C the best until then.
 
     Raises:
         UnknownNameError: there is no such dimension, driver, frame or coordinate.
@@ -217,6 +221,7 @@ def calibrate(
         AssemblyError: the first measurement cannot be assembled.
         SpatialPinError: another measurement cannot be reached; the drivers do not determine what
             was measured; a dimension opens the loops; the search does not end.
+        KeyboardInterrupt: before the first step.
 
     Example:
         >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
@@ -320,6 +325,8 @@ class _Search:
 
     def __init__(self, predictions: Predictions, loss: str, margin: float) -> None:
         self._predictions, self._loss, self._margin = predictions, loss, margin
+        self._best: Array | None = None  # where the trust region stands
+        self._is_whole = True
 
     def result(
         self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[Quantity]],
@@ -356,7 +363,7 @@ class _Search:
             dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)), covariance,
             errors * p.sigmas, before * p.sigmas, tuple((i, label) for i, label, _ in told),
             tuple(unit for *_, unit in told), weights,
-            tuple(spread.words(names, p.sizes)), here.base, tuple(states))
+            tuple(spread.words(names, p.sizes)), here.base, tuple(states), self._is_whole)
 
     def _solved(self, bounds: Mapping[str, tuple[float, float]]) -> Array:
         """Return the values x (n,) of the unknowns.
@@ -367,13 +374,19 @@ class _Search:
         """
         p = self._predictions
         x: Array = np.zeros(len(p.sizes))
-        spread = _Spread(p.jacobian(x))
-        while True:
-            x = self._descended(x, spread.gauge(), bounds)
-            after = _Spread(p.jacobian(x))
-            if after.rank <= spread.rank:
-                return x
-            spread = after
+        try:
+            spread = _Spread(p.jacobian(x))
+            while True:
+                x = self._descended(x, spread.gauge(), bounds)
+                after = _Spread(p.jacobian(x))
+                if after.rank <= spread.rank:
+                    return x
+                spread = after
+        except KeyboardInterrupt:
+            if self._best is None:
+                raise
+            self._is_whole = False
+            return self._best
 
     def _descended(
         self, start: Array, gauge: Array, bounds: Mapping[str, tuple[float, float]]
@@ -386,9 +399,13 @@ class _Search:
         ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
         if k:
             ends[:, :k] = (np.array([*bounds.values()]).T - p.nominal) / p.sizes[:k]
+
+        def slopes(x: Array) -> Array:
+            self._best = x.copy()  # they are asked for where a step was taken
+            return np.vstack([p.jacobian(x), gauge])
+
         found = least_squares(
-            lambda x: np.concatenate([p.errors(x), gauge @ x]), start,
-            lambda x: np.vstack([p.jacobian(x), gauge]), bounds=ends,
+            lambda x: np.concatenate([p.errors(x), gauge @ x]), start, slopes, bounds=ends,
             loss=self._loss, f_scale=self._margin, ftol=TOLERANCES.last_digit,
             xtol=TOLERANCES.zero, gtol=None, max_nfev=EVALUATIONS)
         if found.status <= 0:

@@ -199,8 +199,8 @@ def _followed(
         between = partial(_between, copy, model.nq, standing, law, own, found.samples)
         lost += [(at, row + stretch.first) for at, row in driver_singularities(
             _states(mechanism, into), into.q, own[: found.done], hold, between)]
-        if found.stop is not None:
-            return Followed(samples, done, found.stop, undriven=lost)
+        if found.stop is not None or found.is_cut:
+            return Followed(samples, done, found.stop, undriven=lost, is_cut=found.is_cut)
         here = State(mechanism, into.q[-1], closure_error=into.error[-1], angles=into.angles[-1])
     return Followed(samples, done, None, undriven=lost)
 

@@ -13,11 +13,10 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.cursor import Stopped
-from spatial_pin.continuation.follow import follow as samples_along
+from spatial_pin.continuation.follow import followed_as_far
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
-from spatial_pin.errors import LimitError, SingularError, SpatialPinError
+from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
@@ -81,6 +80,7 @@ def follow(
             can go, and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
+        Interrupted: after Ctrl-C; has the motion until then.
         UnknownNameError: a name does not exist.
         ValueError: tables are not finite, or of different lengths, or times do not rise.
 
@@ -126,6 +126,7 @@ class Followed(NamedTuple):
         crossed: branch points passed, each with the number of the sample behind it.
         undriven: the same of configurations in which the drivers alone do not determine a motion
             that targets do.
+        is_cut: whether Ctrl-C ended it.
     """
 
     samples: Samples
@@ -133,6 +134,7 @@ class Followed(NamedTuple):
     stop: Arrival | None
     crossed: Sequence[tuple[float, int]] = ()
     undriven: Sequence[tuple[float, int]] = ()
+    is_cut: bool = False
 
 
 def along(
@@ -154,19 +156,16 @@ def along(
 
     Raises:
         SingularError: the coordinates do not determine the motion at the start.
+        KeyboardInterrupt: before anything was followed.
     """
-    mechanism, n, stop = state.mechanism, len(s), None
+    mechanism, n = state.mechanism, len(s)
     crossed = list[tuple[float, int]]()
     with (progress_bar(n, title, progress) as bar,
           evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
         start = Start.along(state, names, hold, accuracy, kernel, evaluation, law, float(s[0]))
         samples = start.samples(n)
-        try:
-            for done in samples_along(start, s, samples, crossed if passes else None):
-                bar.update(done - bar.n)
-        except Stopped as caught:
-            stop, n = caught.arrival, caught.row
-    return Followed(samples, n, stop, crossed)
+        n, stop, is_cut = followed_as_far(start, s, samples, crossed if passes else None, bar)
+    return Followed(samples, n, stop, crossed, is_cut=is_cut)
 
 
 def finished(
@@ -188,6 +187,7 @@ def finished(
     Raises:
         LimitError: it ended at a limit.
         SingularError: it ended at a singular configuration, or the branch was lost.
+        Interrupted: Ctrl-C ended it.
     """
     stop = followed.stop
     motion = _motion(mechanism, followed.samples, followed.done, times)
@@ -195,6 +195,8 @@ def finished(
     motion.events += [_crossed(value, row, times is None) for value, row in followed.crossed]
     motion.events += [_undriven(value, row, times is None) for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
+    if followed.is_cut:
+        raise Interrupted(motion)
     if stop is not None:
         motion.events.append(_event(stop, followed.done, times is None, who))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing

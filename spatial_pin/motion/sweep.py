@@ -15,11 +15,11 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, finite_number, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.continuation.cursor import FARTHEST, Stopped
-from spatial_pin.continuation.follow import follow, followed_in_order
+from spatial_pin.continuation.cursor import FARTHEST
+from spatial_pin.continuation.follow import followed_as_far, followed_in_order
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
-from spatial_pin.errors import LimitError, SingularError, SpatialPinError
+from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import driver_coordinates, needed
@@ -94,6 +94,8 @@ def sweep(
         LimitError: a later value cannot be reached; has the limit and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
+        Interrupted: after Ctrl-C; has the motion until then. Of values that go to and fro there is
+            none, as they are followed in another order.
         SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
             that moves most, away from the sample before.
         UnknownNameError: a name does not exist.
@@ -132,7 +134,7 @@ def sweep(
     state = assembled(mechanism, {**given, coordinate.name: float(values[0])}, guess,
                       accuracy=_tight(accuracy))
     mechanism = state.mechanism
-    stop, n = None, len(values)
+    stop, n, is_cut = None, len(values), False
     crossed: list[tuple[float, int]] = []
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
     with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
@@ -141,11 +143,7 @@ def sweep(
         if samples is None:
             samples = start.samples(n)
             passed = crossed if on_crossing == "straight" else None
-            try:
-                for done in follow(start, values, samples, passed):
-                    bar.update(done - bar.n)
-            except Stopped as caught:
-                stop, n = caught.arrival, caught.row
+            n, stop, is_cut = followed_as_far(start, values, samples, passed, bar)
     motion = _motion(mechanism, driver, samples, values[:n], speeds[:n],
                      None if accels is None else accels[:n],
                      coordinate.unit if speed is None else "s")
@@ -155,6 +153,8 @@ def sweep(
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, samples.t[:n]), *_drift(motion),
                       *joint_limit_events(motion), *velocity_limit_events(motion)]
+    if is_cut:
+        raise Interrupted(motion)
     if stop is not None:
         motion.events.append(_event(stop, n, driver, coordinate))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing

@@ -80,6 +80,8 @@ class Clearance:
         joined: names of links that were not looked at, being joined to each other.
         tolerance: distance at which links count as touching [m].
         events: where links begin ("touch") and cease ("part") to touch, in the motion's order.
+        is_whole: whether nothing cut it short (Ctrl-C). Else the motion ends with the last sample
+            that was looked at, and what was not searched is told by the samples alone.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -95,6 +97,7 @@ class Clearance:
     joined: tuple[tuple[str, str], ...]
     tolerance: float
     events: tuple[Event, ...]
+    is_whole: bool = True
 
     @property
     def least(self) -> PairClearance:
@@ -146,7 +149,7 @@ class Clearance:
         pairs = [{"links": list(p.links), "distance": p.distance, "value": p.value,
                   "at": p.at.tolist(), "contacts": [c._asdict() for c in p.contacts]}
                  for p in self.pairs]
-        return {"tolerance": self.tolerance, "pairs": pairs,
+        return {"tolerance": self.tolerance, "is_whole": self.is_whole, "pairs": pairs,
                 "joined": [list(names) for names in self.joined],
                 "events": [event._asdict() for event in self.events]}
 
@@ -157,7 +160,8 @@ class Clearance:
         if not self.pairs:
             return f"{motion.mechanism.name}: no two links that are not joined have a shape"
         lines = [f"{motion.mechanism.name}: {len(self.pairs)} pairs of links over {over}, "
-                 f"{len(self.touching)} of them touch; {len(self.joined)} are joined"]
+                 f"{len(self.touching)} of them touch; {len(self.joined)} are joined"
+                 f"{'' if self.is_whole else f'; cut short at {len(motion)} samples'}"]
         width = max(len(_names(p)) for p in self.pairs[:SHOWN])
         for pair in self.pairs[:SHOWN]:
             touch = "".join(f", touch from {c.begin:.9g} to {c.end:.9g}" for c in pair.contacts)
@@ -199,12 +203,13 @@ def clearance(
         progress: whether a bar shows how far it is.
 
     Returns:
-        A Clearance.
+        A Clearance. After Ctrl-C what was found until then.
 
     Raises:
         UnknownNameError: there is no such link.
         SpatialPinError: a link has no shape, or two are fixed to each other.
         ValueError: the motion has no samples, or the tolerance is no number.
+        KeyboardInterrupt: before the first sample was looked at.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -226,16 +231,29 @@ def clearance(
                     Between(motion), touching)
     names = search.distances.pairs
     with progress_bar(len(motion) + len(names), "clearance", progress) as bar:
-        for _ in search.sample():
-            bar.update()
-        found = []
-        for k in range(len(names)):
-            found.append(search.found(k))
-            bar.update()
+        search, found, is_whole = _searched(search, bar)
     between = search.between
     made = [_pair(search, k, one) for k, one in enumerate(found)]
-    return Clearance(motion, tuple(sorted(made, key=lambda p: p.distance)),
-                     search.distances.joined, touching, _events(between, names, found))
+    return Clearance(between.motion, tuple(sorted(made, key=lambda p: p.distance)),
+                     search.distances.joined, touching, _events(between, names, found), is_whole)
+
+
+def _searched(search: Search, bar: Any) -> tuple[Search, list[Found], bool]:
+    """Return the search, what it found of each pair of links, and whether nothing cut it short."""
+    found, done, n = list[Found](), 0, len(search.distances.pairs)
+    try:
+        for row in search.sample():
+            done = row + 1
+            bar.update()
+        for k in range(n):
+            found.append(search.found(k))
+            bar.update()
+    except KeyboardInterrupt:  # what was found until then is the answer
+        if not done:
+            raise
+        search = search.cut(done)
+        return search, [*found, *(search.at_samples(k) for k in range(len(found), n))], False
+    return search, found, True
 
 
 def standing(state: State) -> Motion:

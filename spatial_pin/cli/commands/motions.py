@@ -47,10 +47,14 @@ def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) 
 def write_motion(options: argparse.Namespace, motion: sp.Motion, last: str = "") -> None:
     """Say what a motion is, and write it as asked; `last` goes below."""
     found = sp.clearance(motion, progress=True) if options.clearance else None
+    if found is not None:
+        motion = found.motion
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
     tell(options, "\n".join(lines), _content(motion, found), motion.columns(),
          _written(options, motion, found))
+    if found is not None and not found.is_whole:
+        raise KeyboardInterrupt
 
 
 def _written(
@@ -279,6 +283,8 @@ def _clearance(options: argparse.Namespace) -> None:
              "touches": [bool(p.contacts) for p in found.pairs]}
     tell(options, found, finite({"mechanism": mechanism.name, "over": over, **found.as_dict()}),
          table)
+    if not found.is_whole:
+        raise KeyboardInterrupt
 
 
 def _name_of_value(motion: sp.Motion) -> str:

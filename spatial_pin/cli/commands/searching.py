@@ -203,6 +203,8 @@ def _calibrate(options: argparse.Namespace) -> None:
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
     files = [found.mechanism.save(options.folder)] if options.folder else []
     tell(options, found, content, table, files)
+    if not found.is_whole:
+        raise KeyboardInterrupt
 
 
 COMMANDS = {

@@ -1,0 +1,189 @@
+"""What was found before Ctrl-C is kept: motions, clearances, calibrations."""
+
+import json
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.cli.running import main
+from spatial_pin.continuation import follow as following
+from spatial_pin.dimensions.predictions import Predictions
+from spatial_pin.proximity.search import Search
+
+VALUES = np.linspace(0.0, 3.0, 61)
+
+
+def interrupting(call, at):
+    """Return what does as a method does until it is called for the nth time, which is Ctrl-C."""
+    calls = []
+
+    def interrupted(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == at:
+            raise KeyboardInterrupt
+        return call(*arguments, **options)
+
+    return interrupted
+
+
+# ---------------------------------------------------------------- motions
+
+
+@pytest.fixture
+def cut(monkeypatch):
+    """Interrupt the following of a branch when so many samples are done or more."""
+    follow = following.follow
+
+    def after(most):
+        def interrupted(*arguments):
+            for done in follow(*arguments):
+                if done > most:
+                    raise KeyboardInterrupt
+                yield done
+
+        monkeypatch.setattr(following, "follow", interrupted)
+        monkeypatch.setattr(following, "CHUNK", 30)  # ten samples of three joints at a time
+
+    return after
+
+
+def assert_begins(motion, whole, n):
+    assert len(motion) == n and motion.q.shape[1] == whole.q.shape[1]
+    np.testing.assert_allclose(motion.q, whole.q[:n], atol=1e-13)
+
+
+def test_a_sweep_keeps_the_motion_until_ctrl_c(cut):
+    mechanism = sp.load("four_bar")
+    whole = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
+    cut(20)
+    with pytest.raises(sp.Interrupted, match="after 20 samples") as stopped:
+        sp.sweep(mechanism, "crank", VALUES, speed=2.0)
+    assert isinstance(stopped.value, KeyboardInterrupt)
+    assert not isinstance(stopped.value, Exception)  # which would be caught as an error
+    assert_begins(stopped.value.motion, whole, 20)
+    np.testing.assert_array_equal(stopped.value.motion.time, whole.time[:20])
+
+
+def test_several_drivers_keep_the_motion_until_ctrl_c(cut):
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    values = {name: state.coordinate(name).value + 0.01 * k * np.sin(VALUES)
+              for k, name in enumerate(mechanism.drivers)}
+    whole = sp.follow(mechanism, values, VALUES)
+    cut(14)
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.follow(mechanism, values, VALUES)
+    assert_begins(stopped.value.motion, whole, 14)
+    np.testing.assert_array_equal(stopped.value.motion.time, VALUES[:14])
+
+
+def test_a_path_of_targets_keeps_the_motion_until_ctrl_c(cut):
+    mechanism = sp.load("four_bar")
+    whole = sp.sweep(mechanism, "crank", VALUES)
+    targets = {"rocker_pin": whole.coordinate("rocker_pin").value[20:30]}
+    guess = whole.state(20)
+    path = sp.reach_path(mechanism, targets, state=guess)
+    cut(4)
+    following.CHUNK = 6
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.reach_path(mechanism, targets, state=guess)
+    assert 0 < len(stopped.value.motion) <= 4
+    assert_begins(stopped.value.motion, path, len(stopped.value.motion))
+
+
+def test_nothing_is_kept_before_the_first_samples(cut):
+    cut(0)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        sp.sweep(sp.load("four_bar"), "crank", VALUES)
+    assert not isinstance(stopped.value, sp.Interrupted)
+
+
+# ---------------------------------------------------------------- clearance
+
+
+@pytest.fixture(scope="module")
+def turn():
+    return sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.0, 6.0, 25))
+
+
+def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, monkeypatch):
+    whole = sp.clearance(turn)
+    monkeypatch.setattr(Search, "_way_to", interrupting(Search._way_to, 10))
+    found = sp.clearance(turn)
+    n = len(found.motion)
+    assert not found.is_whole and n == 10
+    assert str(found).splitlines()[0].endswith("cut short at 10 samples")
+    for pair in found.pairs:
+        there = whole.between(*pair.links)
+        np.testing.assert_array_equal(pair.distances, there.distances[:n])
+        assert pair.distance == there.distances[:n].min() == pair.distances[pair.row]
+        np.testing.assert_array_equal(pair.at, there.points[pair.row])
+
+
+def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
+    whole = sp.clearance(turn)
+    monkeypatch.setattr(Search, "found", interrupting(Search.found, 1))
+    found = sp.clearance(turn)
+    assert not found.is_whole and len(found.motion) == len(turn)
+    assert all(pair.distance == pair.distances.min() for pair in found.pairs)
+    assert found.least.distance == pytest.approx(whole.least.distance, abs=1e-2)
+
+
+def test_touches_between_samples_are_told_by_these_after_ctrl_c(turn, monkeypatch):
+    apart = sp.clearance(turn).least
+    tolerance = float(np.median(apart.distances))
+    monkeypatch.setattr(Search, "found", interrupting(Search.found, 1))
+    found = sp.clearance(turn, [apart.links], tolerance=tolerance)
+    rows = np.flatnonzero(apart.distances <= tolerance)
+    assert found.least.contacts[0].begin == turn.driver[rows[0]]
+    assert found.least.contacts[-1].end == turn.driver[rows[-1]]
+    assert len(found.least.contacts) == 1 + np.sum(np.diff(rows) > 1)
+
+
+def test_no_clearance_is_told_before_the_first_sample(turn, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Search, "sample", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sp.clearance(turn)
+
+
+def test_the_command_writes_what_was_found_and_ends_as_interrupted(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(Search, "_way_to", interrupting(Search._way_to, 10))
+    file = tmp_path / "found.json"
+    assert main(["clearance", "four_bar", "crank", "0", "6", "--json", str(file)]) == 130
+    assert "cut short at 10 samples" in " ".join(capsys.readouterr().out.split())
+    assert json.loads(file.read_text())["is_whole"] is False
+
+
+# ---------------------------------------------------------------- calibration
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Return a four-bar and what is measured of one with another rocker."""
+    true = sp.load("four_bar", r4=0.26, r3=0.27)
+    return sp.load("four_bar"), [
+        ({"crank": x}, {"rocker_pin": sp.assemble(true, {"crank": x}).coordinate(
+            "rocker_pin").value}) for x in np.linspace(0.0, 5.0, 12)]
+
+
+def test_a_calibration_keeps_its_best_values_until_ctrl_c(measured, monkeypatch):
+    nominal, readings = measured
+    whole = sp.calibrate(nominal, readings, ["r3", "r4"])
+    assert whole.is_whole and whole.values["r4"] == pytest.approx(0.26, abs=1e-12)
+    monkeypatch.setattr(Predictions, "jacobian", interrupting(Predictions.jacobian, 4))
+    found = sp.calibrate(nominal, readings, ["r3", "r4"])
+    assert not found.is_whole and str(found).splitlines()[0].endswith("cut short")
+    assert found.as_dict()["is_whole"] is False
+    left, before = (np.linalg.norm(x) for x in (found.residuals, found.before))
+    assert 1e-12 < left < 0.1 * before
+    assert found.values["r4"] != whole.values["r4"]
+
+
+def test_no_calibration_is_told_before_the_first_step(measured, monkeypatch):
+    monkeypatch.setattr(Predictions, "jacobian", interrupting(Predictions.jacobian, 1))
+    with pytest.raises(KeyboardInterrupt):
+        sp.calibrate(*measured, ["r3", "r4"])
