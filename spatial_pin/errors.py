@@ -228,11 +228,23 @@ class Interrupted(KeyboardInterrupt):
 
     Attributes:
         motion: what was followed until then.
+
+    Example:
+        >>> try:
+        ...     motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 6.28, 1000))
+        ... except sp.Interrupted as stopped:
+        ...     motion = stopped.motion
+        >>> len(motion)
+        1000
     """
 
     def __init__(self, motion: Motion) -> None:
         super().__init__(f"after {len(motion)} samples")
         self.motion = motion
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Make it anew from its motion."""
+        return type(self), (self.motion,)
 
 
 class SingularError(SpatialPinError):

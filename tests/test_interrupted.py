@@ -1,6 +1,7 @@
 """What was found before Ctrl-C is kept: motions, clearances, calibrations."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -63,6 +64,8 @@ def test_a_sweep_keeps_the_motion_until_ctrl_c(cut):
     assert not isinstance(stopped.value, Exception)  # which would be caught as an error
     assert_begins(stopped.value.motion, whole, 20)
     np.testing.assert_array_equal(stopped.value.motion.time, whole.time[:20])
+    copied = pickle.loads(pickle.dumps(stopped.value))
+    assert str(copied) == "after 20 samples" and len(copied.motion) == 20
 
 
 def test_several_drivers_keep_the_motion_until_ctrl_c(cut):
