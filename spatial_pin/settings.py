@@ -136,6 +136,9 @@ class Accuracy:
             task: "sweep" or "simulate", where nothing was measured.
             measured: settings measured on one's own task.
 
+        Returns:
+            The setting, to be given as `accuracy`.
+
         Raises:
             SpatialPinError: no setting that was measured reaches it.
             ValueError: the error is not positive, or there is no such task.

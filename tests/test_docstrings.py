@@ -31,6 +31,7 @@ INNER = {  # methods of public types that the library has for itself, or for who
     "Tabular": {"quantities"},  # those of each result say what they are
     "Target": {"check", "residual", "wishes"},
 }
+RESULTS = ("Return ", "Ask ", "Write ")  # first words that say what comes back
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w])")
 
 
@@ -112,6 +113,35 @@ def test_a_public_name_has_an_example(name):
     words = inspect.getdoc(NAMES[name]) or ""
     assert "\nExample:\n" in words or is_in_the_example_of_its_class(name)
     assert len(example_of(name).examples) <= 12
+
+
+FUNCTIONS = {name: thing for name, thing in NAMES.items() if inspect.isfunction(thing)}
+RAISE_NOTHING = {  # that a caller could mend
+    "BeyondLimit.text", "Calibration.as_dict", "Clearance.as_dict", "Design.as_dict",
+    "Designs.as_dict", "JointLimit.room", "Kinetostatics.marks", "Motion.frame_unit",
+    "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.known_error", "Viewer.stop",
+    "Viewer.wait", "Viewer.wait_until_fetched", "list_mechanisms"}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_tells_its_arguments_its_result_and_its_errors(name):
+    words, function = inspect.getdoc(FUNCTIONS[name]), FUNCTIONS[name]
+    asked = [x for x in inspect.signature(function).parameters if x not in ("self", "cls")]
+    if "Args" in words or len(asked) > 1:
+        told = re.search(r"^Args:\n((?:    .*\n|\n)+)", f"{words}\n", flags=re.MULTILINE)[1]
+        names = re.findall(r"^    \*{0,2}(\w+(?:, \w+)*):", told, flags=re.MULTILINE)
+        assert ", ".join(names).split(", ") == asked
+    assert "\nReturns:\n" in words or words.startswith(RESULTS) or (
+        function.__annotations__["return"] == "None")
+    assert ("\nRaises:\n" in words) != (name in RAISE_NOTHING)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_sections_are_in_the_order_of_google_style(name):
+    order = ["Attributes", "Args", "Returns", "Raises", "Example"]
+    heads = re.findall(r"^(\w+):\n(?=    \S)", inspect.getdoc(NAMES[name]) or "",
+                       flags=re.MULTILINE)
+    assert heads == sorted(heads, key=order.index) and len(set(heads)) == len(heads)
 
 
 @pytest.mark.parametrize("name", [

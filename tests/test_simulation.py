@@ -473,6 +473,12 @@ def test_efforts_are_named_as_drivers_are_and_found_by_the_joint_too(tmp_path):
     np.testing.assert_array_equal(again["main_pin"], efforts["crank"])
 
 
+@pytest.mark.parametrize("times", [[0.0, 0.0, 1.0], [1.0, 0.5, 0.0], [0.0]])
+def test_a_spline_through_times_that_do_not_rise_is_refused_in_words(times):
+    with pytest.raises(ValueError, match="times must be two or more that rise"):
+        sp.laws.spline(times, [0.0] * len(times))
+
+
 def test_a_state_that_is_at_zero_but_for_round_off_is_said_to_be_at_zero():
     mech = sp.load("four_bar")
     state = sp.assemble(mech, {"crank": -1.08034167e-28})

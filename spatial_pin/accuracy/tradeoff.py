@@ -139,6 +139,9 @@ class Tradeoff:
 
         It is at least the reference's own, and round-off; NaN where the setting failed.
 
+        Args:
+            row: one of `rows`.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
@@ -152,6 +155,12 @@ class Tradeoff:
     @checked
     def cheapest(self, error: float) -> Measured:
         """Return the fastest row with at most this `error`.
+
+        Args:
+            error: the largest error to accept [rad, characteristic lengths].
+
+        Returns:
+            The row; its `accuracy` is the setting.
 
         Raises:
             SpatialPinError: there is none.
@@ -214,6 +223,12 @@ class Tradeoff:
     def to_json(self, path: str | Path) -> Path:
         """Write `as_dict`; returns the path.
 
+        Args:
+            path: of the file.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
@@ -232,6 +247,9 @@ class Tradeoff:
 
         Returns:
             The figure.
+
+        Raises:
+            ValueError: the suffix is none that a figure has.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -274,6 +292,9 @@ def tradeoff(
         budget: time after which no run is repeated any more [s]; after twice that time settings
             that have not run yet are not tried.
         progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The Tradeoff; `print` it for the table.
 
     Raises:
         SpatialPinError: the task cannot be done at all, or the mechanism has no such task.

@@ -234,6 +234,9 @@ class State:
         Args:
             name: a coordinate, a one-freedom joint, or a driver.
 
+        Returns:
+            The CoordinateRates: three floats.
+
         Raises:
             UnknownNameError: there is none.
 
@@ -248,6 +251,15 @@ class State:
     def placement(self, name: str) -> pin.SE3:
         """Return the placement of a link, frame or joint in the world [m].
 
+        Args:
+            name: link, frame or joint.
+
+        Returns:
+            A `pinocchio.SE3`: `.translation` (3,) [m], `.rotation` (3, 3).
+
+        Raises:
+            UnknownNameError: there is none.
+
         Example:
             >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
             >>> state.placement("coupler_b").translation.round(4)  # (3,) [m]
@@ -260,6 +272,15 @@ class State:
 
     def velocity(self, name: str) -> pin.Motion:
         """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s].
+
+        Args:
+            name: link, frame or joint.
+
+        Returns:
+            A `pinocchio.Motion`: `.linear` (3,) [m/s], `.angular` (3,) [rad/s].
+
+        Raises:
+            UnknownNameError: there is none.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -274,6 +295,15 @@ class State:
 
         World axes [m/s², rad/s²]; the linear part is the second derivative of the position.
 
+        Args:
+            name: link, frame or joint.
+
+        Returns:
+            A `pinocchio.Motion`: `.linear` (3,) [m/s²], `.angular` (3,) [rad/s²].
+
+        Raises:
+            UnknownNameError: there is none.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
@@ -284,6 +314,9 @@ class State:
 
     def angular_velocity(self, name: str) -> Array:
         """Return the angular velocity of a link or frame, world axes (3,) [rad/s].
+
+        Raises:
+            UnknownNameError: there is no such link or frame.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -296,6 +329,9 @@ class State:
     def angular_acceleration(self, name: str) -> Array:
         """Return the angular acceleration of a link or frame, world axes (3,) [rad/s²].
 
+        Raises:
+            UnknownNameError: there is no such link or frame.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
@@ -306,6 +342,12 @@ class State:
 
     def com(self, name: str) -> PointRates:
         """Return position, velocity and acceleration of a link's own centre of mass.
+
+        Args:
+            name: link.
+
+        Returns:
+            The PointRates: three arrays (3,), world axes [m, m/s, m/s²].
 
         Raises:
             SpatialPinError: the link has no mass.
@@ -332,6 +374,12 @@ class State:
         Args:
             point: link, frame or joint whose origin is the point.
             frame: link, frame or joint that the point is seen from.
+
+        Returns:
+            The RelativeMotion: arrays (3,), world axes [m, s].
+
+        Raises:
+            UnknownNameError: there is no such link, frame or joint.
 
         Example:
             >>> mech = sp.load("inverted_slider_crank")

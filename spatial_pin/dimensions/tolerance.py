@@ -152,6 +152,9 @@ def tolerance(
         seed: of the samples.
         progress: show a bar on stderr after a second, if that is a terminal.
 
+    Returns:
+        The Tolerance: standard deviations by output [unit of the output].
+
     Raises:
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite, or a number of samples or a seed cannot

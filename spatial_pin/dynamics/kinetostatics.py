@@ -156,6 +156,12 @@ class Kinetostatics(_Loads, Tabular):
     def marks(self, name: str) -> tuple[str, str]:
         """Return marks for a pair's force and moment, with the axes along which one is of many.
 
+        Args:
+            name: of a joint or closure.
+
+        Returns:
+            Two texts, empty where all components are determined.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> loads = sp.kinetostatics(mech, sp.sweep(mech, "crank", [0.0, 0.5], speed=10.0))

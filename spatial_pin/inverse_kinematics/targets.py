@@ -255,14 +255,14 @@ def _weight(weight: float | None) -> float | None:
 
 @checked
 def position(point: Array, weight: float | None = None) -> Target:
-    """Return the target that a frame's origin is at a point (3,) of the world [m].
+    """Return the target that a frame's origin is at a point of the world.
 
     Args:
-        point: where.
+        point: (3,) where, in the world [m].
         weight: None: exactly; else how much it counts, see `reach`.
 
     Raises:
-        ValueError: a number is not finite, or a weight not positive; likewise of the others.
+        ValueError: a number is not finite, or the weight not positive.
 
     Example:
         >>> mech = sp.load("delta")
@@ -275,7 +275,14 @@ def position(point: Array, weight: float | None = None) -> Target:
 
 @checked
 def orientation(rotation: Array, weight: float | None = None) -> Target:
-    """Return the target that a frame's axes are the columns of a rotation (3, 3) of the world.
+    """Return the target that a frame is oriented as a rotation says, wherever it is.
+
+    Args:
+        rotation: (3, 3), whose columns are the frame's axes in the world.
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        ValueError: it is no rotation, or the weight not positive.
 
     Example:
         >>> mech = sp.load("stewart")
@@ -304,6 +311,14 @@ def check_rotations(matrices: Array, what: str) -> None:
 def pose(placement: pin.SE3, weight: float | None = None) -> Target:
     """Return the target that a frame is at a placement in the world.
 
+    Args:
+        placement: `pinocchio.SE3` of the frame in the world [m].
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        TypeError: it is no placement.
+        ValueError: a number is not finite, or the weight not positive.
+
     Example:
         >>> mech = sp.load("stewart")
         >>> here = sp.assemble(mech).placement("platform")
@@ -321,7 +336,17 @@ def pose(placement: pin.SE3, weight: float | None = None) -> Target:
 
 @checked
 def direction(axis: Array, along: Array, weight: float | None = None) -> Target:
-    """Return the target that an axis (3,) of a frame points along a direction (3,) of the world.
+    """Return the target that an axis of a frame points along a direction of the world.
+
+    The frame may turn about it.
+
+    Args:
+        axis: unit vector (3,) in the frame's axes.
+        along: unit vector (3,) in the world's axes.
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        ValueError: one is no unit vector, or the weight not positive.
 
     Example:
         >>> mech = sp.load("stewart")
@@ -338,7 +363,14 @@ def direction(axis: Array, along: Array, weight: float | None = None) -> Target:
 
 @checked
 def coordinate(value: float, weight: float | None = None) -> Target:
-    """Return the target that a coordinate or driver has a value [rad or m].
+    """Return the target that a coordinate or driver has a value.
+
+    Args:
+        value: [rad or m].
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        ValueError: it is not finite, or the weight not positive.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -351,7 +383,15 @@ def coordinate(value: float, weight: float | None = None) -> Target:
 
 @checked
 def distance(other: str, length: float, weight: float | None = None) -> Target:
-    """Return the target that a frame's origin is at a distance [m] from that of another frame.
+    """Return the target that a frame's origin is at a distance from that of another frame.
+
+    Args:
+        other: name of the other link, frame or joint.
+        length: between the origins, positive [m].
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        ValueError: the length, or the weight, is not positive.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -367,7 +407,16 @@ def distance(other: str, length: float, weight: float | None = None) -> Target:
 def centre_of_mass(
     x: float | None, y: float | None, z: float | None, weight: float | None = None
 ) -> Target:
-    """Return the target that the centre of mass is at a point [m]; None leaves one free.
+    """Return the target that the centre of mass of all links is at a point of the world.
+
+    Args:
+        x: where [m]; None leaves it free, so that it may be above a line or a plane.
+        y: likewise.
+        z: likewise.
+        weight: None: exactly; else how much it counts, see `reach`.
+
+    Raises:
+        ValueError: all three are free, a number is not finite, or the weight not positive.
 
     Example:
         >>> mech = sp.load("delta")

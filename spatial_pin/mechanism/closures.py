@@ -82,7 +82,17 @@ def _two(frames: Sequence[FramePlace]) -> Any:
 
 def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
               equations: Sequence[int] | None = None) -> Closure:
-    """Return a ball joint: the origins coincide.
+    """Return a ball joint: the two origins coincide (3 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> ball = sp.closures.spherical("coupler_b", "rocker_b", "ball_b")
@@ -94,7 +104,18 @@ def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
 
 def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a hinge: the origins coincide, and the axes.
+    """Return a hinge: the two origins coincide, and the two axes (5 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: direction of the pair, a unit vector (3,) in both frames; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.revolute("a", "b", axis=[0.0, 1.0, 0.0]).n_rows  # equations
@@ -105,7 +126,18 @@ def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
 
 def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
               axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a slide along the axis, without a turn.
+    """Return a slide: frame 2 moves along the axis and does not turn (5 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: direction of the pair, a unit vector (3,) in both frames; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.prismatic("rail", "slider", axis=[1.0, 0.0, 0.0]).n_rows  # equations
@@ -116,7 +148,21 @@ def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
 
 def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | None = None, *,
           axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a screw of a lead [m per turn], right-handed where that is positive.
+    """Return a screw: frame 2 turns about the axis and advances with it (5 equations).
+
+    The slide is zero at angle zero; the angle counts turns from the assembled state.
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        lead: advance per turn [m]; positive of a right-handed thread.
+        name: for reports; default its type.
+        axis: direction of the pair, a unit vector (3,) in both frames; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.screw("nut", "spindle", 0.005).n_rows  # a lead of 5 mm per turn
@@ -128,7 +174,18 @@ def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | Non
 
 def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                 axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a sleeve: the axes coincide.
+    """Return a sleeve: frame 2 slides along the axis and turns about it (4 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: direction of the pair, a unit vector (3,) in both frames; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.cylindrical("shaft", "collar").n_rows  # equations
@@ -140,7 +197,19 @@ def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = Non
 def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
               axis: ArrayLike | None = None, axis2: ArrayLike | None = None,
               equations: Sequence[int] | None = None) -> Closure:
-    """Return a Hooke joint: origins coincide, `axis` (x) of 1 is square to `axis2` (y) of 2.
+    """Return a Hooke joint: origins coincide, two pins stay perpendicular (4 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: pin that is fixed in frame 1, a unit vector (3,); default x.
+        axis2: pin that is fixed in frame 2, likewise; default y.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> cross = sp.closures.universal("fork_1", "fork_2", axis=[1, 0, 0], axis2=[0, 1, 0])
@@ -152,7 +221,20 @@ def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
 
 def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
            axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return a joint of two planes: origin 2 stays in that of 1, the normals are parallel.
+    """Return two planes on each other: origin 2 stays in the plane of frame 1 (3 equations).
+
+    The normals stay parallel.
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: normal of the plane, a unit vector (3,) in both frames; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.planar("table", "foot", axis=[0.0, 0.0, 1.0]).n_rows  # equations
@@ -163,7 +245,17 @@ def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
 
 def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
           equations: Sequence[int] | None = None) -> Closure:
-    """Return a weld, by the name that it has as a joint.
+    """Return a weld (6 equations), by the name that it has as a joint; see `weld`.
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.fixed("flange", "tool").type
@@ -174,7 +266,17 @@ def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
 
 def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
          equations: Sequence[int] | None = None) -> Closure:
-    """Return a weld: the frames coincide.
+    """Return a weld: the two frames coincide (6 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.weld("flange", "tool").n_rows  # equations
@@ -186,16 +288,18 @@ def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
 def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = None,
              name: str | None = None, *,
              length_between: tuple[FramePlace, FramePlace] | None = None) -> Closure:
-    """Return a rod with balls at its ends: the origins are `length` [m] apart.
+    """Return a rod with balls at its ends: the two origins stay `length` apart (1 equation).
 
     Args:
-        frame_1: at one end of it.
-        frame_2: at the other.
-        length: positive [m]; or
-        length_between: two other frames that are as far apart.
-        name: of the closure.
+        frame_1: frame at one end: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame at the other end, likewise.
+        length: of the rod, positive [m].
+        name: for reports; default its type.
+        length_between: instead of a length two other frames that are as far apart: a rod of
+            variable length.
 
     Raises:
+        TypeError: a frame is neither a name nor a placement.
         ValueError: there is neither length, or both.
 
     Example:
@@ -212,7 +316,18 @@ def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = No
 def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                   axis: ArrayLike | None = None,
                   equations: Sequence[int] | None = None) -> Closure:
-    """Return a ball in a groove: origin 2 stays on the axis of 1.
+    """Return a ball in a groove: origin 2 stays on the axis of frame 1 (2 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: direction of the line, a unit vector (3,) in frame 1; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.point_on_line("groove", "ball", axis=[1.0, 0.0, 0.0]).n_rows  # equations
@@ -223,7 +338,17 @@ def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
 
 def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                    axis: ArrayLike | None = None) -> Closure:
-    """Return a point on a plane: origin 2 stays in the plane of 1 square to the axis.
+    """Return a point on a plane: origin 2 stays in the plane of frame 1 (1 equation).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: normal of the plane, a unit vector (3,) in frame 1; default z.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.point_on_plane("floor", "foot", axis=[0.0, 0.0, 1.0]).n_rows  # equations
@@ -234,7 +359,18 @@ def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = 
 
 def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
-    """Return axes that stay parallel, wherever the origins are.
+    """Return axes that stay parallel, wherever the origins are (2 equations).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: direction of the pair, a unit vector (3,) in both frames; default z.
+        equations: numbers of its equations that are asked for, from 0, rising; default all.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.parallel("deck", "ground", axis=[0.0, 0.0, 1.0]).n_rows  # equations
@@ -245,7 +381,18 @@ def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
 
 def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
                   axis: ArrayLike | None = None, axis2: ArrayLike | None = None) -> Closure:
-    """Return `axis` of 1 that stays square to `axis2` of 2 (default the same direction).
+    """Return axes that stay perpendicular, wherever the origins are (1 equation).
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        name: for reports; default its type.
+        axis: direction in frame 1, a unit vector (3,); default z.
+        axis2: direction in frame 2, likewise; default that of `axis`.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: a number is none, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.perpendicular("a", "b", axis=[1, 0, 0], axis2=[0, 1, 0]).n_rows
@@ -257,6 +404,13 @@ def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
 def coupling(joint_1: str, joint_2: str, ratio: float = 1.0, offset: float = 0.0,
              name: str | None = None) -> Closure:
     """Return coordinate 2 = ratio * coordinate 1 + offset: gears, a rack, a mimicking joint.
+
+    Args:
+        joint_1: joint of one freedom, or coordinate, that leads.
+        joint_2: the one that follows.
+        ratio: of their values: rad/rad, m/rad (a rack: the pinion's radius), ...; not zero.
+        offset: of coordinate 2 where coordinate 1 is zero [rad or m].
+        name: for reports; default its type.
 
     Raises:
         ValueError: the ratio is zero, or a number not finite.

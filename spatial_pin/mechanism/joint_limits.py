@@ -47,6 +47,9 @@ class JointLimit(NamedTuple):
     def room(self, q: Array) -> Array:
         """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m].
 
+        Args:
+            q: configurations, (nq,) or (N, nq).
+
         Example:
             >>> mech = sp.load("excavator")
             >>> state = sp.assemble(mech, {"boom": 2.05})  # let go, 0.05 m above its lower limit

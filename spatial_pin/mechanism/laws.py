@@ -30,8 +30,12 @@ DriverLaw = Callable[[float], tuple[float, float, float]]
 def constant_speed(start: float, speed: float) -> DriverLaw:
     """Return a law that moves on at constant speed.
 
+    Args:
+        start: value at time 0 [rad or m].
+        speed: [rad/s or m/s].
+
     Raises:
-        ValueError: a value is no finite number; likewise of the other laws.
+        ValueError: a value is no finite number.
 
     Example:
         >>> law = sp.laws.constant_speed(0.5, 10.0)  # from 0.5 rad at 10 rad/s
@@ -44,7 +48,15 @@ def constant_speed(start: float, speed: float) -> DriverLaw:
 
 @checked
 def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
-    """Return a law that speeds up from rest to `speed` at constant acceleration, then keeps it.
+    """Return a law that speeds up from rest at constant acceleration, then keeps its speed.
+
+    Args:
+        start: value at time 0 [rad or m].
+        speed: the speed that is kept [rad/s or m/s].
+        rise_time: how long it speeds up, positive [s].
+
+    Raises:
+        ValueError: a value is no finite number, or the time not positive.
 
     Example:
         >>> law = sp.laws.ramp(0.0, 10.0, 0.5)  # to 10 rad/s within 0.5 s
@@ -65,7 +77,16 @@ def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
 
 @checked
 def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> DriverLaw:
-    """Return a law mean + amplitude sin(2 pi frequency t + phase); frequency in Hz.
+    """Return the law mean + amplitude sin(2 pi frequency t + phase).
+
+    Args:
+        mean: value it swings about [rad or m].
+        amplitude: how far it swings either way [rad or m].
+        frequency: [Hz].
+        phase: at time 0 [rad].
+
+    Raises:
+        ValueError: a value is no finite number.
 
     Example:
         >>> law = sp.laws.sine(0.0, 0.2, 1.5)  # ± 0.2 rad at 1.5 Hz
@@ -86,6 +107,14 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
 @checked
 def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
     """Return a law from rest to rest with a full sine of acceleration [Norton2009, 2.4].
+
+    Args:
+        start: value up to time 0 [rad or m].
+        end: value from `rise_time` on [rad or m].
+        rise_time: how long it takes, positive [s].
+
+    Raises:
+        ValueError: a value is no finite number, or the time not positive.
 
     Example:
         >>> law = sp.laws.cycloid(0.0, 1.0, 2.0)  # from 0 to 1 rad within 2 s
@@ -110,6 +139,12 @@ def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
 def polynomial(coefficients: Sequence[float]) -> DriverLaw:
     """Return the law c0 + c1 t + c2 t² + ...
 
+    Args:
+        coefficients: (k,) c0 [rad or m], c1 [rad/s or m/s], ...; t is in seconds.
+
+    Raises:
+        ValueError: a value is no finite number, or there is none.
+
     Example:
         >>> law = sp.laws.polynomial([0.1, 0.0, 3.0])  # 0.1 + 3 t² [rad]
         >>> [round(x, 4) for x in law(2.0)]  # rad, rad/s, rad/s²
@@ -124,7 +159,14 @@ def polynomial(coefficients: Sequence[float]) -> DriverLaw:
 
 @checked
 def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
-    """Return the quintic spline through (times, values), at rest and unaccelerated at its ends.
+    """Return the quintic spline through values at times, at rest and unaccelerated at its ends.
+
+    Args:
+        times: (k,) rising [s].
+        values: (k,) of the coordinate at these times [rad or m].
+
+    Raises:
+        ValueError: a value is no finite number, or the times are not two or more that rise.
 
     Example:
         >>> law = sp.laws.spline([0.0, 1.0, 2.0], [0.0, 0.8, 1.0])  # [s], [rad]
@@ -135,6 +177,8 @@ def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
 
     x = finite_array(times, (len(times),), "times")
     y = finite_array(values, (len(times),), "values")
+    if not (np.diff(x) > 0.0).all() or len(x) < 2:
+        raise ValueError(f"times must be two or more that rise, not {x.tolist()}")
     at_rest = [(1, 0.0), (2, 0.0)]
     value = make_interp_spline(x, y, k=5, bc_type=(at_rest, at_rest))
     first, second = value.derivative(1), value.derivative(2)

@@ -137,6 +137,9 @@ class Mechanism:
             visual_model: what is drawn.
             collision_model: what collides.
 
+        Returns:
+            The Mechanism.
+
         Raises:
             SpatialPinError: a joint is no pair, a name is not there or taken, or a closure or
                 number is impossible; says which.

@@ -47,6 +47,9 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
         mechanism: the mechanism.
         state: a closed configuration; default the assembled guess.
 
+    Returns:
+        The Grashof: type and link lengths [m].
+
     Raises:
         SpatialPinError: it is not a plane four-bar.
 

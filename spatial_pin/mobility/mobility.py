@@ -130,6 +130,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         mechanism: the mechanism.
         q: (nq,) closed configuration or a State; default the assembled guess.
 
+    Returns:
+        The Mobility; `print` it for a report.
+
     Raises:
         AssemblyError: no q was given and the guess does not close.
         SpatialPinError: the configuration is not closed.

@@ -106,6 +106,9 @@ def limits(
             URDF: the bound is then of kind "upper limit of" or "lower limit of" that joint.
         hold: names of what stands still besides, as for `sweep`.
 
+    Returns:
+        The Range [rad or m]; its bounds are infinite where nothing stops the driver.
+
     Raises:
         AssemblyError: the guess does not close.
         SingularError: the guess closes in a singular configuration.

@@ -184,6 +184,10 @@ class Motion(Tabular):
     def rate_unit(self, unit: str, order: int = 1) -> str:
         """Return the unit of the derivative of that order, as those in v and a, of a quantity.
 
+        Args:
+            unit: of the quantity: "rad" or "m".
+            order: of the derivative, 1 to 3.
+
         Example:
             >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.1], speed=2.0)
             >>> motion.rate_unit("m"), motion.rate_unit("rad", 2)
@@ -207,6 +211,12 @@ class Motion(Tabular):
     def coordinate(self, name: str) -> CoordinateRates[Array]:
         """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
 
+        Args:
+            name: a coordinate, a joint of one freedom, or a driver.
+
+        Returns:
+            The CoordinateRates [rad or m, per s, per s²; see `per` for motions without time].
+
         Raises:
             UnknownNameError: there is no such coordinate, one-freedom joint or driver.
 
@@ -224,6 +234,9 @@ class Motion(Tabular):
 
         Args:
             row: number of the sample, negative from the end.
+
+        Returns:
+            The State, with v and a as the motion has them.
 
         Raises:
             SpatialPinError: there is no such row.
@@ -266,6 +279,12 @@ class Motion(Tabular):
     def frame(self, name: str) -> FrameMotion:
         """Return the motion of the origin of a link, frame or joint.
 
+        Args:
+            name: link, frame or joint.
+
+        Returns:
+            The FrameMotion: arrays (N, 3), world axes [m, rad, s].
+
         Raises:
             UnknownNameError: there is none.
 
@@ -282,6 +301,12 @@ class Motion(Tabular):
     @checked
     def com(self, name: str) -> FrameMotion:
         """Return the motion of a link's own centre of mass.
+
+        Args:
+            name: link.
+
+        Returns:
+            The FrameMotion of that point: arrays (N, 3), world axes [m, rad, s].
 
         Raises:
             UnknownNameError: there is no such link.
@@ -308,6 +333,12 @@ class Motion(Tabular):
         link's centre of mass. Jerks are those of a driver whose own jerk is zero. Efforts and
         reactions are outputs of what `kinetostatics` returns.
 
+        Args:
+            spec: name of the quantity.
+
+        Returns:
+            The Output: values (N,) or (N, 3), label, unit.
+
         Raises:
             UnknownNameError: it names nothing of this motion.
             SpatialPinError: it is a force, or a ratio to a driver that stands still.
@@ -325,6 +356,10 @@ class Motion(Tabular):
 
     def frame_unit(self, kind: str) -> str:
         """Return the unit of a quantity of a frame, by its name.
+
+        Args:
+            kind: "position", "velocity", "acceleration", "jerk", "angular_velocity" or
+                "angular_acceleration".
 
         Example:
             >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.1], speed=2.0)
@@ -357,6 +392,12 @@ class Motion(Tabular):
 
         The suffix is added where it is missing, but not to the name of a pipe or device.
 
+        Args:
+            path: of the file.
+
+        Returns:
+            The path written.
+
         Raises:
             OSError: it cannot be written; what was there before stays.
 
@@ -383,6 +424,13 @@ class Motion(Tabular):
     @checked
     def load(cls, path: str | Path, mechanism: Mechanism) -> Motion:
         """Read a motion of `mechanism` that `save` wrote.
+
+        Args:
+            path: the .npz file.
+            mechanism: the mechanism that it is a motion of: `save` does not write it.
+
+        Returns:
+            The Motion.
 
         Raises:
             SpatialPinError: `save` did not write it, or it is the motion of a mechanism with other

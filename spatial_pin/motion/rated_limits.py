@@ -81,6 +81,9 @@ class BeyondLimit(NamedTuple):
     def text(self, motion: Motion) -> str:
         """Return the same as a sentence.
 
+        Args:
+            motion: the motion that it is about.
+
         Example:
             >>> mech = sp.load("excavator")
             >>> motion = sp.sweep(mech, "boom", np.linspace(2.7, 2.9, 21), speed=1.0)  # [m], [m/s]

@@ -119,6 +119,13 @@ class Clearance:
     def between(self, first: str, second: str) -> PairClearance:
         """Return how far two links stay apart.
 
+        Args:
+            first: name of a link.
+            second: name of another one, in any order.
+
+        Returns:
+            The PairClearance: distances in m.
+
         Raises:
             SpatialPinError: they were not looked at; says why.
 

@@ -35,6 +35,9 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
         mechanism: the mechanism.
         q: (nq,) configuration, closed or not, or a State.
 
+    Returns:
+        The matrix (rows, nv).
+
     Raises:
         ValueError: q has another shape, or is not finite.
 
@@ -72,6 +75,9 @@ def jacobian(
             joints but free bases. Where there are more drivers than freedoms some must be chosen.
         hold: what stands still, as for `solve_rates`; it has no column. A free base that is not
             held has six more, the last: per unit of its velocity, as Pinocchio has it.
+
+    Returns:
+        The matrix (6, n).
 
     Raises:
         SingularError: the drivers do not determine the velocities there; says which depend on
@@ -166,6 +172,9 @@ def jacobian_rate(
         name: link, frame or joint.
         drivers: as for `jacobian`.
         hold: as for `jacobian`.
+
+    Returns:
+        The matrix (6, n) [those of `jacobian`, per s].
 
     Raises:
         SingularError: the drivers do not determine the velocities there.
@@ -286,6 +295,9 @@ def influence(
         state: a closed configuration.
         drivers: as for `jacobian`.
         hold: as for `jacobian`.
+
+    Returns:
+        The Influence: `first` (nv, n) and `second` (nv, n, n).
 
     Raises:
         SingularError: the drivers do not determine the velocities there.

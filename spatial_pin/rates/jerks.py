@@ -74,6 +74,9 @@ class Jerks:
         Linear: third derivative of the position of its origin [m/s³]. Angular: second derivative
         of its angular velocity [rad/s³].
 
+        Raises:
+            UnknownNameError: there is no such link, frame or joint.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})

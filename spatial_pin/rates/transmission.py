@@ -69,6 +69,9 @@ def transmission(
         driver: what moves it, a driver or coordinate; the only driver if not given.
         at: closure or joint that moves the output link; needed where there are several.
 
+    Returns:
+        The Transmission: ratio, mechanical advantage, angle [rad].
+
     Raises:
         UnknownNameError: a name does not exist.
         SpatialPinError: the output's link is moved at several pairs, or at none.

@@ -156,6 +156,9 @@ class Reduced(Mechanism):
             guess: where both assemble, by joints that both have.
             hold: values of the other drivers; default those of the assembled configuration.
 
+        Returns:
+            The Verification; `print` it for a report.
+
         Raises:
             SpatialPinError: there is nothing to drive.
 
@@ -220,6 +223,9 @@ def reduce(
             where that lies on the line between them; `left_out` tells how far it moves otherwise,
             and what inertia is lost.
         guess: where to assemble; welded joints are welded there.
+
+    Returns:
+        The Reduced, a Mechanism that every function of the library takes.
 
     Raises:
         AssemblyError: the guess does not close.

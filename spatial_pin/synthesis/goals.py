@@ -248,6 +248,9 @@ def turns(driver: str | None = None, *, weight: float | None = None) -> FullTurn
         driver: name of a driver or coordinate that turns; the only driver if not given.
         weight: as for all goals.
 
+    Raises:
+        ValueError: the weight is not positive.
+
     Example:
         >>> sp.goals.turns("crank").name
         'full turn of crank'
@@ -268,6 +271,9 @@ def joint_limits(
             limit to limit of the loops; limits of its own joint do not, name `values` for them.
         values: (k,) driver values that are gone through instead.
         weight: as for all goals.
+
+    Raises:
+        ValueError: a value is not finite, or the weight not positive.
 
     Example:
         >>> sp.goals.joint_limits().name
@@ -318,6 +324,9 @@ def effort(
         values: (k,) driver values at which it counts instead.
         weight: as for all goals.
 
+    Raises:
+        ValueError: the effort, or the weight, is not positive and finite.
+
     Example:
         >>> load = pin.Force(np.array([0.0, 0.0, -50.0]), np.zeros(3))  # [N], [N·m], world axes
         >>> sp.goals.effort(2.0, "crank", loads={"coupler_b": load}).name  # at most 2 N·m
@@ -346,6 +355,9 @@ def size(
         values: (k,) driver values at which it counts instead.
         weight: as for all goals.
 
+    Raises:
+        ValueError: the distance, or the weight, is not positive and finite.
+
     Example:
         >>> sp.goals.size(0.6).name  # [m]
         'size'
@@ -361,6 +373,9 @@ def mass(at_most: float, *, weight: float | None = None) -> MostMass:
     Args:
         at_most: mass [kg].
         weight: as for all goals.
+
+    Raises:
+        ValueError: the mass, or the weight, is not positive and finite.
 
     Example:
         >>> sp.goals.mass(1.5, weight=1.0).name  # [kg]

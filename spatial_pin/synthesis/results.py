@@ -181,6 +181,9 @@ class Design:
         Args:
             goal: its number among `met`.
 
+        Returns:
+            The Motion.
+
         Raises:
             SpatialPinError: there is no such goal, or no driver; the samples are on branches that
                 do not hang together.

@@ -169,6 +169,12 @@ class Workspace(Tabular):
     def state(self, row: int) -> State:
         """Return the configuration at a point of the grid.
 
+        Args:
+            row: number of the point, from 0.
+
+        Returns:
+            The State.
+
         Raises:
             SpatialPinError: it is not reached, or there is no such point.
 
@@ -244,6 +250,9 @@ class Workspace(Tabular):
                 the grid has only two.
             tolerance: how far a curve may bend away from its straight pieces [rad, characteristic
                 lengths].
+
+        Returns:
+            The Curves; `is_boundary` tells those of the boundary.
 
         Raises:
             SpatialPinError: the branch does not change along a coordinate that can be followed.

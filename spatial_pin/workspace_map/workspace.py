@@ -110,6 +110,9 @@ def workspace(
             default in this process. The answer is the same.
         progress: show a bar on stderr after a second, if that is a terminal.
 
+    Returns:
+        The Workspace; `print` it for a summary.
+
     Raises:
         AssemblyError: the guess does not close.
         SpatialPinError: the branch leads to no point of the grid near the assembled state; the

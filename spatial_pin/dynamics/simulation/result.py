@@ -141,6 +141,12 @@ class Simulation(Motion):
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
         """Return quantities by name, as any Motion, with energies and efforts.
 
+        Args:
+            outputs: names as `output` takes them; these are returned beside the time.
+
+        Raises:
+            UnknownNameError: there is no such output.
+
         Example:
             >>> mech = sp.load("four_bar")
             >>> motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1)

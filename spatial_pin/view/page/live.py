@@ -340,6 +340,9 @@ def live(
         port: on the loopback interface, 0 for any that is free.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
 
+    Returns:
+        The Viewer that serves the page.
+
     Raises:
         AssemblyError: the guess does not close.
         SingularError: the drivers do not determine the motion at the start.

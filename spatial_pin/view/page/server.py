@@ -229,7 +229,13 @@ class Viewer:
             self.stop()
 
     def wait_until_fetched(self, timeout: float) -> bool:
-        """Wait until a browser has fetched the page; return whether one did in `timeout` [s].
+        """Wait until a browser has fetched the page.
+
+        Args:
+            timeout: longest wait [s].
+
+        Returns:
+            Whether one has.
 
         Example:
             >>> viewer = sp.show(sp.assemble(sp.load("rssr"), {"crank": 1.0}), open_browser=False)
@@ -309,6 +315,9 @@ def show(
         motion_or_state: what to show; of what `spatial_pin.design` found as in `export_html`.
         look: what is shown besides the bodies.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
+
+    Returns:
+        The Viewer that serves the page.
 
     Raises:
         SpatialPinError: no port can be had.
