@@ -1,6 +1,7 @@
 """Joint limits of the URDF: where sweeps and simulations pass them, against closed forms."""
 
 import json
+from dataclasses import replace
 
 import mechanisms as known
 import mpmath
@@ -233,7 +234,9 @@ def test_rows_that_cannot_be_followed_again_give_an_estimate_with_few_digits(sli
     """As if another coordinate had been held: the branch does not lead from row to row."""
     motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 200), 0.0)
     rows = np.flatnonzero(motion.coordinate("slide").value < LOWER)
-    motion.q[rows, slider_crank.coordinate("coupler_pin").q] += 1e-3
+    q = motion.q.copy()
+    q[rows, slider_crank.coordinate("coupler_pin").q] += 1e-3
+    motion = replace(motion, q=q)
     (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
     assert lower.value == pytest.approx(crank_at(LOWER), abs=1e-3)  # by a straight line
     assert lower.where == f"at crank = {lower.value:.6g} rad"

@@ -1,7 +1,9 @@
 """Results as data: tables with units, forces by their names, and figures of them."""
 
+import copy
 import csv
 import io
+import pickle
 import sys
 
 import numpy as np
@@ -218,6 +220,69 @@ def test_a_workspace_is_a_table(tmp_path):
     assert len(found.to_csv(outputs=names).splitlines()) == 9
     with np.load(found.to_npz(tmp_path / "w.npz")) as file:
         assert file["why"].tolist() == list(found.why)
+
+
+# ---------------------------------------------------------------- words and arrays
+
+
+def test_arrays_of_results_are_read_only(motion, loads, driven):
+    kept = [motion.q, motion.v, motion.a, motion.driver, motion.time, motion.closure_error,
+            driven.energy, driven.work, driven.efforts["crank"], loads.a, loads.on_ground,
+            *loads.efforts.values(), *loads.power.values(), *loads.reactions.values()]
+    for again in (copy.copy(driven), pickle.loads(pickle.dumps(driven))):
+        kept += [again.q, again.energy, *again.efforts.values()]
+    for array in kept:
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+def test_arrays_of_the_user_are_left_alone():
+    values = np.linspace(0.0, 1.0, 5)
+    motion = sp.sweep(sp.load("four_bar"), "crank", values)
+    values[0] = 9.0
+    assert motion.driver[0] == 0.0
+
+
+def every_result(motion: sp.Motion, loads: sp.Kinetostatics, driven: sp.Simulation):
+    """Yield results of all kinds that hold arrays."""
+    mechanism, state = motion.mechanism, motion.state(7)
+    yield from (mechanism, state, motion, loads, driven, sp.mobility(mechanism))
+    yield from (motion.frame("coupler"), motion.output("coupler.velocity"),
+                motion.coordinate("rocker_pin"), state.com("coupler"),
+                state.relative_motion("coupler_b", "rocker"))
+    yield from (sp.solve_jerks(mechanism, state, {"crank": 0.0}),
+                sp.influence(mechanism, state), sp.transmission(mechanism, state, "rocker_pin"))
+    yield from (sp.forward_dynamics(mechanism, state), sp.inverse_dynamics(mechanism, state))
+    changes = sp.dynamics_derivatives(mechanism, state)
+    yield from (changes, changes.on_ground)
+    yield from (sp.sensitivity(mechanism, motion, "rocker_pin", ["a"]),
+                sp.tolerance(mechanism, ["rocker_pin", "coupler.position"], {"a": 1e-3},
+                             samples=20))
+    yield sp.tradeoff(mechanism, budget=0.3)
+    apart = sp.clearance(sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.3, 1.0, 9)))
+    yield from (apart, apart.pairs[0])
+    arms = {name: (0.0, 0.3) for name in ("arm_1", "arm_2", "arm_3")}
+    found = sp.workspace(sp.load("delta"), "platform", arms, points=2)
+    yield from (found, found.boundary)
+
+
+def test_words_of_results_are_short_and_have_no_arrays(motion, loads, driven):
+    for found in every_result(motion, loads, driven):
+        text = repr(found)
+        assert len(text) < 420 and "array([" not in text and "\n" not in text, text
+        assert text.startswith(type(found).__name__), text
+
+
+def test_words_of_results_have_units(motion, loads):
+    assert repr(motion).startswith("Motion('rssr': 61 rows over crank [rad], closure error")
+    assert "crank = 0.7 rad" in repr(motion.state(7))
+    assert repr(motion.output("coupler.velocity")) == (
+        "Output('coupler velocity': array (61, 3) m/s)")
+    assert "efforts crank [N·m], reactions [N, N·m] of crank_pin, ball_a" in repr(loads)
+    angle = sp.transmission(motion.mechanism, motion.state(7), "rocker_pin").angle
+    assert f"angle={angle:.6g} rad, at='ball_b'" in repr(
+        sp.transmission(motion.mechanism, motion.state(7), "rocker_pin"))
+    assert "] m, velocity=[" in repr(motion.state(7).com("coupler"))
 
 
 # ---------------------------------------------------------------- figures

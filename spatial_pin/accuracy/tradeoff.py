@@ -20,6 +20,7 @@ from spatial_pin.accuracy.reference import (
     SweepReference,
 )
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
+from spatial_pin.brief import brief
 from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -93,6 +94,9 @@ class Measured:
     def error(self) -> float:
         """Largest error of a position, or of a rate by the largest rate; NaN where it failed."""
         return self.errors.total if self.errors else np.nan
+
+    def __repr__(self) -> str:
+        return brief(self, seconds="s")
 
 
 @dataclass(frozen=True)
@@ -192,6 +196,10 @@ class Tradeoff:
         """Return a small table, for a notebook."""
         text: str = method("Tradeoff._repr_html_")(self)
         return text
+
+    def __repr__(self) -> str:
+        return (f"Tradeoff({self.mechanism!r}, {self.task!r}: {len(self)} settings, "
+                f"{len(self.front)} of them on the front)")
 
     def __str__(self) -> str:
         text: str = method("Tradeoff.table")(self)

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.frames import Located
+from spatial_pin.brief import brief
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
@@ -47,6 +48,9 @@ class PointRates(NamedTuple):
     velocity: Array
     acceleration: Array
 
+    def __repr__(self) -> str:
+        return brief(self, position="m")
+
 
 class RelativeMotion(NamedTuple):
     """Motion of a point split over a moving frame, world axes, each (3,) [EMT2431, 7.3].
@@ -82,6 +86,9 @@ class RelativeMotion(NamedTuple):
     normal: Array
     relative: Array
     coriolis: Array
+
+    def __repr__(self) -> str:
+        return brief(self, position="m")
 
 
 class Gap(float):
@@ -405,7 +412,9 @@ class State:
         return text
 
     def __repr__(self) -> str:
-        drivers = ", ".join(f"{d} = {self.coordinate(d).value:.6g}" for d in self.mechanism.drivers)
+        drivers = ", ".join(
+            f"{d} = {self.coordinate(d).value:.6g} {self.mechanism.coordinate(d).unit}"
+            for d in self.mechanism.drivers)
         lost = f", rates to {self.rate_error:.0e}" if self.rate_error > WORTH_A_WORD else ""
         rounded = f", gap {float(self.gap):.1e}" if self.gap else ""
         return (f"State({self.mechanism.name!r}: {drivers}; closure error "

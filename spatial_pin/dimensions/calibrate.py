@@ -148,6 +148,11 @@ class Calibration:
                   for (i, label), unit, x, y, w in self._rows()]
         return write_text(named_path(path), "\n".join(lines) + "\n")
 
+    def __repr__(self) -> str:
+        return (f"Calibration({self.mechanism.name!r}: {len(self.values)} unknowns from "
+                f"{len(self.residuals)} numbers, {len(self.undetermined)} combinations "
+                "undetermined)")
+
     def __str__(self) -> str:
         poses = len(self.states)
         lines = [f"{self.mechanism.name}: {len(self.values)} unknowns from {len(self.residuals)} "

@@ -15,6 +15,7 @@ import numpy as np
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
 from spatial_pin.dimensions.drive import Drive, end_of_range
 from spatial_pin.dimensions.samples import Samples
@@ -60,6 +61,9 @@ class Sensitivity:
     derivatives: dict[str, Any]
     errors: dict[str, Any]
     unit: str = ""
+
+    def __repr__(self) -> str:
+        return brief(self, value=self.unit.removeprefix("1"))
 
     def __str__(self) -> str:
         lines = [f"{self.output} = {np.array2string(np.asarray(self.value), precision=10)}"

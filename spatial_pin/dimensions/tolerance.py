@@ -101,6 +101,12 @@ class Tolerance(Tabular):
             table[name] = Quantity(every, "-" if unit == "1" else unit)
         return chosen(table, outputs, "tolerance")
 
+    def __repr__(self) -> str:
+        spreads = [f"{name} = {with_spread(x, self.linear[name], self.units.get(name, ''))}"
+                   for name, x in self.nominal.items()]
+        return (f"Tolerance({', '.join(spreads)}; {len(self.is_closed)} samples, {self.failed} "
+                "failed)")
+
     def __str__(self) -> str:
         lines = []
         for name, value in self.nominal.items():

@@ -12,6 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.brief import words
 from spatial_pin.checks import checked
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.reactions import MANY
@@ -129,6 +130,9 @@ class Dynamics:
     def determined(self) -> dict[str, bool]:
         """Whether each pair's reaction is unique, in all its components."""
         return {name: bool(each.all()) for name, each in self.unique.items()}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._at!r}, a={words(self.a)})"
 
     def __str__(self) -> str:
         lines = []

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.brief import first_names
 from spatial_pin.checks import checked, finite_number, names_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
@@ -25,6 +26,7 @@ from spatial_pin.dynamics.solvers.freedoms import (
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -118,6 +120,12 @@ class Efforts(Dynamics):
         """Whether each effort is unique: it is not where actuators can press against each other."""
         free = np.abs(self._pressing).max(axis=0, initial=0.0) < UNMOVED
         return dict(zip(self._actuation.names, free.tolist(), strict=True))
+
+    def __repr__(self) -> str:
+        units = self._at.mechanism.coordinate
+        efforts = [f"{name} effort = {x:.6g} {EFFORTS[units(name).unit]}"
+                   for name, x in self.efforts.items()]
+        return f"Efforts({self._at!r}, {first_names(efforts)})"
 
     def __str__(self) -> str:
         unique = self.unique_efforts

@@ -11,8 +11,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.brief import first_names
 from spatial_pin.checks import checked, mapping
-from spatial_pin.columns import Quantity, Tabular
+from spatial_pin.columns import Quantity, Tabular, read_only
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
@@ -28,7 +29,7 @@ from spatial_pin.motion.rated_limits import (
     effort_limits,
     velocities_beyond,
 )
-from spatial_pin.motion.summary import effort_lines, first_of, heading, tidy, where
+from spatial_pin.motion.summary import EFFORTS, effort_lines, first_of, heading, tidy, where
 from spatial_pin.numerics.linalg import Array
 
 External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
@@ -50,7 +51,7 @@ class _Loads(NamedTuple):
 
 
 class Kinetostatics(_Loads, Tabular):
-    """Forces over a motion of N samples; at rest where that is no motion in time.
+    """Forces over a motion of N samples, read-only; at rest where that is no motion in time.
 
     As a table (`columns`, `to_csv`, `to_dataframe`, ...) it has all efforts, powers and reactions,
     or outputs by their names.
@@ -128,8 +129,10 @@ class Kinetostatics(_Loads, Tabular):
         return text
 
     def __repr__(self) -> str:
-        return (f"Kinetostatics({self.motion!r}, efforts {list(self.efforts)}, reactions "
-                f"{list(self.reactions)})")
+        units = self.motion.mechanism.coordinate
+        efforts = [f"{name} [{EFFORTS[units(name).unit]}]" for name in self.efforts]
+        return (f"Kinetostatics({self.motion!r}, efforts {first_names(efforts)}, "
+                f"reactions [N, N·m] of {first_names(self.reactions)})")
 
     def __str__(self) -> str:
         statics = "" if self.motion.per == "s" else " at rest, for the motion has no speed"
@@ -268,10 +271,14 @@ def kinetostatics(
         reactions, ground = bearing.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
         unique = dict(zip(bearing.pairs.names, rows.unique.swapaxes(0, 1), strict=True))
-    efforts: dict[str, Array] = dict(zip(actuation.names, rows.efforts.T, strict=True))
+    efforts = {name: read_only(x)
+               for name, x in zip(actuation.names, rows.efforts.T, strict=True)}
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
-    power = {name: x * rate for (name, x), rate in zip(efforts.items(), rates, strict=True)}
-    return Kinetostatics(motion, rows.a, efforts, power, reactions, ground, rows.multipliers,
+    power = {name: read_only(x * rate)
+             for (name, x), rate in zip(efforts.items(), rates, strict=True)}
+    return Kinetostatics(motion, read_only(rows.a), efforts, power,
+                         {name: read_only(x) for name, x in reactions.items()},
+                         read_only(ground), read_only(rows.multipliers),
                          {name: each.all(axis=1) for name, each in unique.items()}, unique,
                          _beyond_limits(motion, actuation, rows.efforts))
 

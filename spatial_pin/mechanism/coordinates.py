@@ -15,6 +15,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.brief import brief
 from spatial_pin.checks import finite_array, finite_number
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -56,6 +57,12 @@ class CoordinateRates(NamedTuple, Generic[Numbers]):
     value: Numbers
     rate: Numbers
     acceleration: Numbers
+
+    def __repr__(self) -> str:  # type: ignore[misc]  # of a generic tuple
+        if isinstance(self.value, np.ndarray):
+            return brief(self)
+        return (f"CoordinateRates(value={self.value!r}, rate={self.rate!r}, "
+                f"acceleration={self.acceleration!r})")
 
 
 def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:

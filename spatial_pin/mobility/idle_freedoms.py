@@ -17,6 +17,7 @@ from spatial_pin.assembly.passive_freedoms import (
     moved_bodies,
     passive_freedoms,
 )
+from spatial_pin.brief import brief
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE
@@ -54,6 +55,9 @@ class PassiveFreedom(NamedTuple):
     axis: Array
     point: Array
     text: str
+
+    def __repr__(self) -> str:
+        return brief(self, point="m")
 
     def __str__(self) -> str:
         return self.text

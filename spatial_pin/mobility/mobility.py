@@ -76,6 +76,10 @@ class Mobility:
         text: str = method("Mobility._repr_html_")(self)
         return text
 
+    def __repr__(self) -> str:
+        return (f"Mobility({self.mechanism.name!r}: {self.dof} freedoms, {len(self.passive)} of "
+                f"them passive, {len(self.redundant)} redundant equations)")
+
     def __str__(self) -> str:
         mechanism = self.mechanism
         rows = constraints_of(mechanism).n_closure

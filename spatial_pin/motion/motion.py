@@ -14,8 +14,9 @@ import numpy as np
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import brief, words
 from spatial_pin.checks import checked
-from spatial_pin.columns import Quantity, Tabular, write_npz
+from spatial_pin.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -77,6 +78,9 @@ class FrameMotion(NamedTuple):
     angular_velocity: Array
     angular_acceleration: Array
 
+    def __repr__(self) -> str:
+        return brief(self, position="m")
+
 
 class Output(NamedTuple):
     """A quantity of a motion, ready to plot.
@@ -111,6 +115,9 @@ class Output(NamedTuple):
         return (Output(self.values[:, :3], f"{self.label} force", "N"),
                 Output(self.values[:, 3:], f"{self.label} moment", "N·m"))
 
+    def __repr__(self) -> str:
+        return f"Output({self.label!r}: {words(self.values, self.unit.removeprefix('1'))})"
+
 
 # Distance from a branch point [rad, characteristic lengths] up to which the path is continued
 # through it, not solved: that of the farthest node of its polynomial.
@@ -126,7 +133,7 @@ FRAME_UNITS = {  # unit and order of the derivative
 
 @dataclass(eq=False)
 class Motion(Tabular):
-    """A motion of a mechanism, one sample per step.
+    """A motion of a mechanism, one sample per step; its arrays are read-only.
 
     Attributes:
         mechanism: the mechanism.
@@ -169,9 +176,19 @@ class Motion(Tabular):
     per: str = "s"
     held: tuple[str, ...] = (BASE,)
 
+    def __post_init__(self) -> None:
+        for name, x in self.__dict__.items():
+            if isinstance(x, np.ndarray):
+                setattr(self, name, read_only(x))
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
         return {k: x for k, x in self.__dict__.items() if k != "_bodies"}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        """Take over what was copied or sent."""
+        self.__dict__.update(kept)
+        self.__post_init__()
 
     def __len__(self) -> int:
         return len(self.q)
@@ -475,7 +492,7 @@ class Motion(Tabular):
 
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
-        over = self.driver_name or "time"
+        over = f"{self.driver_name} [{self.driver_unit}]" if self.driver_name else "time [s]"
         return (f"{type(self).__name__}({self.mechanism.name!r}: {len(self)} rows over {over}, "
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.brief import brief
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import SLACK
@@ -94,6 +95,9 @@ class BeyondLimit(NamedTuple):
         return (f"beyond the {self.limit.words} in {len(self.samples)} of {len(motion)} samples, "
                 f"first {where(motion, int(self.samples[0]))}, by {self.by:.6g} {self.limit.unit} "
                 f"at most, {where(motion, self.worst)}")
+
+    def __repr__(self) -> str:
+        return brief(self, most=self.limit.unit)
 
 
 def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:

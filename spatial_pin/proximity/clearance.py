@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import brief
 from spatial_pin.checks import checked, finite_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
@@ -68,6 +69,9 @@ class PairClearance:
     distances: Array
     points: Array
     contacts: tuple[Contact, ...]
+
+    def __repr__(self) -> str:
+        return brief(self, distance="m", at="m", distances="m", points="m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +163,10 @@ class Clearance:
         return {"tolerance": self.tolerance, "is_whole": self.is_whole, "pairs": pairs,
                 "joined": [list(names) for names in self.joined],
                 "events": [event._asdict() for event in self.events]}
+
+    def __repr__(self) -> str:
+        return (f"Clearance({self.motion!r}, {len(self.pairs)} pairs of links, "
+                f"{len(self.touching)} of them touch)")
 
     def __str__(self) -> str:
         motion = self.motion

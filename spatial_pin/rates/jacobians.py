@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE, Hold, free_bases
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
+from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import Constraints
@@ -278,6 +279,9 @@ class Influence(NamedTuple):
 
     first: Array
     second: Array
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 @checked

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, of_mechanism
+from spatial_pin.brief import words
 from spatial_pin.checks import checked, finite_number
 from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, evaluation_of
 from spatial_pin.constraints.composed_equations import composed_rates
@@ -111,6 +112,9 @@ class Jerks:
         rows = placement_rates(data.oMi[joint].homogeneous[:3].T, twist, accel, jerk)[3]
         angular = jerk[3:] + np.cross(twist[3:], accel[3:])
         return pin.Motion(np.append(point, 1.0) @ rows, data.oMi[joint].rotation @ angular)
+
+    def __repr__(self) -> str:
+        return f"Jerks({self.state!r}, j={words(self.j)})"
 
 
 @checked

@@ -9,6 +9,7 @@ import numpy as np
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.brief import brief
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
@@ -46,6 +47,9 @@ class Transmission(NamedTuple):
     mechanical_advantage: float
     angle: float
     at: str
+
+    def __repr__(self) -> str:
+        return brief(self, angle="rad")
 
 
 @checked

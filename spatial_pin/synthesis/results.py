@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import brief
 from spatial_pin.dimensions.homotopy import followed, varied
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
@@ -95,6 +96,9 @@ class Met(NamedTuple):
         """The driver that moves it from sample to sample; None if that is not one alone."""
         names = list(self.goal.drivers) or list(self.states[0].mechanism.drivers)
         return names[0] if len(names) == 1 else None
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import brief
 from spatial_pin.checks import checked
 from spatial_pin.columns import Quantity, Tabular, chosen, quantities_of
 from spatial_pin.errors import SpatialPinError
@@ -68,6 +69,9 @@ class Curve:
         """Whether the branch ends on it."""
         return SINGULAR not in self.why
 
+    def __repr__(self) -> str:
+        return brief(self, points="m")
+
 
 @dataclass(frozen=True, eq=False)
 class Borders:
@@ -92,6 +96,9 @@ class Borders:
 
     def __len__(self) -> int:
         return len(self.why)
+
+    def __repr__(self) -> str:
+        return brief(self, points="m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,6 +309,11 @@ class Workspace(Tabular):
         """
         figure: Figure = method("Workspace.plot")(self, path, plane, at, thickness)
         return figure
+
+    def __repr__(self) -> str:
+        return (f"Workspace({self.mechanism.name!r}: {self.frame} over "
+                f"{' x '.join(map(str, self.shape))} values of {', '.join(self.names)}, "
+                f"{int(self.reached.sum())} of {len(self.reached)} points reached)")
 
     def __str__(self) -> str:
         n, total = int(self.reached.sum()), len(self.reached)

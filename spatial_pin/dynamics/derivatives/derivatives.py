@@ -87,6 +87,10 @@ class Derivatives:
         """Shaking wrench (6,) at the world's origin with its derivatives; unique always."""
         return self._borne[1]
 
+    def __repr__(self) -> str:
+        return (f"Derivatives({len(self.a)} accelerations, {len(self.rows)} multipliers and the "
+                f"reactions by {len(self.a)} q, v and efforts)")
+
 
 class _Terms(NamedTuple):
     """What the equations are differentiated at.

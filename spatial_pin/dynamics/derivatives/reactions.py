@@ -19,6 +19,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import brief
 from spatial_pin.constraints.composed_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
@@ -48,6 +49,9 @@ class Linear(NamedTuple):
     by_q: Array
     by_v: Array
     by_effort: Array
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 class Changes(NamedTuple):

@@ -121,6 +121,11 @@ class Simulation(Motion):
     projection: Projection | None = None
     integrators: list[str] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for x in self.efforts.values():
+            x.setflags(write=False)
+
     @checked
     def output(self, spec: str) -> Output:
         """Return a quantity by its name, as any Motion, or `energy`, `work` or `NAME.effort`.

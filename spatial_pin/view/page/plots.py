@@ -285,7 +285,7 @@ def plot(
     asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
     if not asked:
         raise ValueError("no outputs to plot: give at least one name")
-    found = [motion.output(x) if isinstance(x, str) else x for x in asked]
+    found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
     moved = motion.motion if isinstance(motion, Kinetostatics) else motion
     found = [part for output in found for part in drawn_parts(moved, output)]
     x, driver, unit = abscissa(moved)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from spatial_pin.brief import brief
 from spatial_pin.checks import as_array
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import Motion
@@ -71,6 +72,9 @@ class Vectors(NamedTuple):
     vector: Array
     quantity: str
     unit: str
+
+    def __repr__(self) -> str:
+        return brief(self, point="m", vector=self.unit)
 
 
 def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:

@@ -1,0 +1,69 @@
+"""Short words for results: arrays by their shapes, numbers with units, long lists by length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+SMALL = 6  # numbers that are shown one by one: a wrench
+LONGEST = 60  # characters of a text that are shown
+MOST = 4  # entries of a mapping, or of a list of plain values, that are shown
+
+
+def brief(shown: object, **units: str) -> str:
+    """Return a result as `Name(field=value unit, ...)`, in a line or two.
+
+    Args:
+        shown: a dataclass or named tuple.
+        units: units of its fields by their names; of others nothing is known, or they have none.
+    """
+    names: Iterable[str] = getattr(shown, "_fields", getattr(shown, "__dataclass_fields__", ()))
+    fields = [f"{name}={words(getattr(shown, name), units.get(name, ''))}"
+              for name in names if not name.startswith("_")]
+    return f"{type(shown).__name__}({', '.join(fields)})"
+
+
+def first_names(names: Iterable[str]) -> str:
+    """Return the first of many names, and how many there are besides."""
+    every = list(names)
+    return ", ".join(every[:MOST]) + _rest(every) if every else "none"
+
+
+def words(value: Any, unit: str = "") -> str:
+    """Return a value in a few words, with its unit."""
+    text = _words(value)
+    return f"{text} {unit}" if unit and value is not None else text
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        plain = value.ndim == 1 and value.size <= SMALL and value.dtype.kind in "fiu"
+        return f"[{', '.join(f'{x:.6g}' for x in value)}]" if plain else f"array {value.shape}"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        shown = [f"{key}: {_words(x)}" for key, x in list(value.items())[:MOST]]
+        return f"{{{', '.join(shown)}{_rest(value)}}}"
+    if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
+        plain_values = all(isinstance(x, str | int | float) for x in value[:MOST])
+        if not plain_values:
+            return f"{len(value)} of {type(value[0]).__name__}"
+        return f"[{', '.join(map(_words, value[:MOST]))}{_rest(value)}]"
+    text = repr(value)
+    return text if len(text) <= LONGEST and "\n" not in text else _cut(value, text)
+
+
+def _rest(values: Mapping[str, Any] | tuple[Any, ...] | list[Any]) -> str:
+    more = len(values) - MOST
+    return f", and {more} more" if more > 0 else ""
+
+
+def _cut(value: Any, text: str) -> str:
+    """Return the beginning of a long text; of anything else what it is."""
+    if isinstance(value, str):
+        return f"{text[: LONGEST - 4]}...{text[0]}"
+    name = getattr(value, "name", "")
+    return f"{type(value).__name__}({name!r})" if isinstance(name, str) and name else (
+        f"<{type(value).__name__}>")
