@@ -33,7 +33,7 @@ def shaking(eccentric):
 
 
 motion, before, harmonics = shaking(0.0)
-print(f"Without shafts: {abs(harmonics[1]):.0e} N once a turn, {harmonics[2].real:+.0f} N twice, "
+print(f"Without shafts: {abs(harmonics[1]):.0f} N once a turn, {harmonics[2].real:+.0f} N twice, "
       f"{harmonics[4].real:+.1f} N four times at 5000 rpm.")
 
 # each shaft bears half of the force, at twice the speed of the crank
@@ -42,7 +42,7 @@ heavy = 7850 * np.pi * 0.016**2 * 0.10  # the weight between the bearings [kg]
 motion, after, left = shaking(moment / heavy)
 print(f"Each shaft needs {1e6 * moment:.0f} g mm: {1e3 * heavy:.0f} g, "
       f"{1e3 * moment / heavy:.3f} mm off its axis.")
-print(f"With them: {abs(left[2]):.1e} N twice a turn, {left[4].real:+.1f} N four times.")
+print(f"With them: {abs(left[2]):.0f} N twice, {left[4].real:+.1f} N four times.")
 
 sp.screenshot(motion, folder / "balanced_engine.png", row=30)
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")

@@ -34,7 +34,7 @@ motion, hub, angles = travel(0.233)
 height = 1e3 * (hub.position[:, 2] - hub.position[20, 2])
 print("  wheel [mm]" + "".join(f"{name:>10}" for name in angles) + "   [degrees]")
 for i in range(0, 41, 5):
-    print(f"{height[i]:12.1f}" + "".join(f"{x[i]:10.3f}" for x in angles.values()))
+    print(f"{height[i]:12.1f}" + "".join(f"{round(x[i], 3) + 0.0:10.3f}" for x in angles.values()))
 
 for rack_z in (0.223, 0.233, 0.243):
     _, at, found = travel(rack_z)

@@ -28,7 +28,7 @@ outer, inner = (2 * np.linalg.norm(motion.frame(f"first_0_{end}").position, axis
 guides = np.array([motion.coordinate(f"slide_{k}").value for k in range(8)])
 print(f"Open it is {outer[0]:.3f} m wide with a hole of {inner[0]:.3f} m, "
       f"closed {outer[-1]:.3f} m with one of {inner[-1]:.3f} m.")
-print(f"It stays round: its units are level within {np.ptp(guides, axis=0).max():.0e} m.")
+print(f"It stays round: units differ by {1e9 * np.ptp(guides, axis=0).max():.0f} nm.")
 
 sp.screenshot(motion, folder / "hoberman_ring.png",
               look=sp.Look(traces=tuple(f"first_{k}_inner" for k in range(8))), row=60)

@@ -32,7 +32,7 @@ def tilt(state):
     return state.coordinate("right_arm").value + state.coordinate("right_jaw_pin").value
 
 
-print("open [mm]  turns  torque for 100 N [N mm]  tilt, and if an arm is 0.1 mm too long [degrees]")
+print("open [mm]  turns  torque [N mm]  tilt, and with an arm 0.1 mm too long [degrees]")
 table = []
 for opening in (0.08, 0.06, 0.04, 0.02, 0.005):
     state = opened(exact, opening)
@@ -41,7 +41,7 @@ for opening in (0.08, 0.06, 0.04, 0.02, 0.005):
     leans = tilt(state), tilt(opened(wrong, opening))
     table.append((opening, state, torque, leans))
     print(f"{1e3 * opening:8.0f} {turns:7.2f} {1e3 * torque:14.1f} "
-          f"{np.degrees(leans[0]):22.1e} {np.degrees(leans[1]):14.3f}")
+          f"{abs(np.degrees(leans[0])):18.3f} {np.degrees(leans[1]):10.3f}")
 
 half, wide = table[2][1], table[0][1]
 sp.screenshot(half, folder / "parallel_gripper.png", look=sp.Look(ghosts=(wide,)))

@@ -4,7 +4,10 @@ Each script is run once; what it worked out is compared with geometry and mechan
 here anew: circles and spheres that meet, moments about pins, virtual work, ordinary integration.
 """
 
+import contextlib
 import functools
+import io
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -22,11 +25,13 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 @functools.cache
 def ran(name: str, folder: str) -> dict:
-    """Run an example without its pictures and return what its names stand for."""
+    """Run an example without its pictures; return what its names stand for, and what is printed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", [name, folder])
         patch.setattr(sp, "screenshot", lambda *arguments, **keywords: None)
-        return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            made = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    return made | {"printed": printed.getvalue()}
 
 
 @pytest.fixture
@@ -486,3 +491,33 @@ def test_a_bonnet_opens_as_circles_say_and_is_held_as_energy_says(run):
     step = motion.driver[1] - motion.driver[0]
     slope = (energy[:-4] - 8 * energy[1:-3] + 8 * energy[3:-1] - energy[4:]) / (12 * step)
     assert made["moment"][2:-2] == pytest.approx(slope, abs=2e-6 * abs(made["moment"]).max())
+
+
+# ---------------------------------------------------------------- the page about them
+
+PAGE = EXAMPLES.parent / "docs" / "examples.md"
+SECTIONS = re.findall(r"\]\(pictures/examples/(\w+)\.jpg\).*?```python\n(.*?)```\n\n"
+                      r"```text\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def unindented(code):
+    """Return code without what its lines begin with."""
+    return "\n".join(line.strip() for line in code.splitlines())
+
+
+@pytest.mark.parametrize(("name", "code", "shown"), SECTIONS, ids=[x[0] for x in SECTIONS])
+def test_the_page_shows_code_and_answers_of_a_script(name, code, shown, run):
+    script = unindented((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))
+    for part in code.split("# ...\n"):
+        assert unindented(part) in script
+    try:
+        printed = run(name)["printed"]
+    except SystemExit as missing:
+        pytest.skip(str(missing))
+    assert set(shown.splitlines()) <= set(printed.splitlines())
+
+
+def test_pictures_of_examples_are_small():
+    sizes = [path.stat().st_size for path in (PAGE.parent / "pictures" / "examples").iterdir()]
+    assert len(sizes) == len(SECTIONS) >= 12
+    assert max(sizes) < 120_000 and sum(sizes) < 1_500_000
